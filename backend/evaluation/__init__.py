@@ -1,0 +1,1 @@
+"""Measuring an avatar against a capture."""

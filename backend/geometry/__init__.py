@@ -1,0 +1,1 @@
+"""Rotations, rasterisation and the canonical surface coordinates."""

@@ -1,0 +1,87 @@
+"""Linear blend skinning with shape and pose correctives, batched and differentiable.
+
+Romero et al. 2017, "Embodied Hands", equations 1-5 (SMPL's formulation). The root rotates about joint 0, then `transl`
+is added. Vertices and joints in metres, in the template's frame.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.rotation import axis_angle_to_matrix
+from .model import HandModel
+
+
+class SkinTensors(NamedTuple):
+    """What skinning needs of a `HandModel`, on one device and in one dtype."""
+
+    v_template: Tensor
+    lbs_weights: Tensor
+    J_regressor: Tensor
+    shapedirs: Tensor
+    posedirs: Tensor
+    parents: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: HandModel, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32) -> SkinTensors:
+        """The model's arrays as tensors."""
+        names = ("v_template", "lbs_weights", "J_regressor", "shapedirs", "posedirs")
+        tensors = (torch.as_tensor(getattr(model, name), dtype=dtype, device=device) for name in names)
+        return cls(*tensors, parents=tuple(int(parent) for parent in model.parents))
+
+
+class PosedHand(NamedTuple):
+    """Posed vertices [*b, V, 3], joints [*b, 16, 3], and each joint's 4x4 transform from rest to pose [*b, 16, 4, 4]."""
+
+    vertices: Tensor
+    joints: Tensor
+    transforms: Tensor
+
+
+def pose_hand(
+    skin: SkinTensors,
+    theta: Float[Tensor, "*b 16 3"],
+    beta: Float[Tensor, "*b 10"],
+    transl: Float[Tensor, "*b 3"],
+) -> PosedHand:
+    """Pose the hand; theta is the full absolute axis-angle pose, rad."""
+    rotations = axis_angle_to_matrix(theta)
+    v_shaped = skin.v_template + torch.einsum("vck,...k->...vc", skin.shapedirs, beta)
+    rest_joints = skin.J_regressor @ v_shaped
+    v_posed = v_shaped + pose_correctives(skin, rotations)
+    transforms = joint_transforms(rotations, rest_joints, skin.parents)
+    blended = torch.einsum("vj,...jab->...vab", skin.lbs_weights, transforms[..., :3, :])
+    vertices = (blended[..., :3] @ v_posed[..., None])[..., 0] + blended[..., 3]
+    joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
+    return PosedHand(vertices + transl[..., None, :], joints + transl[..., None, :], transforms)
+
+
+def pose_correctives(skin: SkinTensors, rotations: Float[Tensor, "*b 16 3 3"]) -> Float[Tensor, "*b V 3"]:
+    """Offsets of the template, linear in (R - I) of the 15 finger joints."""
+    identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
+    features = (rotations[..., 1:, :, :] - identity).flatten(-3)  # [*b, 135]
+    return torch.einsum("vcp,...p->...vc", skin.posedirs, features)
+
+
+def joint_transforms(
+    rotations: Float[Tensor, "*b 16 3 3"], rest_joints: Float[Tensor, "*b 16 3"], parents: tuple[int, ...]
+) -> Float[Tensor, "*b 16 4 4"]:
+    """Rest-to-pose transform of every joint, composed along the kinematic tree."""
+    world: list[Tensor] = []
+    for joint, parent in enumerate(parents):
+        offset = rest_joints[..., joint, :] - (rest_joints[..., parent, :] if parent >= 0 else 0)
+        local = _rigid(rotations[..., joint, :, :], offset)
+        world.append(world[parent] @ local if parent >= 0 else local)
+    stacked = torch.stack(world, -3)
+    moved_rest = (stacked[..., :3, :3] @ rest_joints[..., None])[..., 0]
+    return _rigid(stacked[..., :3, :3], stacked[..., :3, 3] - moved_rest)
+
+
+def _rigid(rotation: Float[Tensor, "*b 3 3"], translation: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 4 4"]:
+    top = torch.cat([rotation, translation[..., None]], -1)
+    bottom = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=top.dtype, device=top.device).expand(*top.shape[:-2], 1, 4)
+    return torch.cat([top, bottom], -2)
