@@ -87,9 +87,14 @@ def _mirrored(model: HandModel) -> HandModel:
     )
 
 
+def default_hand_path() -> Path:
+    """Where the built-in hand's file lies."""
+    return Path(str(resources.files(str(__package__)) / "hand_default.npz"))
+
+
 def load_default_hand() -> HandModel:
     """The built-in right hand."""
-    return load_hand_model(Path(str(resources.files(__package__) / "hand_default.npz")))
+    return load_hand_model(default_hand_path())
 
 
 def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:

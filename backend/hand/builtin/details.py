@@ -1,0 +1,78 @@
+"""Small relief on the digits, as offsets of the signed distance: creases, folds, nails. Millimetres, + carves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .rays import Ray, RayCoordinates, Section
+from .smooth import bump, smoothstep
+
+# Palmar creases about a joint, place and relative depth: a finger's PIP has two, the others one.
+_FIRST_CREASES = ((-1.3, 0.55), (1.4, 0.45))
+_LAST_CREASES = ((0.0, 0.7),)
+_KNUCKLE_FOLDS = (-4.2, -2.2, 0.0, 2.2, 4.2)
+
+
+class NailCoordinates(NamedTuple):
+    """Place on a digit's nail: `along` [N], -1 at its root and 1 at its free end, and `rim` [N], 1 on its outline."""
+
+    along: np.ndarray
+    rim: np.ndarray
+
+
+def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoordinates:
+    """Where points lie relative to the nail, seen from the back of the digit."""
+    length = ray.bones.distal * (0.64 if ray.is_thumb else 0.62)
+    end = ray.length - 1.6
+    start = end - length
+    across = at.lateral / (section.half_breadth * (0.72 if ray.is_thumb else 0.70))
+    along = (at.along - (start + end) / 2) / ((end - start) / 2)
+    return NailCoordinates(along, (np.abs(across) ** 3.2 + np.abs(along) ** 3.2) ** (1 / 3.2))
+
+
+def detail_offset(rays: dict[str, Ray], at: dict[str, RayCoordinates]) -> np.ndarray:
+    """[N] what to add to the hand's signed distance at points whose ray coordinates are `at`."""
+    offset = np.zeros_like(at["index"].along)
+    for digit, ray in rays.items():
+        section = ray.section(at[digit].along)
+        near = _nearness(at[digit], section)
+        offset += near * _joint_relief(ray, at[digit], section)
+        offset += near * _nail_relief(ray, at[digit], section)
+    return offset
+
+
+def _nearness(at: RayCoordinates, section: Section) -> np.ndarray:
+    """1 on the digit's own surface, 0 where it is 35 % of the section away from it."""
+    size = np.hypot(at.lateral / section.half_breadth, at.dorsal / section.depth(at.dorsal))
+    return np.clip(1 - np.abs(size - 1) / 0.35, 0, 1)
+
+
+def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
+    """Palmar creases, dorsal folds and the swelling under them at the joints past the first."""
+    palmar = smoothstep(-at.dorsal / section.palmar_depth, 0.0, 0.45)
+    dorsal = smoothstep(at.dorsal / section.dorsal_depth, 0.15, 0.6)
+    relief = np.zeros_like(at.along)
+    for order, joint in enumerate(ray.joints_along[1:]):
+        along = at.along - joint
+        if ray.is_thumb and order == 0:
+            relief += palmar * 0.35 * bump(along, 1.3)
+            continue
+        for place, depth in _FIRST_CREASES if order == 0 else _LAST_CREASES:
+            relief += palmar * 0.7 * depth * bump(along - place, 0.8)
+        for place in _KNUCKLE_FOLDS:
+            relief += dorsal * 0.22 * bump(along - place, 0.55) * (1 - 0.12 * abs(place))
+        relief -= dorsal * 0.35 * bump(along, 4.0)
+    if not ray.is_thumb:
+        relief += palmar * 0.5 * bump(at.along - 0.5 * ray.bones.proximal - 2, 0.9)
+    return relief
+
+
+def _nail_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
+    """A groove around the nail, a slightly raised plate, and the folds of skin beside it."""
+    nail = nail_coordinates(ray, at, section)
+    groove = 0.38 * bump(nail.rim - 1.03, 0.07) * (nail.along < 0.75)
+    plate = 0.10 * smoothstep(nail.rim, 1.0, 0.9)
+    fold = 0.25 * bump(nail.rim - 1.16, 0.09) * (nail.along < 0.6)
+    return smoothstep(at.dorsal / section.dorsal_depth, 0.2, 0.45) * (groove - plate - fold)

@@ -1,0 +1,120 @@
+"""The main road from anatomy to `hand_default.npz`.
+
+    anatomy -> rays -> signed distance -> dense mesh -> [quads] -> template -> weights, shapes, joints, correctives,
+    atlas
+
+The quads come from Blender's QuadriFlow, which the backend may not call, and whose counts change with small edits of
+the surface: so the built hand ships as data, and the command line below starts from its quads. To remesh anew,
+`livehand_blender/capture/quad_remesh.py` makes the quads from `dense_surface()` and runs this same road.
+
+    python -m livehand.backend.hand.builtin.generate OUT.npz
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..atlas import unwrap_millimetres
+from ..model import JOINT_NAMES, PARENTS, load_default_hand
+from .asset import read_extras
+from .extraction import extract_mesh
+from .frames import build_to_template, template_to_build
+from .joint_frames import JointFrames, joint_frames
+from .joint_regressor import joint_regressor
+from .meshes import outward, vertex_normals
+from .pose_correctives import pose_correctives
+from .projection import project_to_surface
+from .rays import build_rays
+from .shape_directions import shape_directions
+from .skinning_weights import dense_weights, transferred_weights
+
+_DENSE_SPACING = 1.6  # mm
+_NO_PARENT = 4294967295  # what MANO's files hold for the root
+
+
+class QuadMesh(NamedTuple):
+    """Vertices [V, 3] (build frame, mm, on the surface) and quads [Q, 4] of the template."""
+
+    vertices: np.ndarray
+    quads: np.ndarray
+
+
+def build_hand(quads: QuadMesh) -> dict[str, np.ndarray]:
+    """The arrays of `hand_default.npz` for a template with these quads; MANO's names and units."""
+    rays = build_rays()
+    frames = joint_frames(rays)
+    vertices, faces = quads.vertices, split_quads(quads)
+    normals = vertex_normals(vertices, faces)
+    dense = extract_mesh(rays, _DENSE_SPACING)
+    weights = transferred_weights(dense, dense_weights(rays, *dense), vertices, normals)
+    directions = shape_directions(vertices, normals, weights, frames)
+    vt, ft = unwrap_millimetres(vertices, faces)
+    return {
+        "v_template": build_to_template(vertices),
+        "f": faces.astype(np.uint32),
+        "weights": weights,
+        "shapedirs": directions.vertices * 1e-3,
+        "posedirs": pose_correctives(vertices, faces, weights, normals, frames) * 1e-3,
+        "J_regressor": joint_regressor(vertices, frames.position, directions),
+        "vt": vt.astype(np.float32),
+        "ft": ft.astype(np.uint32),
+        "quads": quads.quads,
+        **_joint_arrays(frames),
+    }
+
+
+def shipped_quads() -> QuadMesh:
+    """The quads of the hand we ship; they lie on the surface already."""
+    return QuadMesh(template_to_build(load_default_hand().v_template), read_extras().quads)
+
+
+def dense_surface() -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [N, 3] (build frame, mm) and faces [M, 3] of the smooth hand, for a quad remesher."""
+    return extract_mesh(build_rays(), _DENSE_SPACING)
+
+
+def projected_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
+    """A remesher's quads, moved onto the surface."""
+    return QuadMesh(project_to_surface(build_rays(), vertices, with_details=False, steps=4), quads)
+
+
+def split_quads(mesh: QuadMesh) -> np.ndarray:
+    """Triangles [2 Q, 3], outward: every quad cut along its shorter diagonal, first halves before second ones."""
+    v, q = mesh
+    first = np.linalg.norm(v[q[:, 0]] - v[q[:, 2]], axis=1) < np.linalg.norm(v[q[:, 1]] - v[q[:, 3]], axis=1)
+    halves = [
+        np.where(first[:, None], q[:, along_first], q[:, along_second])
+        for along_first, along_second in (([0, 1, 2], [1, 2, 3]), ([0, 2, 3], [1, 3, 0]))
+    ]
+    return outward(v, np.vstack(halves))
+
+
+def write_hand(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write a hand's arrays as `.npz`."""
+    np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+def _joint_arrays(frames: JointFrames) -> dict[str, np.ndarray]:
+    return {
+        "J": build_to_template(frames.position),
+        "kintree_table": np.array([[_NO_PARENT, *PARENTS[1:]], range(16)], dtype=np.int64),
+        "joint_names": np.array(JOINT_NAMES),
+        "flex_axis": frames.flexion,
+        "bone_dir": frames.bone,
+        "dorsal_dir": frames.dorsal,
+    }
+
+
+def main() -> None:
+    """Command line: write the built-in hand anew from its shipped quads."""
+    parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy and its shipped quads.")
+    parser.add_argument("out", type=Path, help="the .npz to write")
+    write_hand(parser.parse_args().out, build_hand(shipped_quads()))
+
+
+if __name__ == "__main__":
+    main()

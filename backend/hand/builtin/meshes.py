@@ -1,0 +1,28 @@
+"""Closed triangle meshes with trimesh: normals, and the checks a surface of the hand must pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from ...errors import LiveHandError
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """[N, 3] unit, angle-weighted as trimesh does it."""
+    return np.array(trimesh.Trimesh(vertices, faces, process=False).vertex_normals)
+
+
+def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The faces, turned over where they enclose a negative volume.
+
+    Raises:
+        LiveHandError: the mesh is not a closed surface of genus 0, so that it has no inside or has holes.
+    """
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.euler_number == 2):
+        raise LiveHandError(
+            f"the hand's mesh must be closed and without handles, got Euler number {mesh.euler_number}, "
+            f"watertight: {mesh.is_watertight}; change the anatomy less or refine the grid"
+        )
+    return faces if mesh.volume > 0 else faces[:, ::-1]

@@ -1,0 +1,37 @@
+"""Newton's steps that bring vertices onto the hand's surface. Build frame, mm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .frames import swap_distal
+from .rays import Ray
+from .sdf import signed_distance
+
+_PROBE = 0.25  # mm, half the base of the central differences
+_LEAST_SQUARED_SLOPE = 0.25  # a flat gradient (between two fingers) must not throw a vertex far
+_LONGEST_STEP = 1.5  # mm
+
+
+def project_to_surface(
+    rays: dict[str, Ray], vertices: np.ndarray, with_details: bool, steps: int, damping: float = 1.0
+) -> np.ndarray:
+    """Move vertices [N, 3] along the gradient of the signed distance towards its zero set."""
+    for _ in range(steps):
+        points = swap_distal(vertices)
+        distance = signed_distance(rays, points, with_details)
+        slope = _gradient(rays, points, with_details)
+        squared = np.maximum((slope * slope).sum(1), _LEAST_SQUARED_SLOPE)
+        step = np.clip(distance / squared, -_LONGEST_STEP, _LONGEST_STEP)[:, None] * slope
+        vertices = vertices - damping * swap_distal(step)
+    return vertices
+
+
+def _gradient(rays: dict[str, Ray], points: np.ndarray, with_details: bool) -> np.ndarray:
+    """[N, 3] by central differences, anatomical frame."""
+    columns = []
+    for probe in np.eye(3) * _PROBE:
+        ahead = signed_distance(rays, points + probe, with_details)
+        behind = signed_distance(rays, points - probe, with_details)
+        columns.append((ahead - behind) / (2 * _PROBE))
+    return np.stack(columns, 1)

@@ -1,0 +1,167 @@
+"""What skin a vertex wears: masks of the rest surface, from the bone-local coordinates of `rays.py`.
+
+All are [N]; in [0, 1] except where said:
+
+- `palm`: palmar side; `tip`: fingertips; `red`: where blood shows; `vein`, `crease`, `knuck`: marks.
+- `nail`: the plate; `nailedge`: the folds beside it; `naily`: place along it, 0 at its root and 1 at its free end, a
+  coordinate that goes beyond both outside the nail.
+- `jid`: the joint whose fold is nearest, 0 for none; `tfold`: signed mm along the digit from that joint; `foldd`,
+  `foldp`: how much the vertex belongs to its dorsal or palmar fold.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .anatomy import DIGITS, FINGERS
+from .details import nail_coordinates
+from .frames import swap_distal
+from .palm_lines import CREASES, VEINS, line_mask
+from .rays import Ray, RayCoordinates, Section
+from .smooth import bump, smoothstep
+
+MASK_NAMES = (
+    "palm", "nail", "naily", "nailedge", "tfold", "foldd", "foldp", "red", "tip", "vein", "crease", "knuck", "jid",
+)  # fmt: skip
+
+Masks = dict[str, np.ndarray]
+
+# Soft blobs of redness in the palm: centre, radii (mm) and how sharply each falls off.
+_THENAR = (np.array([34, -24, 26]), np.array([26, 14, 16]), 0.7)
+_HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
+_PADS = (np.array([82, -14, 0]), np.array([12, 12, 38]), 0.6)
+
+
+class _Digit(NamedTuple):
+    """One digit's view of all vertices."""
+
+    order: int
+    ray: Ray
+    at: RayCoordinates
+    section: Section
+    height: np.ndarray
+    """Dorsal offset in parts of the section's half-depth."""
+    is_nearest: np.ndarray
+    is_own: np.ndarray
+    """Nearest to this digit, on its surface and past its root."""
+
+
+def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) -> Masks:
+    """Masks of vertices [N, 3] (build frame, mm) with unit normals [N, 3]."""
+    points = swap_distal(vertices)
+    at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
+    nearest = np.stack([at[digit].distance for digit in DIGITS], 1).argmin(1)
+    masks = {name: np.zeros(len(points)) for name in MASK_NAMES}
+    masks["palm"] = 1 - smoothstep(normals[:, 1], -0.35, 0.35)
+    for order, digit in enumerate(DIGITS):
+        view = _digit_view(order, rays[digit], at[digit], nearest)
+        _add_palm_side(masks, view)
+        _add_nail(masks, view)
+        _add_folds(masks, view)
+        _add_tip(masks, view)
+        _add_digit_creases(masks, view)
+    _add_lines(masks, points, normals, at)
+    _add_redness(masks, points)
+    return masks
+
+
+def _digit_view(order: int, ray: Ray, at: RayCoordinates, nearest: np.ndarray) -> _Digit:
+    section = ray.section(at.along)
+    is_nearest = nearest == order
+    is_own = is_nearest & (at.distance < 2.5) & (at.along > (-12 if ray.is_thumb else 8))
+    return _Digit(order, ray, at, section, at.dorsal / section.depth(at.dorsal), is_nearest, is_own)
+
+
+def _add_palm_side(masks: Masks, view: _Digit) -> None:
+    """On a digit the palmar side is told by its own frame instead of the normal."""
+    palmar = 1 - smoothstep(view.height, -0.40, 0.35)
+    share = smoothstep(view.at.along, -14, 2) if view.ray.is_thumb else smoothstep(view.at.along, 8, 20)
+    masks["palm"] = np.where(view.is_own, masks["palm"] * (1 - share) + palmar * share, masks["palm"])
+
+
+def _add_nail(masks: Masks, view: _Digit) -> None:
+    nail = nail_coordinates(view.ray, view.at, view.section)
+    on_back = view.is_own & (view.at.dorsal > 0)
+    _raise_to(masks, "nail", on_back, 1 - smoothstep(nail.rim, 0.96, 1.06))
+    _raise_to(masks, "nailedge", on_back, bump(nail.rim - 1.08, 0.09) * (nail.along < 0.7))
+    masks["naily"] = np.where(on_back, (nail.along + 1) / 2, masks["naily"])
+
+
+def _add_folds(masks: Masks, view: _Digit) -> None:
+    for order, joint in enumerate(view.ray.joints_along):
+        if view.ray.is_thumb and order == 0:
+            continue  # the thumb's first joint lies in the palm and has no fold
+        along = view.at.along - joint
+        near = view.is_nearest & (view.at.distance < 4) & (np.abs(along) < 13)
+        dorsal, palmar = _fold_strengths(view, along, order)
+        is_stronger = np.maximum(dorsal, palmar) > np.maximum(masks["foldd"], masks["foldp"])
+        taken = near & (is_stronger | (masks["jid"] == 0))
+        masks["tfold"][taken] = along[taken]
+        masks["jid"][taken] = 1 + 3 * view.order + order
+        _raise_to(masks, "foldd", near, dorsal)
+        _raise_to(masks, "foldp", near, palmar)
+        is_first = order == (1 if view.ray.is_thumb else 0)
+        _raise_to(masks, "knuck", near, smoothstep(view.height, 0.0, 0.8) * bump(along, 5.5) * (0.7 if is_first else 1))
+
+
+def _fold_strengths(view: _Digit, along: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Dorsal and palmar fold [N] of a joint."""
+    if view.ray.is_thumb:
+        width = 6.5 if order == 1 else 5.0
+    elif order == 0:  # an MCP joint folds only the skin of its back
+        return 0.35 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
+    else:
+        width = 6.0 if order == 1 else 5.0
+    dorsal = smoothstep(view.height, 0.05, 0.6) * bump(along, width * 0.72)
+    return dorsal, smoothstep(-view.height, -0.1, 0.5) * bump(along, 1.8)
+
+
+def _add_tip(masks: Masks, view: _Digit) -> None:
+    start, end = view.ray.joints_along[2] - 2, view.ray.length - 3
+    _raise_to(masks, "tip", view.is_own, smoothstep(view.at.along, start, end))
+
+
+def _add_digit_creases(masks: Masks, view: _Digit) -> None:
+    """Two palmar creases at every joint past the first, and two on a finger's proximal phalanx."""
+    palmar = smoothstep(-view.height, -0.1, 0.4)
+    along, lateral = view.at.along, view.at.lateral
+    if not view.ray.is_thumb:
+        middle = along - 0.5 * view.ray.bones.proximal
+        pair = np.maximum(bump(middle - 2, 0.6), 0.5 * bump(middle - 4.2, 0.5))
+        _raise_to(masks, "crease", view.is_own, palmar * pair * 0.75)
+    for order, joint in enumerate(view.ray.joints_along[1:]):
+        if view.ray.is_thumb and order == 0:
+            continue
+        first = bump(along - joint + 1.2 + 0.25 * np.sin(lateral * 0.9), 0.5)
+        second = bump(along - joint - 1.5 - 0.35 * np.sin(lateral * 0.7 + 1), 0.5) * 0.6
+        strength = 0.9 if order == 0 else 0.75
+        _raise_to(masks, "crease", view.is_own, palmar * np.maximum(first, second) * strength)
+
+
+def _add_lines(masks: Masks, points: np.ndarray, normals: np.ndarray, at: dict[str, RayCoordinates]) -> None:
+    """The palm's creases and the back's veins; neither runs onto a digit."""
+    reach = [np.where(at[finger].distance < 3, at[finger].along, -99) for finger in FINGERS]
+    is_off_fingers = np.max(reach, 0) <= 12
+    is_off_thumb = ~((at["thumb"].distance < 2.5) & (at["thumb"].along > -4))
+    faces_down = smoothstep(-normals[:, 1], 0.1, 0.5) * (points[:, 0] < 98)
+    for line in CREASES:
+        _raise_to(masks, "crease", is_off_fingers & is_off_thumb, faces_down * line_mask(line, points))
+    faces_up = smoothstep(normals[:, 1], 0.15, 0.5)
+    for line in VEINS:
+        _raise_to(masks, "vein", is_off_fingers, faces_up * line_mask(line, points))
+
+
+def _add_redness(masks: Masks, points: np.ndarray) -> None:
+    thenar, hypothenar, pads = (
+        bump(np.linalg.norm((points - centre) / radii, axis=1), width)
+        for centre, radii, width in (_THENAR, _HYPOTHENAR, _PADS)
+    )
+    palm = 0.55 * thenar + 0.6 * hypothenar + 0.5 * pads
+    digits = 0.75 * masks["tip"] * (0.4 + 0.6 * masks["palm"]) + 0.7 * masks["knuck"]
+    masks["red"] = np.clip(digits + masks["palm"] * palm, 0, 1)
+
+
+def _raise_to(masks: Masks, name: str, where: np.ndarray, value: np.ndarray) -> None:
+    masks[name] = np.maximum(masks[name], np.where(where, value, 0))

@@ -1,0 +1,35 @@
+"""Smooth switches and blends on arrays: the pieces that the hand's surface is put together with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] at length 1. A zero vector gives NaN."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def smooth_min(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    """Polynomial smooth minimum: min(a, b) where they differ by more than `radius`, at most radius / 4 below it else.
+
+    Inigo Quilez, "smooth minimum", quadratic polynomial.
+    """
+    share = np.clip(0.5 + 0.5 * (b - a) / radius, 0, 1)
+    return b * (1 - share) + a * share - radius * share * (1 - share)
+
+
+def smooth_max(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    """The mirror image of `smooth_min`."""
+    return -smooth_min(-a, -b, radius)
+
+
+def smoothstep(x: np.ndarray, start: float, end: float) -> np.ndarray:
+    """0 at `start`, 1 at `end`, flat outside; falls where start > end."""
+    t = np.clip((x - start) / (end - start), 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def bump(x: np.ndarray, width: float) -> np.ndarray:
+    """A Gaussian of height 1 and standard deviation `width`."""
+    return np.exp(-0.5 * (x / width) ** 2)
