@@ -1,0 +1,86 @@
+"""What LiveHand keeps in a .blend: `Object.livehand` on a hand's armature, `Scene.livehand` for rendering."""
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, PointerProperty, StringProperty
+
+# Every property may be changed on a hand that is linked from another file.
+_OVERRIDE = {"LIBRARY_OVERRIDABLE"}
+_SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
+_DEVICES = (
+    ("auto", "Automatic", "The GPU where torch can use one, or else the processor"),
+    ("cpu", "CPU", "The processor"),
+    ("cuda", "CUDA", "An NVIDIA GPU"),
+)
+_PRECISIONS = (
+    ("fp32", "Full", "32-bit floats"),
+    ("bf16", "Half", "16-bit floats where they help; faster on recent GPUs"),
+)
+
+
+def _evaluate_again(hand, context) -> None:
+    """Without an update function a script's change would not reach the drivers until something else moves."""
+    hand.id_data.update_tag()
+
+
+class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
+    """A hand: which model it was built from, what it looks like, and its shape."""
+
+    is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
+    side: EnumProperty(name="Side", items=_SIDES, override=_OVERRIDE)
+    model_path: StringProperty(
+        name="Hand Model",
+        description="File the hand was built from; empty for the built-in hand",
+        subtype="FILE_PATH",
+        override=_OVERRIDE,
+    )
+    model_sha256: StringProperty(
+        name="Model Hash", description="SHA-256 of the hand model's file, which an avatar asks for", override=_OVERRIDE
+    )
+    avatar_path: StringProperty(
+        name="Avatar",
+        description="Trained look of the hand (.safetensors); empty for the one that ships with LiveHand",
+        subtype="FILE_PATH",
+        override=_OVERRIDE,
+    )
+    mesh: PointerProperty(
+        name="Mesh",
+        description="The mesh that this armature deforms and that is rendered",
+        type=bpy.types.Object,
+        override=_OVERRIDE,
+    )
+    beta: FloatVectorProperty(
+        name="Shape",
+        description="Shape coefficients; the trained look fits best near zero",
+        size=10,
+        default=(0.0,) * 10,
+        # Shape keys are clamped by Blender outside this range.
+        min=-10.0,
+        max=10.0,
+        soft_min=-3.0,
+        soft_max=3.0,
+        options={"ANIMATABLE"},
+        override=_OVERRIDE,
+        update=_evaluate_again,
+    )
+
+
+class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
+    """How hands are rendered."""
+
+    device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
+    precision: EnumProperty(name="Precision", description="Floats the networks compute with", items=_PRECISIONS)
+
+
+CLASSES = (LIVEHAND_PG_hand, LIVEHAND_PG_scene)
+
+
+def attach() -> None:
+    """Give objects and scenes their `livehand`; the classes must be registered."""
+    bpy.types.Object.livehand = PointerProperty(type=LIVEHAND_PG_hand, override=_OVERRIDE)
+    bpy.types.Scene.livehand = PointerProperty(type=LIVEHAND_PG_scene)
+
+
+def detach() -> None:
+    """Undo `attach`."""
+    del bpy.types.Scene.livehand
+    del bpy.types.Object.livehand

@@ -1,0 +1,29 @@
+"""Everything Blender is told about, in order; `unregister` goes back the same way."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import preferences, properties
+from .render import engine
+from .ui import operators, panels
+
+CLASSES = (*properties.CLASSES, *operators.CLASSES, *preferences.CLASSES, *panels.CLASSES, *engine.CLASSES)
+
+
+def register() -> None:
+    """Classes first: properties and menus refer to them."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    properties.attach()
+    panels.add_to_menus()
+    engine.register_panels()
+
+
+def unregister() -> None:
+    """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
+    engine.unregister_panels()
+    panels.remove_from_menus()
+    properties.detach()
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,58 @@
+"""Drivers that Blender evaluates without running Python, so that they work where scripts are not trusted.
+
+Blender computes plain sums of products by itself ("simple expressions"). An expression is at most 255 characters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+
+_MAX_EXPRESSION = 255
+# Bone offsets in m per unit of beta and key values are of order 1e-3 and 1: smaller terms are rounding.
+_NEGLIGIBLE = 1e-9
+
+
+def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights, armature: bpy.types.Object) -> None:
+    """Make one channel the weighted sum [10] of the hand's beta; index -1 for a channel that is no array."""
+    terms = {f"b{k}": float(weight) for k, weight in enumerate(weights)}
+    expression, names = weighted_sum(terms)
+    if not names:
+        return
+    driver = _new_driver(owner, channel, index, expression)
+    for name in names:
+        variable = driver.variables.new()
+        variable.name = name
+        variable.targets[0].id = armature
+        variable.targets[0].data_path = f"livehand.beta[{name[1:]}]"
+
+
+def drive_by_rotation(
+    owner: bpy.types.bpy_struct, channel: str, terms: Mapping[str, float], armature: bpy.types.Object, bone: str
+) -> None:
+    """Make a channel a weighted sum of products of a bone's local quaternion, constraints and Euler modes included."""
+    expression, names = weighted_sum(terms)
+    driver = _new_driver(owner, channel, -1, expression)
+    for name in names:
+        variable = driver.variables.new()
+        variable.name, variable.type = name, "TRANSFORMS"
+        target = variable.targets[0]
+        target.id, target.bone_target = armature, bone
+        target.transform_type, target.rotation_mode = f"ROT_{name.upper()}", "QUATERNION"
+        target.transform_space = "LOCAL_SPACE"
+
+
+def weighted_sum(terms: Mapping[str, float]) -> tuple[str, list[str]]:
+    """The expression of a sum of coefficient times product, and the variables it names, in order."""
+    kept = {product: weight for product, weight in terms.items() if abs(weight) > _NEGLIGIBLE}
+    expression = "+".join(f"{weight:.7g}*{product}" for product, weight in kept.items()).replace("+-", "-")
+    assert len(expression) <= _MAX_EXPRESSION, expression
+    return expression, sorted({name for product in kept for name in product.split("*")})
+
+
+def _new_driver(owner: bpy.types.bpy_struct, channel: str, index: int, expression: str) -> bpy.types.Driver:
+    driver = owner.driver_add(channel, index).driver
+    driver.type = "SCRIPTED"
+    driver.expression = expression
+    return driver

@@ -1,0 +1,95 @@
+"""Sequences of theta and transl -> keyframes, in bulk: seconds for what single insertions do in minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...backend.errors import LiveHandError
+from .bones import bone_name
+from .pose import bone_quaternions, hand_side, wrist_locations
+from .rotation import continuous
+
+
+def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
+    """Key all 16 bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
+
+    The bones are put into quaternion mode. Neighbouring quaternions keep their sign, so nothing spins in between.
+
+    Raises:
+        LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
+    """
+    frames = _check(frames, thetas, (16, 3), "thetas")
+    side = hand_side(armature)
+    quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
+    for joint in range(16):
+        bone = armature.pose.bones[bone_name(joint, side)]
+        bone.rotation_mode = "QUATERNION"
+        _key_channels(armature, bone, "rotation_quaternion", frames, quaternions[:, joint])
+
+
+def keyframe_transl(armature: bpy.types.Object, transls: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
+    """Key the wrist's location with transls [T, 3], m in armature space, at increasing frames [T].
+
+    Raises:
+        LiveHandError: as `keyframe_theta`.
+    """
+    frames = _check(frames, transls, (3,), "transls")
+    wrist = armature.pose.bones[bone_name(0, hand_side(armature))]
+    _key_channels(armature, wrist, "location", frames, wrist_locations(armature, transls))
+
+
+def _check(frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    frames = np.asarray(frames, np.float64)
+    if frames.ndim != 1 or len(frames) == 0 or np.shape(values) != (len(frames), *shape):
+        wanted = [len(frames) if frames.ndim else "T", *shape]
+        raise LiveHandError(f"{name} must be {wanted}, one per frame, got {list(np.shape(values))}")
+    if not (np.isfinite(frames).all() and np.isfinite(values).all()):
+        raise LiveHandError(f"{name} and frames must be finite, got NaN or infinity")
+    if (np.diff(frames) <= 0).any():
+        raise LiveHandError("frames must increase, got a repeated or an earlier frame")
+    return frames
+
+
+def _key_channels(
+    armature: bpy.types.Object, bone: bpy.types.PoseBone, channel: str, frames: np.ndarray, values: np.ndarray
+) -> None:
+    """Values [T, n] for the n channels of one array property of a bone."""
+    path = bone.path_from_id(channel)
+    for index in range(values.shape[1]):
+        curve = _ensure_curve(armature, path, index, bone.name)
+        _set_keys(curve, *_merged(curve, frames, values[:, index]))
+
+
+def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str) -> bpy.types.FCurve:
+    animation = armature.animation_data or armature.animation_data_create()
+    if animation.action is None:
+        animation.action = bpy.data.actions.new(f"{armature.name} Action")
+    action = animation.action
+    if not hasattr(action, "slots"):  # Blender 4.2 and 4.3
+        return action.fcurves.find(path, index=index) or action.fcurves.new(path, index=index, action_group=group)
+    curve = action.fcurve_ensure_for_datablock(armature, path, index=index)
+    groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
+    curve.group = curve.group or groups.get(group) or groups.new(group)
+    return curve
+
+
+def _merged(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The new keys, and the old ones that lie outside their range."""
+    old = np.empty(2 * len(curve.keyframe_points), np.float32)
+    curve.keyframe_points.foreach_get("co", old)
+    old = old.reshape(-1, 2).astype(np.float64)
+    kept = old[(old[:, 0] < frames[0]) | (old[:, 0] > frames[-1])]
+    keys = np.concatenate([kept, np.stack([frames, values], -1)])
+    keys = keys[np.argsort(keys[:, 0])]
+    return keys[:, 0], keys[:, 1]
+
+
+def _set_keys(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> None:
+    points = curve.keyframe_points
+    points.clear()
+    points.add(len(frames))
+    points.foreach_set("co", np.stack([frames, values], -1).astype(np.float32).ravel())
+    curve.update()

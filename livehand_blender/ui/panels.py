@@ -1,0 +1,92 @@
+"""The LiveHand tab in the 3D view's sidebar, and the entry in the Add menu."""
+
+import bpy
+
+from ..dependencies import missing_requirements
+from ..preferences import draw_install_help
+from ..scene.settings import ENGINE
+from .operators import active_hand
+
+
+class _Tab:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "LiveHand"
+
+
+class LIVEHAND_PT_hand(_Tab, bpy.types.Panel):
+    """The active hand."""
+
+    bl_label = "Hand"
+
+    def draw(self, context):
+        """What the hand is, or how to get one."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        armature = active_hand(context)
+        if armature is None:
+            layout.label(text="Select a hand, or add one:")
+            layout.operator("livehand.add_hand", text="Add Hand", icon="VIEW_PAN")
+            return
+        hand = armature.livehand
+        layout.label(text=f"{armature.name} ({hand.side})", icon="VIEW_PAN")
+        layout.label(text=f"Model: {hand.model_path or 'built-in'}")
+        layout.prop(hand, "avatar_path", placeholder="shipped avatar")
+        layout.prop(hand, "mesh")
+        layout.operator("livehand.reset_pose", icon="LOOP_BACK")
+
+
+class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
+    """Shape of the active hand."""
+
+    bl_label = "Shape"
+    bl_parent_id = "LIVEHAND_PT_hand"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only on a hand."""
+        return active_hand(context) is not None
+
+    def draw(self, context):
+        """Ten sliders, each of which can be keyed."""
+        self.layout.use_property_split = True
+        hand = active_hand(context).livehand
+        column = self.layout.column(align=True)
+        for index in range(10):
+            column.prop(hand, "beta", index=index, text=f"Beta {index}", slider=True)
+
+
+class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
+    """How hands are rendered."""
+
+    bl_label = "Render"
+
+    def draw(self, context):
+        """Engine, device, and what is missing."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        if context.scene.render.engine != ENGINE:
+            layout.operator("livehand.set_engine", icon="RENDER_STILL")
+        layout.prop(context.scene.livehand, "device")
+        layout.prop(context.scene.livehand, "precision")
+        draw_install_help(layout, missing=bool(missing_requirements()))
+
+
+CLASSES = (LIVEHAND_PT_hand, LIVEHAND_PT_shape, LIVEHAND_PT_render)
+
+
+def add_to_menus() -> None:
+    """Add > Armature > LiveHand Hand."""
+    bpy.types.VIEW3D_MT_armature_add.append(_draw_add)
+
+
+def remove_from_menus() -> None:
+    """Undo `add_to_menus`."""
+    bpy.types.VIEW3D_MT_armature_add.remove(_draw_add)
+
+
+def _draw_add(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+    menu.layout.operator("livehand.add_hand", icon="VIEW_PAN")

@@ -1,0 +1,125 @@
+"""Blender as a module, with LiveHand registered once; every test starts from an empty file."""
+
+import runpy
+from pathlib import Path
+
+import bpy
+import livehand
+import numpy as np
+import pytest
+import torch
+from livehand.backend.hand.lbs import SkinTensors, pose_hand
+from livehand.backend.hand.model import load_default_hand
+from livehand.backend.shot import HandPose
+from livehand.livehand_blender.rig.hand import add_hand
+
+
+@pytest.fixture(scope="session", autouse=True)
+def registered():
+    # What is still registered when the process ends hangs Blender 4.5.
+    livehand.register()
+    yield
+    livehand.unregister()
+
+
+@pytest.fixture(autouse=True)
+def _empty_file(registered):
+    # read_factory_settings would disable add-ons.
+    bpy.ops.wm.read_homefile(use_empty=True)
+
+
+@pytest.fixture(scope="session", params=["right", "left"])
+def model(request):
+    return load_default_hand().for_side(request.param)
+
+
+@pytest.fixture
+def hand(model):
+    return add_hand(bpy.context, model)
+
+
+@pytest.fixture(scope="session")
+def evaluated_vertices():
+    """A function: the hand's evaluated mesh [V, 3] in the mesh object's own space."""
+
+    def of(armature):
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        mesh = armature.livehand.mesh.evaluated_get(depsgraph).to_mesh()
+        flat = np.empty(3 * len(mesh.vertices), np.float32)
+        mesh.vertices.foreach_get("co", flat)
+        return flat.reshape(-1, 3).astype(np.float64)
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def backend_vertices():
+    """A function: what the backend makes of a pose, in float64."""
+
+    def of(model, pose):
+        skin = SkinTensors.of(model, dtype=torch.float64)
+        tensors = (
+            torch.tensor(np.asarray(value), dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl)
+        )
+        return pose_hand(skin, *tensors).vertices.numpy()
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def random_pose():
+    """A function: a pose far beyond a real hand's, so that nothing is exact by being small."""
+
+    def of(seed, side):
+        rng = np.random.default_rng(seed)
+        return HandPose(rng.normal(size=(16, 3)) * 0.8, rng.normal(size=10) * 1.5, rng.normal(size=3) * 0.2, side)
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def fake_renderer():
+    """The class that renders without an avatar."""
+    return runpy.run_path(str(Path(__file__).parent / "fake_livehand.py"))["FakeRenderer"]
+
+
+@pytest.fixture
+def fake_session(registered, fake_renderer, monkeypatch):
+    """The engine's session, with the fake renderer; its `made` lists the renderers it has asked for."""
+    from livehand.livehand_blender.render.engine import LiveHandRender
+    from livehand.livehand_blender.render.session import Session
+
+    made = []
+
+    def make(avatar_path, hand, device):
+        made.append(fake_renderer(avatar_path, hand, device))
+        return made[-1]
+
+    session = Session(make)
+    session.made = made
+    monkeypatch.setattr(LiveHandRender, "session", session)
+    return session
+
+
+@pytest.fixture
+def hand_scene():
+    """A scene of 48 x 64 px with the built-in hand and a camera that sees all of it."""
+    from livehand.livehand_blender.scene.settings import use_livehand
+
+    scene = bpy.context.scene
+    add_hand(bpy.context, load_default_hand())
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (-0.08, 0, 0.5)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    use_livehand(scene)
+    scene.render.resolution_x, scene.render.resolution_y = 48, 64
+    scene.view_layers[0].use_pass_z = True
+    bpy.context.view_layer.update()
+    return scene
+
+
+@pytest.fixture(scope="session")
+def read_exr():
+    """path -> {channel: [H, W]} of a single-part, zip-compressed EXR, by the file format's own description."""
+    return runpy.run_path(str(Path(__file__).parent / "exr.py"))["read_exr"]
