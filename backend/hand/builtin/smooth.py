@@ -24,12 +24,12 @@ def smooth_max(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.n
     return -smooth_min(-a, -b, radius)
 
 
-def smoothstep(x: np.ndarray, start: float, end: float) -> np.ndarray:
+def smoothstep(x: np.ndarray, start: float | int, end: float | int) -> np.ndarray:
     """0 at `start`, 1 at `end`, flat outside; falls where start > end."""
     t = np.clip((x - start) / (end - start), 0, 1)
     return t * t * (3 - 2 * t)
 
 
-def bump(x: np.ndarray, width: float) -> np.ndarray:
+def bump(x: np.ndarray, width: float | int) -> np.ndarray:
     """A Gaussian of height 1 and standard deviation `width`."""
     return np.exp(-0.5 * (x / width) ** 2)
