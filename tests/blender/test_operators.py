@@ -1,0 +1,124 @@
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.model import load_default_hand
+from livehand.backend.shot import HandPose
+from livehand.livehand_blender import dependencies
+from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
+from livehand.livehand_blender.scene.settings import use_livehand
+
+
+def vertices(hand):
+    flat = np.empty(3 * len(mesh_of(hand).data.vertices), np.float32)
+    mesh_of(hand).data.vertices.foreach_get("co", flat)
+    return flat.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_add_hand_operator_makes_what_the_function_makes(side):
+    assert bpy.ops.livehand.add_hand(side=side) == {"FINISHED"}
+    (by_operator,) = find_hands(bpy.context.scene)
+    assert bpy.context.active_object == by_operator
+    by_function = add_hand(bpy.context, load_default_hand().for_side(side))
+    np.testing.assert_array_equal(vertices(by_operator), vertices(by_function))
+    for name in ("side", "model_path", "model_sha256"):
+        assert getattr(by_operator.livehand, name) == getattr(by_function.livehand, name)
+    assert {b.name: b.matrix_local for b in by_operator.data.bones} == {
+        b.name: b.matrix_local for b in by_function.data.bones
+    }
+    assert sum(not bone.name.startswith(("DEF-", "MCH-")) for bone in by_operator.data.bones) == 16
+
+
+def test_add_hand_lands_on_the_cursor_and_reads_a_file(tmp_path):
+    model = load_default_hand()
+    arrays = {name: getattr(model, name) for name in ("v_template", "f", "J_regressor", "shapedirs", "posedirs")}
+    kintree = np.array([model.parents, np.arange(16)])
+    path = tmp_path / "my_left.npz"
+    np.savez(path, weights=model.lbs_weights, kintree_table=kintree, vt=model.vt, ft=model.ft, **arrays)
+    bpy.context.scene.cursor.location = (1, 2, 3)
+    bpy.ops.livehand.add_hand(side="right", model_path=str(path))
+    (hand,) = find_hands(bpy.context.scene)
+    assert tuple(hand.location) == (1, 2, 3)
+    assert hand.livehand.model_path == str(path)
+    assert len(hand.livehand.model_sha256) == 64
+
+
+def test_add_hand_reports_an_unreadable_model():
+    with pytest.raises(RuntimeError, match="no hand model at"):
+        bpy.ops.livehand.add_hand(model_path="/no/such/hand.npz")
+    assert not find_hands(bpy.context.scene)
+    assert not bpy.data.armatures
+
+
+def test_add_hand_leaves_edit_mode_first():
+    bpy.ops.livehand.add_hand()
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.livehand.add_hand(side="left")
+    assert bpy.context.mode == "OBJECT"
+    assert len(find_hands(bpy.context.scene)) == 2
+
+
+def test_a_collection_outside_the_view_layer_is_refused_and_leaves_nothing():
+    collection = bpy.data.collections.new("Hidden")
+    bpy.context.scene.collection.children.link(collection)
+    layer = bpy.context.view_layer.layer_collection.children["Hidden"]
+    bpy.context.view_layer.active_layer_collection = layer
+    layer.exclude = True
+    with bpy.context.temp_override(collection=collection), pytest.raises(RuntimeError, match="view layer"):
+        bpy.ops.livehand.add_hand()
+    assert not bpy.data.armatures
+    assert not bpy.data.objects
+
+
+def test_reset_pose_rests_the_hand_and_keeps_its_shape():
+    hand = add_hand(bpy.context, load_default_hand())
+    write_hand_pose(hand, HandPose(np.full((16, 3), 0.3), np.ones(10), np.ones(3)))
+    assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
+    pose = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+    np.testing.assert_allclose(pose.theta, 0, atol=1e-6)
+    np.testing.assert_allclose(pose.transl, 0, atol=1e-6)
+    np.testing.assert_allclose(pose.beta, 1)
+
+
+def test_reset_pose_works_from_the_mesh_and_says_why_it_cannot():
+    with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
+        bpy.ops.livehand.reset_pose()
+    hand = add_hand(bpy.context, load_default_hand())
+    bpy.context.view_layer.objects.active = mesh_of(hand)
+    assert bpy.ops.livehand.reset_pose.poll()
+
+
+def test_set_engine_does_what_the_function_does():
+    first, second = bpy.context.scene, bpy.data.scenes.new("Second")
+    bpy.ops.livehand.set_engine()
+    use_livehand(second)
+    for scene in (first, second):
+        assert scene.render.engine == "LIVEHAND"
+        assert scene.render.film_transparent
+        assert scene.render.dither_intensity == 0
+        assert scene.view_settings.view_transform == "Standard"
+        assert scene.render.image_settings.color_mode == "RGBA"
+
+
+def test_set_engine_leaves_a_format_without_alpha_alone():
+    bpy.context.scene.render.image_settings.file_format = "JPEG"
+    use_livehand(bpy.context.scene)
+    assert bpy.context.scene.render.image_settings.file_format == "JPEG"
+
+
+def test_install_command_names_python_target_and_packages(monkeypatch):
+    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
+    monkeypatch.setattr(dependencies, "REQUIREMENTS", (*dependencies.REQUIREMENTS, fake))
+    assert fake in dependencies.missing_requirements()
+    command = dependencies.install_command((fake,))
+    assert "-m pip install --target" in command
+    assert '"fake>=1"' in command
+    assert f'"numpy=={np.__version__}"' in command
+    assert bpy.utils.user_resource("SCRIPTS", path="modules") in command
+
+
+def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):
+    monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
+    with pytest.raises(RuntimeError, match="nothing is missing"):
+        bpy.ops.livehand.copy_install_command()

@@ -1,0 +1,231 @@
+"""Imports point one way: Blender side -> backend, and upper rows -> lower rows, without cycles.
+
+Read from the source (AST), imports inside functions included. The last tests plant faults and see them found.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = ("backend", "livehand_blender")
+BLENDER_MODULES = {
+    "bpy",
+    "bpy_extras",
+    "mathutils",
+    "gpu",
+    "gpu_extras",
+    "bl_ui",
+    "addon_utils",
+    "cycles",
+    "aud",
+    "bmesh",
+}
+
+# Rows from the bottom. The longest matching name counts; a module imports from rows below its own, or from its own
+# folder. Whoever adds a module at the top of a room, or a folder, gives it a row here.
+ROWS = [
+    ("backend.errors",),
+    (
+        "backend.camera",
+        "backend.command",
+        "backend.geometry",
+        "backend.hand.atlas",
+        "backend.hand.gestures",
+        "backend.hand.mano_pickle",
+        "backend.sampler",
+        "backend.superres",
+        "backend.volume",
+    ),
+    ("backend.shot",),
+    ("backend.hand",),
+    ("backend.hand.lbs", "backend.field"),
+    ("backend.hand.builtin",),
+    ("backend.avatar", "backend.capture"),
+    ("backend.renderer",),
+    ("backend.training", "backend.evaluation.metrics"),
+    ("backend.training.loop", "backend.evaluation.benchmark"),
+    ("backend.evaluation",),
+    ("backend.cli", "backend.training.command", "backend.evaluation.command"),
+    ("backend",),
+    ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
+    ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
+    ("livehand_blender.render", "livehand_blender.capture"),
+    ("livehand_blender.ui",),
+    ("livehand_blender.registration",),
+    ("livehand_blender",),
+    ("",),  # the repository's root, the package `livehand`
+    ("livehand_blender.render.command", "livehand_blender.capture.command"),
+    ("livehand_blender.cli",),
+]
+ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
+# Names that stand for themselves only, not for all that lies below them.
+EXACT = {"", "backend", "livehand_blender"}
+
+# Where the Blender side may enter the backend, and who may go further.
+DOORS = ("errors", "shot", "camera", "capture", "hand.model", "avatar", "renderer")
+MORE_DOORS = {
+    # Captures are rendered from the built-in hand's detailed surface, not from what an avatar sees.
+    "livehand_blender.capture": ("hand.builtin", "hand.gestures", "hand.lbs", "geometry.rotation"),
+    # One command line for both halves.
+    "livehand_blender.cli": ("cli", "command"),
+    "livehand_blender.capture.command": ("command",),
+    "livehand_blender.render.command": ("command",),
+}
+
+
+def modules(root):
+    """Dotted name below the root -> file; the root package itself is ''."""
+    files = [root / "__init__.py", *(path for room in ROOMS for path in (root / room).rglob("*.py"))]
+    return {name_of(path.relative_to(root)): path for path in files if path.is_file()}
+
+
+def name_of(path):
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports(name, path, known):
+    """(names of our modules, names of foreign top-level modules) that a module imports."""
+    ours, foreign = set(), set()
+    parts = [part for part in name.split(".") if part]
+    package = parts if path.name == "__init__.py" else parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            foreign |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            foreign.add((node.module or "").partition(".")[0])
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - (node.level - 1)]
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            members = {f"{base}.{alias.name}".lstrip(".") for alias in node.names}
+            found = {member for member in members if member in known}
+            ours |= found | ({base} if len(found) < len(members) else set())
+    return ours, foreign
+
+
+def row_of(name):
+    parts = name.split(".")
+    prefixes = [".".join(parts[:n]) for n in range(len(parts), 0, -1)] if name else [""]
+    allowed = [prefix for prefix in prefixes if prefix in ROW_OF and (prefix == name or prefix not in EXACT)]
+    return ROW_OF[allowed[0]] if allowed else None
+
+
+def same_folder(a, b):
+    folder_a, folder_b = a.rpartition(".")[0], b.rpartition(".")[0]
+    return folder_a == folder_b and folder_a.count(".") >= 1
+
+
+def may_enter(importer, imported):
+    doors = list(DOORS)
+    for room, more in MORE_DOORS.items():
+        if importer == room or importer.startswith(room + "."):
+            doors += more
+    inside = imported.removeprefix("backend.")
+    return any(inside == door or inside.startswith(door + ".") for door in doors)
+
+
+def faults(root):
+    """Every broken rule, in words."""
+    known = modules(root)
+    graph, found = {}, []
+    for name, path in known.items():
+        ours, foreign = imports(name, path, known)
+        graph[name] = ours & known.keys()
+        found += foreign_faults(name, foreign)
+        found += [fault for imported in sorted(graph[name]) for fault in arrow_faults(name, imported)]
+        found += [f"{name} has no row; add it to ROWS"] * (row_of(name) is None)
+    return found + [f"cycle: {' -> '.join(cycle)}" for cycle in cycles(graph)]
+
+
+def foreign_faults(name, foreign):
+    is_backend = name.partition(".")[0] == "backend"
+    blender = sorted(foreign & BLENDER_MODULES) if is_backend else []
+    absolute = sorted(foreign & {"livehand", *ROOMS})
+    return [f"{name} imports {module}" for module in blender + absolute]
+
+
+def arrow_faults(name, imported):
+    rows = row_of(name), row_of(imported)
+    if None in rows:
+        return []
+    if imported.startswith("backend.") and name.startswith("livehand_blender") and not may_enter(name, imported):
+        return [f"{name} enters the backend by {imported}, which is no door"]
+    if rows[1] >= rows[0] and not same_folder(name, imported):
+        return [f"{name} imports {imported}, which does not lie below it"]
+    return []
+
+
+def cycles(graph):
+    """One cycle per strongly connected knot, found by depth-first search."""
+    state, found = {}, []
+
+    def visit(node, path):
+        state[node] = "open"
+        for target in sorted(graph[node]):
+            if state.get(target) == "open":
+                found.append([*path[path.index(target) :], target])
+            elif target not in state:
+                visit(target, [*path, target])
+        state[node] = "done"
+
+    for node in sorted(graph):
+        if node not in state:
+            visit(node, [node])
+    return found
+
+
+def test_imports_point_one_way():
+    assert faults(ROOT) == []
+
+
+def plant(root, files):
+    for name, source in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(source)
+    return root
+
+
+SOUND = {
+    "__init__.py": "def register():\n    from . import livehand_blender\n",
+    "backend/__init__.py": "",
+    "backend/errors.py": "import numpy",
+    "backend/shot.py": "from .errors import LiveHandError",
+    "backend/hand/__init__.py": "",
+    "backend/hand/model.py": "from ..shot import Side",
+    "livehand_blender/__init__.py": "",
+    "livehand_blender/rig/__init__.py": "",
+    "livehand_blender/rig/pose.py": "import bpy\nfrom ...backend.shot import HandPose",
+    "livehand_blender/rig/hand.py": "from .pose import read",
+}
+
+
+def test_a_sound_tree_has_no_faults(tmp_path):
+    assert faults(plant(tmp_path, SOUND)) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "source", "fault"),
+    [
+        ("backend/shot.py", "import bpy", "backend.shot imports bpy"),
+        ("backend/shot.py", "def f():\n    from mathutils import Matrix", "backend.shot imports mathutils"),
+        (
+            "backend/shot.py",
+            "from ..livehand_blender.rig import pose",
+            "backend.shot imports livehand_blender.rig.pose",
+        ),
+        ("backend/shot.py", "from livehand.backend import errors", "backend.shot imports livehand"),
+        ("backend/errors.py", "from .hand.model import HandModel", "backend.errors imports backend.hand.model"),
+        ("backend/errors.py", "from . import shot", "cycle: backend.errors -> backend.shot -> backend.errors"),
+        ("livehand_blender/rig/pose.py", "from . import hand", "cycle: livehand_blender.rig.hand"),
+        ("livehand_blender/rig/pose.py", "from ..ui.panels import draw", "imports livehand_blender.ui.panels"),
+        ("livehand_blender/rig/pose.py", "from ...backend.volume import render", "backend.volume, which is no door"),
+        ("backend/surprise.py", "", "backend.surprise has no row"),
+    ],
+)
+def test_planted_faults_are_found(tmp_path, file, source, fault):
+    also = {"backend/volume.py": "", "livehand_blender/ui/__init__.py": "", "livehand_blender/ui/panels.py": ""}
+    found = faults(plant(tmp_path, {**SOUND, **also, file: source}))
+    assert any(fault in line for line in found), found
