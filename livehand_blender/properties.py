@@ -5,6 +5,8 @@ from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, PointerPr
 
 # Every property may be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
+# Blender 4.5 and later warn of a `//` path unless the property says that it takes one; earlier ones always do.
+_FILE = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
     ("auto", "Automatic", "The GPU where torch can use one, or else the processor"),
@@ -31,6 +33,7 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         name="Hand Model",
         description="File the hand was built from; empty for the built-in hand",
         subtype="FILE_PATH",
+        options=_FILE,
         override=_OVERRIDE,
     )
     model_sha256: StringProperty(
@@ -40,6 +43,7 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         name="Avatar",
         description="Trained look of the hand (.safetensors); empty for the one that ships with LiveHand",
         subtype="FILE_PATH",
+        options=_FILE,
         override=_OVERRIDE,
     )
     mesh: PointerProperty(

@@ -1,0 +1,81 @@
+"""A command of the `livehand` program, and the one way all of them run: parse, call, print.
+
+Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 130 interrupted. With
+`--json` the last line of stdout is one JSON object: what the command's function returned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import LiveHandError
+
+OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+@dataclass(frozen=True)
+class Command:
+    """One sub-command.
+
+    Attributes:
+        name: as typed.
+        help: one line.
+        add_arguments: declares its arguments.
+        run: does the work and returns a result that JSON can hold; a key `summary` is the text printed at the end
+            without `--json`, and is left out of the JSON.
+    """
+
+    name: str
+    help: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], Mapping[str, Any]]
+
+
+def run_commands(program: str, about: str, commands: Mapping[str, Command], argv: Sequence[str] | None = None) -> int:
+    """Run the sub-command that `argv` (None: the process's arguments) names; returns the exit code."""
+    try:
+        args = _parser(program, about, commands).parse_args(argv)
+    except SystemExit as stop:  # argparse has printed the usage, or --help
+        return OK if not stop.code else USAGE
+    try:
+        result = dict(commands[args.command].run(args))
+    except LiveHandError as error:
+        sys.stderr.write(f"{program} {args.command}: {error}\n")
+        return FAILED
+    except KeyboardInterrupt:
+        sys.stderr.write(f"{program} {args.command}: interrupted\n")
+        return INTERRUPTED
+    _print_result(result, args.json)
+    return OK
+
+
+def say(text: str) -> None:
+    """A line of a command's own output, at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def _parser(program: str, about: str, commands: Mapping[str, Command]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(program, description=about)
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, command in commands.items():
+        subparser = subparsers.add_parser(name, help=command.help, description=command.help)
+        command.add_arguments(subparser)
+        subparser.add_argument("--json", action="store_true", help="print the result as JSON on the last line")
+    return parser
+
+
+def _print_result(result: dict[str, Any], as_json: bool) -> None:
+    summary = result.pop("summary", None)
+    if as_json:
+        say(json.dumps(result))
+    elif summary is not None:
+        say(summary)
+    else:
+        for key, value in result.items():
+            say(f"{key}: {value}")

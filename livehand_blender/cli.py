@@ -1,0 +1,64 @@
+"""The `livehand` program: the table of its commands.
+
+Only `render` and `capture` need Blender as a module, and import it when they run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ..backend.cli import COMMANDS as BACKEND_COMMANDS
+from ..backend.command import Command, run_commands
+from ..backend.errors import LiveHandError
+from .capture import command as capture
+from .render import command as render
+from .stdout import blender_silenced
+
+ABOUT = "Photoreal frames of hands posed in Blender."
+
+Run = Callable[[argparse.Namespace], Mapping[str, Any]]
+
+
+def _in_blender(run: Run) -> Run:
+    """The same function, after a look whether Blender is there."""
+
+    def run_in_blender(args: argparse.Namespace) -> Mapping[str, Any]:
+        if importlib.util.find_spec("bpy") is None:
+            raise LiveHandError(
+                'this command needs Blender as a Python module; install it with: pip install "livehand[bpy]"'
+            )
+        return run(args)
+
+    return run_in_blender
+
+
+def _silent_capture(args: argparse.Namespace) -> Mapping[str, Any]:
+    with blender_silenced():
+        return capture.run(args)
+
+
+COMMANDS: dict[str, Command] = {
+    "render": Command(
+        "render", "Render the frames of a .blend file's hand.", render.add_arguments, _in_blender(render.run)
+    ),
+    "capture": Command(
+        "capture",
+        "Render multi-view images of the built-in hand to train on.",
+        capture.add_arguments,
+        _in_blender(_silent_capture),
+    ),
+    **BACKEND_COMMANDS,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    return run_commands("livehand", ABOUT, COMMANDS, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""Render engine LIVEHAND: a switchboard between Blender's render pipeline and the backend.
+
+Blender goes on as if nothing had happened after an exception in `render`, and saves a black frame; only
+`report({'ERROR'})` stops a still and an animation. So every failure ends there.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import ClassVar
+
+import bpy
+import numpy as np
+
+from ...backend.camera import Camera
+from ...backend.errors import LiveHandError
+from ...backend.shot import DEPTH_BACKGROUND, Frame
+from ..rig.hand import find_hands
+from ..scene.camera import Eye, Region, read_camera, render_region
+from ..scene.colour import combined_buffer, depth_buffer
+from ..scene.settings import ENGINE
+from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
+from .panels import LIVEHAND_PT_passes
+from .panels import register_panels as register_panels
+from .panels import unregister_panels as unregister_panels
+from .session import Device, Session
+
+LOGGER = logging.getLogger(__name__)
+
+
+class LiveHandRender(bpy.types.RenderEngine):
+    """Renders the LiveHand hand alone, on transparent ground."""
+
+    bl_idname = ENGINE
+    bl_label = "LiveHand"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True
+
+    # Blender makes a new engine for every render: what must outlive a frame belongs to the registered class.
+    session: ClassVar[Session | None] = None
+
+    @classmethod
+    def register(cls):
+        """Called by Blender with the class."""
+        cls.session = Session()
+
+    @classmethod
+    def unregister(cls):
+        """Called by Blender with the class: give the avatars' memory back."""
+        if cls.session:
+            cls.session.free()
+        cls.session = None
+
+    def update_render_passes(self, scene, renderlayer):
+        """Tell Blender's compositor which sockets a view layer has."""
+        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
+        if renderlayer.use_pass_z:
+            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
+
+    def render(self, depsgraph):
+        """One frame of one view layer."""
+        try:
+            self._render(depsgraph)
+        except LiveHandError as error:
+            self.report({"ERROR"}, f"LiveHand: {error}")
+        except BaseException as error:
+            LOGGER.exception("The render failed")
+            self.report({"ERROR"}, f"LiveHand stopped on an unexpected {type(error).__name__}: {error}")
+
+    def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        render = depsgraph.scene.render
+        region = render_region(render)
+        for view in self._views(render):
+            camera = self._camera(depsgraph, stereo=bool(view))
+            cropped = camera.cropped(region.x0_px, region.y0_px, region.size_px)
+            frame = self._frame(depsgraph, cropped)
+            if self.test_break():
+                return
+            self._write(frame, region, depsgraph.view_layer.name, view)
+        self.update_progress(1.0)
+
+    def _views(self, render: bpy.types.RenderSettings) -> Iterator[str]:
+        """Each stereo view's name, made active; without stereo one empty name."""
+        if not render.use_multiview:
+            yield ""
+            return
+        for view in render.views:
+            if view.use:
+                self.active_view_set(view.name)
+                yield view.name
+
+    def _camera(self, depsgraph: bpy.types.Depsgraph, stereo: bool) -> Camera:
+        camera = self.camera_override or depsgraph.scene.camera
+        if camera is None or not stereo:
+            return read_camera(camera and camera.evaluated_get(depsgraph), depsgraph.scene.render)
+        evaluated = camera.evaluated_get(depsgraph)
+        matrix_world = np.array(self.camera_model_matrix(evaluated)).reshape(4, 4)
+        eye = Eye(matrix_world, self.camera_shift_x(evaluated))
+        return read_camera(evaluated, depsgraph.scene.render, eye)
+
+    def _frame(self, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Frame:
+        """The hand from `camera`, or an empty frame in a view layer that shows none on purpose."""
+        scene = depsgraph.scene
+        is_layer_of_hand_scene = len(scene.view_layers) > 1 and find_hands(scene)
+        if is_layer_of_hand_scene and not visible_hands(depsgraph):
+            return _empty_frame(camera)
+        session = self._require_session()
+        armature = find_hand(depsgraph)
+        source = hand_source(armature)
+        self.update_stats("", f"LiveHand | {armature.name} | loading the avatar")
+        hand = session.hand(source.model_path, source.side)
+        renderer = session.renderer(source.avatar_path, hand, _device(scene))
+        self.update_stats("", f"LiveHand | {armature.name} | rendering")
+        return renderer.render(read_shot(armature, depsgraph, camera, len(hand.v_template)))
+
+    def _require_session(self) -> Session:
+        session = type(self).session
+        if session is None:
+            raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
+        return session
+
+    def _write(self, frame: Frame, region: Region, layer: str, view: str) -> None:
+        """Hand a frame to Blender; a result that is begun must be ended, or Blender crashes when it saves."""
+        width, height = region.size_px
+        result = self.begin_result(0, 0, width, height, layer=layer, view=view)
+        try:
+            passes = result.layers[0].passes
+            _fill(passes["Combined"], combined_buffer(frame))
+            if "Depth" in passes:
+                _fill(passes["Depth"], depth_buffer(frame))
+        finally:
+            self.end_result(result)
+
+
+def _device(scene: bpy.types.Scene) -> Device:
+    return Device(scene.livehand.device, scene.livehand.precision)
+
+
+def _fill(render_pass: bpy.types.RenderPass, buffer: np.ndarray) -> None:
+    expected = len(render_pass.rect) * render_pass.channels
+    if buffer.size != expected:
+        raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the frame {buffer.size}")
+    render_pass.rect.foreach_set(buffer)
+
+
+def _empty_frame(camera: Camera) -> Frame:
+    width, height = camera.size_px
+    rgba = np.zeros((height, width, 4), np.float32)
+    return Frame(rgba[..., :3], rgba[..., 3], np.full((height, width), DEPTH_BACKGROUND, np.float32))
+
+
+CLASSES = (LiveHandRender, LIVEHAND_PT_passes)

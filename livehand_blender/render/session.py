@@ -1,0 +1,110 @@
+"""What stays loaded between frames: hand models and renderers, keyed on the content of their files.
+
+torch is imported on the first render, not before. One session belongs to the registered render engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from ...backend.errors import LiveHandError
+from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
+from ...backend.shot import Frame, Shot, Side
+
+
+class HandRenderer(Protocol):
+    """The part of the backend's renderer that Blender needs."""
+
+    def render(self, shot: Shot) -> Frame:
+        """One hand from one view."""
+        ...
+
+
+@dataclass(frozen=True)
+class Device:
+    """Where and how exactly to compute: the scene's `livehand` settings."""
+
+    name: str = "auto"
+    precision: str = "fp32"
+
+
+RendererFactory = Callable[[Path | None, HandModel, Device], HandRenderer]
+
+
+def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
+    """The backend's renderer of one avatar.
+
+    Raises:
+        LiveHandError: a package is missing, or the avatar is unreadable or of another hand.
+    """
+    try:
+        from ...backend.avatar import load_avatar
+        from ...backend.renderer import Renderer
+    except ImportError as error:
+        raise LiveHandError(f"rendering needs Python packages that Blender's Python lacks: {_remedy(error)}") from error
+    return Renderer(load_avatar(avatar_path), hand, device=device.name, precision=device.precision)
+
+
+def _remedy(error: ImportError) -> str:
+    from ..dependencies import install_command, missing_requirements
+
+    missing = missing_requirements()
+    if not missing:
+        return f"{error}; reinstall the package at fault and restart Blender"
+    names = ", ".join(requirement.module for requirement in missing)
+    return f"{names}; install them with: {install_command(missing)} and restart Blender"
+
+
+class Session:
+    """Loads each hand model and renderer once, and again when its file changes."""
+
+    def __init__(self, make_renderer: RendererFactory = load_renderer):
+        self._make_renderer = make_renderer
+        self._hands: dict[Any, HandModel] = {}
+        self._renderers: dict[Any, HandRenderer] = {}
+
+    def hand(self, path: Path | None, side: Side) -> HandModel:
+        """The hand model in `path` (None: the built-in hand), mirrored where the other side is asked for."""
+        key = (*_content_key(path), side)
+        if key not in self._hands:
+            _forget_old(self._hands, key)
+            model = load_default_hand() if path is None else load_hand_model(path)
+            self._hands[key] = model.for_side(side)
+        return self._hands[key]
+
+    def renderer(self, avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
+        """The renderer of an avatar (None: the shipped one) on a hand from this session."""
+        key = (*_content_key(avatar_path), hand.sha256, hand.side, device)
+        if key not in self._renderers:
+            _forget_old(self._renderers, key)
+            self._renderers[key] = self._make_renderer(avatar_path, hand, device)
+        return self._renderers[key]
+
+    def free(self) -> None:
+        """Give the memory of all renderers and hands back."""
+        self._renderers.clear()
+        self._hands.clear()
+
+
+def _content_key(path: Path | None) -> tuple:
+    """(path, when it changed, size): a file that is trained over must not be served from memory.
+
+    Raises:
+        LiveHandError: there is no such file.
+    """
+    if path is None:
+        return (None, 0, 0)
+    try:
+        stat = path.stat()
+    except OSError as error:
+        raise LiveHandError(f"no file at {path} ({error.strerror}); choose another in the hand's properties") from error
+    return (path, stat.st_mtime_ns, stat.st_size)
+
+
+def _forget_old(cache: dict[Any, Any], key: tuple) -> None:
+    """Drop what was loaded from the same path when the file was another one."""
+    for old in [old for old in cache if old[0] == key[0] and old[1:3] != key[1:3]]:
+        del cache[old]

@@ -1,0 +1,126 @@
+"""Blender camera -> backend `Camera`, the only place where Blender's axes become OpenCV's.
+
+A Blender camera looks along its -Z with +Y up; OpenCV looks along +Z with +Y down. Blender counts image rows and the
+border from the bottom; the backend from the top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ...backend.camera import Camera
+from ...backend.errors import LiveHandError
+
+_BLENDER_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Region:
+    """The part of the image that is rendered: Blender's render border, or all of it.
+
+    Attributes:
+        x0_px: first column.
+        y0_px: first row, counted from the top.
+        size_px: (width, height).
+    """
+
+    x0_px: int
+    y0_px: int
+    size_px: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Eye:
+    """What Blender's stereo settings change in a camera.
+
+    Attributes:
+        matrix_world: [4, 4] the eye's place, in Blender's axes.
+        shift_x: the eye's horizontal lens shift.
+    """
+
+    matrix_world: np.ndarray
+    shift_x: float
+
+
+def read_camera(camera: bpy.types.Object | None, render: bpy.types.RenderSettings, eye: Eye | None = None) -> Camera:
+    """The whole image's camera; cut it to the border with `render_region` and `Camera.cropped`.
+
+    Args:
+        camera: evaluated camera object of the frame.
+        render: the scene's settings, for size, percentage and pixel aspect.
+        eye: one eye of a stereo pair; None takes the camera as it stands.
+
+    Raises:
+        LiveHandError: there is no camera, it is not a perspective one, or a parent shears or mirrors it.
+    """
+    if camera is None:
+        raise LiveHandError(
+            "a render needs a camera, the scene has none; add one and make it the active camera (Ctrl-Numpad 0)"
+        )
+    if camera.type != "CAMERA" or camera.data.type != "PERSP":
+        got = camera.data.type if camera.type == "CAMERA" else f"a {camera.type} object"
+        raise LiveHandError(
+            f"LiveHand renders perspective cameras only, '{camera.name}' is {got}; set its lens type to Perspective"
+        )
+    size_px = image_size_px(render)
+    shift_x = camera.data.shift_x if eye is None else eye.shift_x
+    matrix_world = np.array(camera.matrix_world) if eye is None else eye.matrix_world
+    K = _intrinsics(camera.data, shift_x, size_px, render.pixel_aspect_y / render.pixel_aspect_x)
+    return Camera(K, _cam2world(matrix_world), size_px)
+
+
+def image_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """(width, height) of the whole image after the percentage, rounded down as Blender does."""
+    percentage = render.resolution_percentage
+    return render.resolution_x * percentage // 100, render.resolution_y * percentage // 100
+
+
+def render_region(render: bpy.types.RenderSettings) -> Region:
+    """The render border in whole pixels as Blender cuts it, or the whole image.
+
+    Raises:
+        LiveHandError: the border holds no pixel.
+    """
+    width, height = image_size_px(render)
+    if not render.use_border:
+        return Region(0, 0, (width, height))
+    # Blender multiplies in single precision and cuts the fraction off; doing otherwise is one pixel out now and then.
+    left, right = (int(np.float32(edge) * np.float32(width)) for edge in (render.border_min_x, render.border_max_x))
+    bottom, top = (int(np.float32(edge) * np.float32(height)) for edge in (render.border_min_y, render.border_max_y))
+    if right <= left or top <= bottom:
+        raise LiveHandError(
+            "the render border must hold at least one pixel, it holds none; clear it (Ctrl-Alt-B in a 3D view)"
+        )
+    return Region(left, height - top, (right - left, top - bottom))
+
+
+def output_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """(width, height) of the file that Blender writes."""
+    return render_region(render).size_px if render.use_crop_to_border else image_size_px(render)
+
+
+def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int], pixel_aspect: float) -> np.ndarray:
+    """K, px. `pixel_aspect` is a pixel's height over its width."""
+    width, height = size_px
+    fit = lens.sensor_fit
+    if fit == "AUTO":
+        fit = "HORIZONTAL" if width >= height * pixel_aspect else "VERTICAL"
+        sensor_mm = lens.sensor_width
+    else:
+        sensor_mm = lens.sensor_width if fit == "HORIZONTAL" else lens.sensor_height
+    # The side of the image that the sensor's size fits, in pixel widths.
+    fitted_px = width if fit == "HORIZONTAL" else height * pixel_aspect
+    focal_px = lens.lens / sensor_mm * fitted_px
+    centre_x = width / 2 - shift_x * fitted_px
+    centre_y = height / 2 + lens.shift_y * fitted_px / pixel_aspect
+    return np.array([[focal_px, 0, centre_x], [0, focal_px / pixel_aspect, centre_y], [0, 0, 1]])
+
+
+def _cam2world(matrix_world: np.ndarray) -> np.ndarray:
+    """Drop scale from a Blender camera's matrix, as Blender does, and turn its axes to OpenCV's."""
+    rigid = np.array(matrix_world, np.float64)
+    rigid[:3, :3] /= np.linalg.norm(rigid[:3, :3], axis=0)
+    return rigid @ _BLENDER_TO_OPENCV_AXES

@@ -1,0 +1,166 @@
+"""The `livehand` program: exit codes, messages, and the JSON line. Each run is a process of its own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+from livehand.livehand_blender import cli
+from livehand.livehand_blender.render.command import parse_formats, parse_frames, parse_size_px
+
+FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
+
+
+def run_program(*arguments, program=(FAKE_PROGRAM,), **more_env):
+    command = [sys.executable, *map(str, program), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=os.environ | more_env, check=False)
+
+
+@pytest.fixture
+def shot_path(hand_scene, tmp_path):
+    hand_scene.frame_start, hand_scene.frame_end = 1, 2
+    path = tmp_path / "wave.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def test_render_ends_with_one_json_line(shot_path, tmp_path):
+    done = run_program("render", shot_path, "-o", tmp_path / "out", "--format", "exr,png", "--json")
+    assert done.returncode == 0, done.stderr
+    *progress, last = done.stdout.splitlines()
+    result = json.loads(last)
+    assert set(result) == {"folder", "frames", "written", "skipped", "seconds_per_frame"}
+    assert result["folder"] == str(tmp_path / "out")
+    assert (result["frames"], result["written"], result["skipped"]) == (2, 2, 0)
+    assert [line.split(":")[0] for line in progress] == ["frame 1 (1/2)", "frame 2 (2/2)"]
+    assert len(list((tmp_path / "out").iterdir())) == 4
+
+
+def test_the_last_line_names_folder_frames_and_seconds(shot_path, tmp_path):
+    out = tmp_path / "out"
+    run_program("render", shot_path, "-o", out, "--frames", "1")
+    done = run_program("render", shot_path, "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == "frame 1 (1/2): already there"
+    assert done.stdout.splitlines()[-1].startswith(f"{out}: 2 frames (1 written, 1 already there), ")
+    assert done.stdout.splitlines()[-1].endswith(" s/frame")
+
+
+@pytest.mark.parametrize("frames", ["", "1-", "5-3", "a", "1,,2", "1.5"])
+def test_a_malformed_or_empty_frame_range_is_a_usage_error(capsys, frames):
+    assert cli.main(["render", "x.blend", "-o", "out", f"--frames={frames}"]) == 2
+    assert "--frames" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size", ["0x10", "10", "axb", "3x512", "-4x4"])
+def test_a_bad_size_is_a_usage_error(capsys, size):
+    assert cli.main(["render", "x.blend", "-o", "out", f"--size={size}"]) == 2
+    assert "--size" in capsys.readouterr().err
+
+
+def test_no_command_is_a_usage_error(capsys):
+    assert cli.main([]) == 2
+    assert "COMMAND" in capsys.readouterr().err
+
+
+def test_frames_sizes_and_formats_are_read():
+    assert parse_frames("1-3,30, 2") == (1, 2, 3, 30)
+    assert parse_frames("-2-1") == (-2, -1, 0, 1)
+    assert parse_size_px("334x512") == (334, 512)
+    assert parse_formats("png,exr,png") == ("png", "exr")
+
+
+def no_hand(scene, path):
+    for obj in [obj for obj in scene.objects if obj.type != "CAMERA"]:
+        bpy.data.objects.remove(obj)
+    bpy.ops.wm.save_mainfile()
+
+
+def no_camera(scene, path):
+    scene.camera = None
+    bpy.ops.wm.save_mainfile()
+
+
+def orthographic(scene, path):
+    scene.camera.data.type = "ORTHO"
+    bpy.ops.wm.save_mainfile()
+
+
+def not_a_blend(scene, path):
+    path.write_text("no blend")
+
+
+def missing(scene, path):
+    path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (no_hand, "frame 1: a render needs a LiveHand hand"),
+        (no_camera, "frame 1: a render needs a camera"),
+        (orthographic, "perspective cameras only"),
+        (not_a_blend, "must be a .blend file"),
+        (missing, "no file at"),
+    ],
+)
+def test_bad_shots_end_with_1_one_message_and_no_files(capsys, hand_scene, shot_path, tmp_path, spoil, message):
+    spoil(hand_scene, shot_path)
+    capsys.readouterr()
+    assert cli.main(["render", str(shot_path), "-o", str(tmp_path / "out"), "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert err.startswith("livehand render: ")
+    assert message in err
+    assert err.count("\n") == 1
+    assert out == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_output_folder_in_the_way_ends_with_1(capsys, shot_path, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    assert cli.main(["render", str(shot_path), "-o", str(tmp_path / "out")]) == 1
+    assert "must be writable" in capsys.readouterr().err
+
+
+def test_a_missing_avatar_ends_with_1(capsys, shot_path, tmp_path):
+    arguments = ["render", str(shot_path), "-o", str(tmp_path / "out"), "--avatar", str(tmp_path / "no.safetensors")]
+    assert cli.main(arguments) == 1
+    assert "no file at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+WITHOUT_BPY = """
+import sys
+sys.modules["bpy"] = None
+from livehand.livehand_blender import cli
+code = cli.main(sys.argv[1:])
+assert "torch" not in sys.modules
+sys.exit(code)
+"""
+
+
+def test_help_needs_neither_blender_nor_torch():
+    done = run_program("--help", program=("-c", WITHOUT_BPY))
+    assert done.returncode == 0, done.stderr
+    assert "render" in done.stdout
+
+
+def test_render_without_blender_says_what_to_install(shot_path, tmp_path):
+    done = run_program("render", shot_path, "-o", tmp_path / "out", program=("-c", WITHOUT_BPY))
+    assert done.returncode == 1
+    assert 'pip install "livehand[bpy]"' in done.stderr
+
+
+def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
+    """The real program, up to the renderer: a scene without camera. A class left registered would hang the exit."""
+    bpy.context.scene.camera = None
+    bpy.ops.wm.save_mainfile()
+    done = run_program(
+        "render", shot_path, "-o", tmp_path / "out", program=("-m", "livehand.livehand_blender.cli"), PYTHONHASHSEED="0"
+    )
+    assert done.returncode == 1
+    assert "camera" in done.stderr
+    assert done.stdout == ""

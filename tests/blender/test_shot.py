@@ -1,0 +1,97 @@
+"""Depsgraph -> Shot: what the renderer is told about the hand."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.errors import LiveHandError
+from livehand.backend.hand.model import load_default_hand
+from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.scene.camera import read_camera
+from livehand.livehand_blender.scene.shot import find_hand, hand_source, read_shot, visible_hands
+
+VERTEX_COUNT = len(load_default_hand().v_template)
+
+
+@pytest.fixture
+def armature(hand_scene):
+    return find_hands(hand_scene)[0]
+
+
+def shot_now(armature):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    camera = read_camera(bpy.context.scene.camera.evaluated_get(depsgraph), bpy.context.scene.render)
+    return read_shot(find_hand(depsgraph), depsgraph, camera, VERTEX_COUNT)
+
+
+def test_the_rest_hand_is_the_template(armature):
+    shot = shot_now(armature)
+    assert np.abs(shot.vertices - load_default_hand().v_template).max() < 1e-6
+    assert shot.pose.side == "right"
+    assert np.abs(shot.pose.theta).max() < 1e-6
+
+
+def test_vertices_are_in_the_world_with_the_armatures_transform(armature):
+    armature.location, armature.scale, armature.rotation_euler = (0.1, 0.2, 0.3), (2, 2, 2), (0, 0, np.pi / 2)
+    bpy.context.view_layer.update()
+    x, y, z = load_default_hand().v_template.T
+    expected = np.stack([-2 * y + 0.1, 2 * x + 0.2, 2 * z + 0.3], -1)
+    assert np.abs(shot_now(armature).vertices - expected).max() < 1e-6
+
+
+def test_modifiers_reach_the_shot(armature):
+    cast = mesh_of(armature).modifiers.new("Wave", "DISPLACE")
+    cast.strength = 0.01
+    bpy.context.view_layer.update()
+    moved = np.linalg.norm(shot_now(armature).vertices - load_default_hand().v_template, axis=1)
+    assert moved.min() > 1e-3
+
+
+def test_a_modifier_that_adds_vertices_is_named(armature):
+    mesh_of(armature).modifiers.new("Subdivision", "SUBSURF").levels = 1
+    bpy.context.view_layer.update()
+    with pytest.raises(LiveHandError, match=rf"must keep its hand model's {VERTEX_COUNT} vertices, it has \d+ after"):
+        shot_now(armature)
+
+
+def test_no_hand(hand_scene):
+    for obj in list(hand_scene.objects):
+        if obj.type != "CAMERA":
+            bpy.data.objects.remove(obj)
+    with pytest.raises(LiveHandError, match="needs a LiveHand hand"):
+        find_hand(bpy.context.evaluated_depsgraph_get())
+
+
+def test_a_hidden_mesh_is_no_hand_but_a_hidden_armature_is(armature):
+    armature.hide_viewport = True
+    bpy.context.view_layer.update()
+    assert find_hand(bpy.context.evaluated_depsgraph_get()).name == armature.name
+    mesh_of(armature).hide_viewport = True
+    bpy.context.view_layer.update()
+    assert visible_hands(bpy.context.evaluated_depsgraph_get()) == []
+
+
+def test_two_hands_are_refused_by_name(armature):
+    add_hand(bpy.context, load_default_hand().for_side("left"), name="Other")
+    bpy.context.view_layer.update()
+    with pytest.raises(LiveHandError, match="one hand is rendered at a time, got LiveHand, Other; hide all but one"):
+        find_hand(bpy.context.evaluated_depsgraph_get())
+    mesh_of(armature).hide_viewport = True
+    bpy.context.view_layer.update()
+    found = find_hand(bpy.context.evaluated_depsgraph_get())
+    assert (found.name, hand_source(found).side) == ("Other", "left")
+
+
+def test_paths_are_resolved_against_the_blend(armature, tmp_path):
+    armature.livehand.avatar_path = "//looks/mine.safetensors"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    source = hand_source(find_hand(bpy.context.evaluated_depsgraph_get()))
+    assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
+    assert source.model_path is None
+
+
+def test_nan_in_the_pose_is_named(armature):
+    armature.livehand.id_data.pose.bones["index1.R"].rotation_quaternion = (float("nan"), 0, 0, 0)
+    armature.pose.bones["index1.R"].rotation_mode = "QUATERNION"
+    bpy.context.view_layer.update()
+    with pytest.raises(LiveHandError, match="must be finite, got NaN"):
+        shot_now(armature)
