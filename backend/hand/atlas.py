@@ -1,4 +1,4 @@
-"""The atlas of a hand: where each face lies in the unit square; and the cap of a hand that is open at the wrist."""
+"""The atlas of a hand: where each face lies in the unit square."""
 
 from __future__ import annotations
 
@@ -6,15 +6,21 @@ import numpy as np
 import trimesh
 import xatlas
 
+from ..errors import LiveHandError
+from .cap import flat_cap
+
 _RESOLUTION_PX = 1024  # for which the padding is meant
 _PADDING_PX = 4
 _MM = 1e-3
+_CELLS = 128  # of the grid on which free room is looked for: 8 texels each at 1024 px
+_MARGIN = 1  # cells between a cap's chart and its neighbours
+_LEAST_ROOM = 4  # cells
 
 
 def unwrap(v_template: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """An atlas of a surface: vertices [V, 3] m, faces [F, 3] -> vt [T, 2] in [0, 1], ft [F, 3] into vt.
 
-    Charts do not overlap, and lie at least 4 texels of a 1024 px map apart. Deterministic.
+    Charts do not overlap, and lie at least 4 texels of a 1024 px map apart; some are mirrored. Deterministic.
     """
     return unwrap_millimetres(v_template / _MM, f)
 
@@ -27,6 +33,66 @@ def unwrap_millimetres(vertices: np.ndarray, f: np.ndarray) -> tuple[np.ndarray,
     atlas.generate(_chart_options(), _pack_options())
     _, ft, vt = atlas[0]
     return vt.astype(np.float64), ft.astype(np.int64)
+
+
+def with_cap_chart(
+    vt: np.ndarray, ft: np.ndarray, v_template: np.ndarray, f: np.ndarray, cap: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give the faces `cap` [C, 3] of a hand that brings its own atlas a chart of their own, in its free room.
+
+    vt [T, 2] and ft [F, 3] stay as they are and come first, so that textures painted for the file still fit. The chart
+    has the atlas' mean scale, or is smaller where the room is.
+
+    Raises:
+        LiveHandError: the atlas has no free square of four cells of its 128th part.
+    """
+    row, column, size = _largest_free_square(_occupied_cells(vt, ft))
+    if size < _LEAST_ROOM:
+        raise LiveHandError(
+            "the hand's atlas must have free room for the cap of its open wrist, got none; "
+            "leave out vt and ft, so that a new atlas is made"
+        )
+    places, faces = flat_cap(v_template, cap)
+    room = (size - 2 * _MARGIN) / _CELLS
+    scale = min(_mean_scale(vt, ft, v_template, f), room / places.max())
+    corner = (np.array([column, row]) + _MARGIN) / _CELLS
+    return np.concatenate([vt, corner + places * scale]), np.concatenate([ft, faces + len(vt)])
+
+
+def _mean_scale(vt: np.ndarray, ft: np.ndarray, v_template: np.ndarray, f: np.ndarray) -> float:
+    """Atlas units per metre."""
+    in_atlas, in_space = (_doubled_area(points, faces) for points, faces in ((vt, ft), (v_template, f)))
+    return float(np.sqrt(in_atlas / in_space))
+
+
+def _doubled_area(points: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    cross = np.cross(b - a, c - a)
+    return float(np.abs(cross).sum() if cross.ndim == 1 else np.linalg.norm(cross, axis=1).sum())
+
+
+def _occupied_cells(vt: np.ndarray, ft: np.ndarray) -> np.ndarray:
+    """[128, 128] bool, row by v and column by u: cells that a face touches; sampled at half a cell."""
+    occupied = np.zeros((_CELLS, _CELLS), dtype=bool)
+    for corners in vt[ft] * _CELLS:
+        steps = 2 * int(np.ceil(np.ptp(corners, axis=0).max())) + 1
+        first, second = np.meshgrid(*[np.linspace(0, 1, steps + 1)] * 2)
+        a, b = first[first + second <= 1 + 1e-9], second[first + second <= 1 + 1e-9]
+        samples = corners[0] + a[:, None] * (corners[1] - corners[0]) + b[:, None] * (corners[2] - corners[0])
+        column, row = np.clip(samples.astype(int), 0, _CELLS - 1).T
+        occupied[row, column] = True
+    return occupied
+
+
+def _largest_free_square(occupied: np.ndarray) -> tuple[int, int, int]:
+    """First row, first column and size of the largest square of free cells; size 0 where all are taken."""
+    total = np.pad(occupied.astype(int).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    for size in range(len(occupied), 0, -1):
+        taken = total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
+        free = np.argwhere(taken == 0)
+        if len(free):
+            return int(free[0, 0]), int(free[0, 1]), size
+    return 0, 0, 0
 
 
 def _chart_options() -> xatlas.ChartOptions:

@@ -7,14 +7,18 @@ Source of the format: Romero et al. 2017, "Embodied Hands"; MANO v1.2 files.
 from __future__ import annotations
 
 import hashlib
+import zlib
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from ..errors import LiveHandError
 from ..shot import Side
+from .atlas import unwrap, with_cap_chart
+from .cap import cap_faces, capped
 
 JOINT_NAMES = (
     "wrist",
@@ -35,7 +39,8 @@ class HandModel:
         side: which hand the template is.
         sha256: of the file the model came from (mirroring keeps it): the identity an avatar asks for.
         v_template: [V, 3] m.
-        f: [F, 3] vertex indices, outward by the right-hand rule.
+        f: [F, 3] vertex indices, outward by the right-hand rule. The surface is closed: where a file's is open at the
+            wrist, as MANO's is, the cap's faces follow the file's own.
         lbs_weights: [V, 16], rows sum to 1.
         J_regressor: [16, V], rows sum to 1.
         parents: [16] index of the parent joint, -1 for the root.
@@ -115,7 +120,7 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     side = side or ("left" if "left" in path.stem.lower() else "right")
     model = _from_arrays(arrays, path, side)
     _check_model(model, path)
-    return model
+    return replace(model, shapedirs=_unmirror_left_shapedirs(model.shapedirs, model.v_template, side))
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -126,39 +131,60 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
 
         return read_mano_pickle(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError("a single array")
             return {key: archive[key] for key in archive.files}
-    except (ValueError, OSError, EOFError) as error:
-        raise LiveHandError(f"{path} is not a readable .npz hand model ({error})") from error
+    except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
+        raise LiveHandError(
+            f"{path} must be a readable .npz hand model, got {type(error).__name__}: {error}; export it again"
+        ) from error
 
 
 def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandModel:
-    v_template = np.asarray(arrays["v_template"], np.float64)
-    faces = np.asarray(arrays["f"]).astype(np.int64)
-    vt, ft = _atlas(arrays, v_template, faces)
-    shapedirs = np.asarray(arrays["shapedirs"], np.float64)[..., :10]
+    v_template, weights, regressor, shapedirs, posedirs = (
+        _numbers(arrays, key, path) for key in ("v_template", "weights", "J_regressor", "shapedirs", "posedirs")
+    )
+    faces, vt, ft = _closed_mesh(arrays, v_template, path)
     return HandModel(
         name=path.stem,
         side=side,
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         v_template=v_template,
         f=faces,
-        lbs_weights=np.asarray(arrays["weights"], np.float64),
-        J_regressor=np.asarray(arrays["J_regressor"], np.float64),
-        parents=np.r_[-1, np.asarray(arrays["kintree_table"])[0, 1:].astype(np.int64)],
-        shapedirs=_unmirror_left_shapedirs(shapedirs, v_template, side),
-        posedirs=np.asarray(arrays["posedirs"], np.float64),
+        lbs_weights=weights,
+        J_regressor=regressor,
+        parents=np.r_[-1, np.atleast_2d(_numbers(arrays, "kintree_table", path))[0, 1:].astype(np.int64)],
+        shapedirs=shapedirs[..., :10],
+        posedirs=posedirs,
         vt=vt,
         ft=ft,
     )
 
 
-def _atlas(arrays: dict[str, np.ndarray], v_template: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if "vt" in arrays and "ft" in arrays:
-        return np.asarray(arrays["vt"], np.float64), np.asarray(arrays["ft"]).astype(np.int64)
-    from .atlas import unwrap
+def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
+    """One array as float64; indices up to 2^32 are exact in it."""
+    if arrays[key].dtype.kind not in "biuf":
+        raise LiveHandError(f"{path}: {key} must hold numbers, got dtype {arrays[key].dtype}")
+    return arrays[key].astype(np.float64)
 
-    return unwrap(v_template, faces)
+
+def _closed_mesh(
+    arrays: dict[str, np.ndarray], v_template: np.ndarray, path: Path
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Faces with the caps of open edges, and an atlas (vt, ft) for all of them: the file's own, or a new one."""
+    faces = _numbers(arrays, "f", path).astype(np.int64)
+    _check_triangles(path, ("v_template", v_template, 3), ("f", faces))
+    if "vt" not in arrays or "ft" not in arrays:
+        faces = capped(v_template, faces)
+        return faces, *unwrap(v_template, faces)
+    vt, ft = _numbers(arrays, "vt", path), _numbers(arrays, "ft", path).astype(np.int64)
+    _check_triangles(path, ("vt", vt, 2), ("ft", ft))
+    for cap in cap_faces(v_template, faces):
+        vt, ft = with_cap_chart(vt, ft, v_template, faces, cap)
+        faces = np.concatenate([faces, cap])
+    return faces, vt, ft
 
 
 def _unmirror_left_shapedirs(shapedirs: np.ndarray, v_template: np.ndarray, side: Side) -> np.ndarray:
@@ -176,7 +202,7 @@ def _unmirror_left_shapedirs(shapedirs: np.ndarray, v_template: np.ndarray, side
 
 
 def _check_model(model: HandModel, path: Path) -> None:
-    """Raise if an array has the wrong shape, is not finite, or points outside another."""
+    """Raise if an array has the wrong shape or is not finite, or the tree is not MANO's."""
     vertices, corners = len(model.v_template), len(model.vt)
     expected = {
         "v_template": (vertices, 3),
@@ -200,5 +226,18 @@ def _check_model(model: HandModel, path: Path) -> None:
             raise LiveHandError(f"{path}: {field.name} must be finite, got NaN or infinity")
     if tuple(model.parents) != PARENTS:
         raise LiveHandError(f"{path}: kintree_table must be MANO's tree {PARENTS}, got {tuple(model.parents)}")
-    if model.f.min() < 0 or model.f.max() >= vertices or model.ft.min() < 0 or model.ft.max() >= corners:
-        raise LiveHandError(f"{path}: faces must index existing vertices, got an index outside them")
+
+
+def _check_triangles(path: Path, points: tuple[str, np.ndarray, int], faces: tuple[str, np.ndarray]) -> None:
+    """Raise if (name, points [N, width], width) and (name, faces [M, 3] into them) are not a mesh."""
+    (points_name, values, width), (faces_name, index) = points, faces
+    for name, array, columns in ((points_name, values, width), (faces_name, index, 3)):
+        if array.ndim != 2 or array.shape[1] != columns or len(array) == 0:
+            raise LiveHandError(f"{path}: {name} must be [N, {columns}], got {list(array.shape)}")
+    if not np.isfinite(values).all():
+        raise LiveHandError(f"{path}: {points_name} must be finite, got NaN or infinity")
+    if index.min() < 0 or index.max() >= len(values):
+        raise LiveHandError(
+            f"{path}: {faces_name} must index the {len(values)} rows of {points_name}, "
+            f"got {index.min()} to {index.max()}"
+        )
