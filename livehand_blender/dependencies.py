@@ -42,12 +42,18 @@ def missing_requirements() -> tuple[Requirement, ...]:
 
 
 def install_command(requirements: tuple[Requirement, ...]) -> str:
-    """The shell command that puts packages where Blender looks for them at its next start.
-
-    The target is the user's `scripts/modules` folder, which Blender puts on the path if it exists. That folder comes
-    first on the path, so numpy is held at Blender's own version: another one would break Blender's add-ons.
-    """
-    target = bpy.utils.user_resource("SCRIPTS", path="modules")
+    """The shell command that puts packages where this Blender's Python finds them."""
     wanted = [requirement.pip for requirement in requirements] + [f"numpy=={metadata.version('numpy')}"]
     quoted = " ".join(f'"{name}"' for name in wanted)
-    return f'"{sys.executable}" -m pip install --target "{target}" {quoted}'
+    return f'"{sys.executable}" -m pip install {_target()}{quoted}'
+
+
+def _target() -> str:
+    """Pip's --target for the Blender program; nothing where Blender is a module of the user's own Python.
+
+    The program puts the user's `scripts/modules` folder on the path when it starts, if it exists. It comes first, so
+    numpy is held at Blender's own version above: another one would break Blender's add-ons.
+    """
+    if bpy.app.module:
+        return ""
+    return f'--target "{bpy.utils.user_resource("SCRIPTS", path="modules")}" '

@@ -24,6 +24,11 @@ def _evaluate_again(hand, context) -> None:
     hand.id_data.update_tag()
 
 
+# Blender 4.2 as a module crashes at exit once any property has had an update function; there, scripts call
+# `update_tag()` on the armature after changing beta alone.
+_ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
+
+
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     """A hand: which model it was built from, what it looks like, and its shape."""
 
@@ -64,7 +69,7 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         soft_max=3.0,
         options={"ANIMATABLE"},
         override=_OVERRIDE,
-        update=_evaluate_again,
+        **_ON_CHANGE,
     )
 
 

@@ -52,7 +52,12 @@ def weighted_sum(terms: Mapping[str, float]) -> tuple[str, list[str]]:
 
 
 def _new_driver(owner: bpy.types.bpy_struct, channel: str, index: int, expression: str) -> bpy.types.Driver:
-    driver = owner.driver_add(channel, index).driver
+    curve = owner.driver_add(channel, index)
+    # Blender 5 maps a new driver through two keys, which swallow values below 1e-4; without keys values pass as is.
+    curve.keyframe_points.clear()
+    for modifier in list(curve.modifiers):
+        curve.modifiers.remove(modifier)
+    driver = curve.driver
     driver.type = "SCRIPTED"
     driver.expression = expression
     return driver

@@ -54,6 +54,7 @@ def _skin_material() -> bpy.types.Material:
     material.roughness = 0.5
     if material.node_tree is None:
         material.use_nodes = True
+    assert material.node_tree is not None
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Base Color"].default_value = _SKIN_COLOUR
     shader.inputs["Roughness"].default_value = 0.5

@@ -76,6 +76,7 @@ def write_hand_pose(armature: bpy.types.Object, pose: HandPose) -> None:
             f"{armature.name} is a {armature.livehand.side} hand, the pose a {pose.side} one; mirror it first"
         )
     armature.livehand.beta = pose.beta
+    armature.update_tag()
     write_theta(armature, pose.theta)
     write_transl(armature, pose.transl)
 

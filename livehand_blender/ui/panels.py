@@ -52,10 +52,11 @@ class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
     def draw(self, context):
         """Ten sliders, each of which can be keyed."""
         self.layout.use_property_split = True
-        hand = active_hand(context).livehand
+        armature = active_hand(context)
+        assert armature is not None  # poll
         column = self.layout.column(align=True)
         for index in range(10):
-            column.prop(hand, "beta", index=index, text=f"Beta {index}", slider=True)
+            column.prop(armature.livehand, "beta", index=index, text=f"Beta {index}", slider=True)
 
 
 class LIVEHAND_PT_render(_Tab, bpy.types.Panel):

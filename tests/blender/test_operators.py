@@ -1,3 +1,6 @@
+import sys
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -51,11 +54,12 @@ def test_add_hand_reports_an_unreadable_model():
     assert not bpy.data.armatures
 
 
-def test_add_hand_leaves_edit_mode_first():
+@pytest.mark.parametrize("mode", ["EDIT", "POSE"])
+def test_add_hand_leaves_other_modes_first(mode):
     bpy.ops.livehand.add_hand()
-    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.object.mode_set(mode=mode)
     bpy.ops.livehand.add_hand(side="left")
-    assert bpy.context.mode == "OBJECT"
+    assert [hand.mode for hand in find_hands(bpy.context.scene)] == ["OBJECT", "OBJECT"]
     assert len(find_hands(bpy.context.scene)) == 2
 
 
@@ -112,10 +116,10 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", (*dependencies.REQUIREMENTS, fake))
     assert fake in dependencies.missing_requirements()
     command = dependencies.install_command((fake,))
-    assert "-m pip install --target" in command
-    assert '"fake>=1"' in command
-    assert f'"numpy=={np.__version__}"' in command
-    assert bpy.utils.user_resource("SCRIPTS", path="modules") in command
+    assert command == f'"{sys.executable}" -m pip install "fake>=1" "numpy=={np.__version__}"'
+    monkeypatch.setattr(dependencies, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(module=False)))
+    target = bpy.utils.user_resource("SCRIPTS", path="modules")
+    assert f'pip install --target "{target}" "fake>=1"' in dependencies.install_command((fake,))
 
 
 def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):

@@ -1,0 +1,83 @@
+"""Panels draw without an error: a stand-in layout checks every name against Blender's own."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from livehand.backend.hand.model import load_default_hand
+from livehand.livehand_blender import dependencies
+from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.ui import panels
+
+UI = bpy.types.UILayout.bl_rna.functions
+
+
+class Layout:
+    """Records what is drawn; refuses arguments, icons, properties and operators that Blender does not know."""
+
+    def __init__(self, drawn):
+        self.drawn = drawn
+
+    def column(self, **arguments):
+        check_arguments("column", arguments)
+        return Layout(self.drawn)
+
+    def label(self, **arguments):
+        check_arguments("label", arguments)
+        self.drawn.append(arguments["text"])
+
+    def prop(self, owner, name, **arguments):
+        check_arguments("prop", arguments)
+        assert name in owner.bl_rna.properties
+        self.drawn.append(name)
+
+    def operator(self, name, **arguments):
+        check_arguments("operator", arguments)
+        getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
+        self.drawn.append(name)
+
+
+def check_arguments(function, arguments):
+    parameters = UI[function].parameters
+    assert set(arguments) <= set(parameters.keys())
+    if "icon" in arguments:
+        assert arguments["icon"] in parameters["icon"].enum_items
+
+
+def draw(panel):
+    drawn = []
+    panel.draw(SimpleNamespace(layout=Layout(drawn)), bpy.context)
+    return drawn
+
+
+def test_without_a_hand_the_tab_offers_to_add_one():
+    assert "livehand.add_hand" in draw(panels.LIVEHAND_PT_hand)
+    assert not panels.LIVEHAND_PT_shape.poll(bpy.context)
+
+
+def test_a_hand_shows_its_avatar_and_ten_sliders():
+    add_hand(bpy.context, load_default_hand())
+    assert "avatar_path" in draw(panels.LIVEHAND_PT_hand)
+    assert draw(panels.LIVEHAND_PT_shape) == ["beta"] * 10
+
+
+def test_the_render_panel_offers_the_engine_until_it_is_set():
+    assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
+    bpy.ops.livehand.set_engine()
+    assert draw(panels.LIVEHAND_PT_render)[:2] == ["device", "precision"]
+
+
+@pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])
+def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatch):
+    assert "livehand.copy_install_command" not in draw(panel)
+    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
+    monkeypatch.setattr(dependencies, "REQUIREMENTS", (fake,))
+    monkeypatch.setattr("livehand.livehand_blender.preferences.REQUIREMENTS", (fake,))
+    assert "livehand.copy_install_command" in draw(panel)
+
+
+def test_the_add_menu_has_an_entry():
+    drawn = []
+    panels._draw_add(SimpleNamespace(layout=Layout(drawn)), bpy.context)
+    assert drawn == ["livehand.add_hand"]
