@@ -27,7 +27,9 @@ class SkinTensors(NamedTuple):
     parents: tuple[int, ...]
 
     @classmethod
-    def of(cls, model: HandModel, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32) -> SkinTensors:
+    def of(
+        cls, model: HandModel, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
+    ) -> SkinTensors:
         """The model's arrays as tensors."""
         names = ("v_template", "lbs_weights", "J_regressor", "shapedirs", "posedirs")
         tensors = (torch.as_tensor(getattr(model, name), dtype=dtype, device=device) for name in names)
@@ -35,7 +37,7 @@ class SkinTensors(NamedTuple):
 
 
 class PosedHand(NamedTuple):
-    """Posed vertices [*b, V, 3], joints [*b, 16, 3], and each joint's 4x4 transform from rest to pose [*b, 16, 4, 4]."""
+    """Vertices [*b, V, 3] and joints [*b, 16, 3], posed, and each joint's rest-to-pose transform [*b, 16, 4, 4]."""
 
     vertices: Tensor
     joints: Tensor

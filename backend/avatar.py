@@ -1,0 +1,185 @@
+"""An avatar: the trained field and super-resolution of one hand, and its file (`.safetensors`, never a pickle).
+
+The header's one entry `livehand` is JSON: format version, the hand model it was trained on, configuration, provenance,
+metrics, and a checksum over everything else, so that an altered file is refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from .errors import LiveHandError
+from .field.field import FieldConfig, build_field
+from .sampler import SamplerConfig
+from .superres import SuperResConfig, build_superres
+
+FORMAT_VERSION = 1
+_HEADER_KEY = "livehand"
+
+
+@dataclass(frozen=True)
+class AvatarConfig:
+    """Everything that shapes the networks and how they are asked."""
+
+    field: FieldConfig = dataclasses.field(default_factory=FieldConfig)
+    """The radiance field."""
+    superres: SuperResConfig = dataclasses.field(default_factory=SuperResConfig)
+    """The super-resolution network."""
+    sampler: SamplerConfig = dataclasses.field(default_factory=SamplerConfig)
+    """The samples along each ray."""
+
+
+PRESETS: dict[str, AvatarConfig] = {
+    "default": AvatarConfig(),
+    "paper": AvatarConfig(
+        FieldConfig(kind="paper"), SuperResConfig(kind="paper"), SamplerConfig(samples_per_ray=16, shell_m=0.005)
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Avatar:
+    """A hand's look, ready to render.
+
+    Attributes:
+        name: for people.
+        hand_name: the hand model's name.
+        hand_sha256: the identity of the hand model it belongs to.
+        config: of its networks.
+        field: the radiance field.
+        superres: the super-resolution network.
+        provenance: what it was trained on and how, and its licence.
+        metrics: figures measured on held-out views.
+    """
+
+    name: str
+    hand_name: str
+    hand_sha256: str
+    config: AvatarConfig
+    field: nn.Module
+    superres: nn.Module
+    provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
+    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:
+    """An untrained avatar; the seed fixes its weights."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return Avatar(name, hand_name, hand_sha256, config, build_field(config.field), build_superres(config.superres))
+
+
+def save_avatar(avatar: Avatar, path: Path) -> None:
+    """Write the avatar, weights in half precision, to a temporary name and then in place."""
+    tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
+    header = {
+        "format_version": FORMAT_VERSION,
+        "name": avatar.name,
+        "hand_name": avatar.hand_name,
+        "hand_sha256": avatar.hand_sha256,
+        "config": asdict(avatar.config),
+        "provenance": avatar.provenance,
+        "metrics": avatar.metrics,
+    }
+    header["checksum"] = _checksum(header, tensors)
+    partial = path.with_suffix(".partial")
+    save_file(tensors, partial, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)})
+    partial.replace(path)
+
+
+def shipped_avatar_path() -> Path:
+    """The avatar that comes with the package."""
+    return Path(str(resources.files(__package__) / "avatars" / "default.safetensors"))
+
+
+def load_avatar(path: Path | str | None = None) -> Avatar:
+    """Read an avatar; None reads the shipped one.
+
+    Raises:
+        LiveHandError: no such file, not an avatar, truncated, altered, or of a newer version.
+    """
+    path = Path(path) if path is not None else shipped_avatar_path()
+    header, tensors = _read(path)
+    config = _config_of(header["config"], path)
+    avatar = Avatar(
+        name=header["name"],
+        hand_name=header["hand_name"],
+        hand_sha256=header["hand_sha256"],
+        config=config,
+        field=build_field(config.field),
+        superres=build_superres(config.superres),
+        provenance=header["provenance"],
+        metrics=header["metrics"],
+    )
+    try:
+        _load_state(avatar, {key: value.float() for key, value in tensors.items()})
+    except RuntimeError as error:
+        raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
+    return avatar
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """The avatar's header alone, checked."""
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    if not path.is_file():
+        raise LiveHandError(f"no avatar at {path}; give the path of an avatar's .safetensors file")
+    try:
+        with safe_open(path, framework="pt") as archive:
+            metadata = archive.metadata() or {}
+            tensors = {key: archive.get_tensor(key) for key in archive.keys()}  # noqa: SIM118 (not a dict)
+    except (SafetensorError, OSError) as error:
+        raise LiveHandError(f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}") from error
+    if _HEADER_KEY not in metadata:
+        raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
+    header = json.loads(metadata[_HEADER_KEY])
+    if header.get("format_version") != FORMAT_VERSION:
+        raise LiveHandError(
+            f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
+        )
+    if header.pop("checksum", None) != _checksum(header, tensors):
+        raise LiveHandError(f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again")
+    return header, tensors
+
+
+def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for key in sorted(tensors):
+        digest.update(key.encode())
+        digest.update(tensors[key].numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _state(avatar: Avatar) -> dict[str, Tensor]:
+    parts = (("field.", avatar.field), ("superres.", avatar.superres))
+    return {prefix + key: value for prefix, module in parts for key, value in module.state_dict().items()}
+
+
+def _load_state(avatar: Avatar, tensors: dict[str, Tensor]) -> None:
+    for prefix, module in (("field.", avatar.field), ("superres.", avatar.superres)):
+        module.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+
+
+def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
+    try:
+        planes = tuple(tuple(plane) for plane in values["field"]["planes"])
+        return AvatarConfig(
+            FieldConfig(**{**values["field"], "planes": planes}),
+            SuperResConfig(**values["superres"]),
+            SamplerConfig(**values["sampler"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise LiveHandError(f"{path}: the avatar's configuration must be this version's, got {error}") from error

@@ -1,0 +1,53 @@
+"""How positions enter the field: sines of growing frequency, or learned feature planes over the atlas."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+
+def positional_encoding(x: Float[Tensor, "*n C"], octaves: int) -> Float[Tensor, "*n D"]:
+    """[x, sin(2^k x), cos(2^k x)] for k = 0..octaves-1 (the paper's, without a factor pi): D = C (1 + 2 octaves)."""
+    scaled = x[..., None, :] * (2.0 ** torch.arange(octaves, device=x.device, dtype=x.dtype))[:, None]
+    waves = torch.stack([scaled.sin(), scaled.cos()], -2)  # [..., octaves, 2, C]
+    return torch.cat([x, waves.flatten(-3)], -1)
+
+
+class FeaturePlane(nn.Module):
+    """A square grid of features over the atlas, at a few heights of the shell.
+
+    Bilinear in (u, v), linear in h. Texel centres lie at (i + 0.5) / resolution, as in any texture.
+    """
+
+    def __init__(self, resolution: int, heights: int, channels: int, init: float = 0.05):
+        super().__init__()
+        self.resolution, self.heights, self.channels = resolution, heights, channels
+        self.table = nn.Parameter(torch.empty(resolution * resolution, heights * channels).uniform_(-init, init))
+
+    def forward(self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
+        """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell)."""
+        texel, weights = self._corners(uv)
+        columns = self._layers(height)
+        rows = nn.functional.embedding(texel, self.table).view(*texel.shape, self.heights, self.channels)
+        return torch.einsum("sk,sl,sklc->sc", weights.to(rows.dtype), columns.to(rows.dtype), rows)
+
+    def _corners(self, uv: Tensor) -> tuple[Tensor, Tensor]:
+        """The four texels around each point [S, 4], and their bilinear weights."""
+        position = (uv * self.resolution - 0.5).clamp(0, self.resolution - 1)
+        first = position.floor().clamp(max=self.resolution - 2)
+        fraction = position - first
+        u, v = first.long().unbind(-1)
+        corner = v * self.resolution + u
+        texel = torch.stack([corner, corner + 1, corner + self.resolution, corner + self.resolution + 1], -1)
+        fu, fv = fraction.unbind(-1)
+        weights = torch.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv], -1)
+        return texel, weights
+
+    def _layers(self, height: Tensor) -> Tensor:
+        """Hat-function weights [S, heights]; a single layer takes all."""
+        if self.heights == 1:
+            return torch.ones_like(height)[:, None]
+        layer = torch.arange(self.heights, device=height.device, dtype=height.dtype)
+        position = (height.clamp(-1, 1) + 1) * (self.heights - 1) / 2
+        return (1 - (position[:, None] - layer).abs()).clamp(min=0)

@@ -1,0 +1,116 @@
+"""The radiance field H(u, v, h, view, pose) -> (density, colour, features): the paper's, and one of feature planes.
+
+Both return density per millimetre and 32 channels: colour (sRGB-encoded, [0, 1]) and 29 features for super-resolution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import relu, softplus
+
+from .conditions import LOCAL_POSE_CHANNELS, FieldInputs, view_features
+from .encoding import FeaturePlane, positional_encoding
+
+FEATURE_CHANNELS = 29
+CHANNELS = 3 + FEATURE_CHANNELS
+
+# Density before anything is learnt: solid inside the surface, clear outside, half-way at the surface.
+_PRIOR_SLOPE, _PRIOR_OFFSET = -6.0, -1.0
+
+
+@dataclass(frozen=True)
+class FieldConfig:
+    """Which field, and its size."""
+
+    kind: Literal["paper", "planes"] = "planes"
+    """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes."""
+    width: int = 64
+    """Of the planes' decoder."""
+    planes: tuple[tuple[int, int, int], ...] = ((64, 6, 8), (128, 3, 8), (256, 3, 8), (512, 1, 4))
+    """(resolution, heights, channels) of each plane."""
+    atlas_m: float = 0.27
+    """Length on the skin that one atlas unit spans, about; it says which planes are finer than a pixel."""
+
+
+def build_field(config: FieldConfig) -> nn.Module:
+    """The field the configuration names, with fresh weights."""
+    return PaperField() if config.kind == "paper" else PlaneField(config)
+
+
+class PaperField(nn.Module):
+    """The paper's MLP (supplement; sizes as published), in corrected units: h in units of the shell.
+
+    The pose's part of the first layer is the same for all samples of a frame and is computed once.
+    """
+
+    POSITION_OCTAVES, VIEW_OCTAVES, WIDTH = 10, 4, 128
+
+    def __init__(self):
+        super().__init__()
+        width = self.WIDTH
+        self.position = nn.Linear(3 * (1 + 2 * self.POSITION_OCTAVES), width)
+        self.pose = nn.Linear(48, width, bias=False)
+        self.trunk = nn.ModuleList(nn.Linear(width, width) for _ in range(3))
+        self.density = nn.Linear(width, 1)
+        self.bottleneck = nn.Linear(width, width)
+        self.view = nn.Linear(width + 3 * (1 + 2 * self.VIEW_OCTAVES), 64)
+        self.channels = nn.Linear(64, CHANNELS)
+
+    def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
+        """Density per mm, and channels."""
+        uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
+        hidden = relu(self.position(positional_encoding(uvh, self.POSITION_OCTAVES)) + self.pose(inputs.theta))
+        for layer in self.trunk:
+            hidden = relu(layer(hidden))
+        sigma = _density(self.density(hidden)[:, 0], inputs.height)
+        seen = torch.cat([self.bottleneck(hidden), positional_encoding(inputs.view, self.VIEW_OCTAVES)], -1)
+        return sigma, _channels(self.channels(relu(self.view(seen))))
+
+
+class PlaneField(nn.Module):
+    """Feature planes on the atlas, read by a small decoder that also sees local pose, posed normal and view."""
+
+    VIEW_CHANNELS = 5
+
+    def __init__(self, config: FieldConfig):
+        super().__init__()
+        self.config = config
+        self.planes = nn.ModuleList(FeaturePlane(*size) for size in config.planes)
+        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + LOCAL_POSE_CHANNELS
+        self.trunk = nn.ModuleList([nn.Linear(read, config.width), nn.Linear(config.width, config.width)])
+        self.density = nn.Linear(config.width, 1)
+        self.view = nn.Linear(config.width + self.VIEW_CHANNELS, config.width)
+        self.channels = nn.Linear(config.width, CHANNELS)
+
+    def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
+        """Density per mm, and channels."""
+        height = inputs.height[:, None]
+        hidden = torch.cat([*self._read(inputs), height, height**2, inputs.normal, inputs.local_pose], -1)
+        for layer in self.trunk:
+            hidden = relu(layer(hidden))
+        sigma = _density(self.density(hidden)[:, 0], inputs.height)
+        seen = torch.cat([hidden, view_features(inputs.normal, inputs.view).to(hidden.dtype)], -1)
+        return sigma, _channels(self.channels(relu(self.view(seen))))
+
+    def _read(self, inputs: FieldInputs) -> list[Tensor]:
+        """Features of every plane, the ones finer than a pixel faded out, or they would shimmer."""
+        features = []
+        for plane in self.planes:
+            texel_m = self.config.atlas_m / plane.resolution
+            fade = (2 * texel_m / inputs.footprint_m).clamp(max=1)
+            features.append(plane(inputs.uv, inputs.height) * fade[:, None])
+        return features
+
+
+def _density(logit: Tensor, height: Tensor) -> Tensor:
+    return softplus(logit.float() + _PRIOR_SLOPE * height + _PRIOR_OFFSET)
+
+
+def _channels(raw: Tensor) -> Tensor:
+    """Colour through a sigmoid; features as they are."""
+    return torch.cat([raw[:, :3].sigmoid(), raw[:, 3:]], -1)

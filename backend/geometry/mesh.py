@@ -1,0 +1,95 @@
+"""The posed hand as a triangle mesh: what stays the same over all poses, and what a pose adds.
+
+V vertices, F faces, T atlas vertices, all tensors on one device. Lengths in metres of the world; `scale` says how much
+larger than its template the posed hand is, so that everything learnt in the template's metres carries over.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..hand.model import HandModel
+
+
+class Topology(NamedTuple):
+    """What all poses of a hand share.
+
+    Attributes:
+        faces: [F, 3] vertex indices.
+        corner_uv: [F, 3, 2] atlas coordinates of each face's corners.
+        ring: [V, K] faces around each vertex, the first of them repeated up to K.
+        edges: [E, 2] vertex indices, for the scale.
+        edge_length_m: [] mean edge length of the template.
+        lbs_weights: [V, 16].
+        parents: [16].
+    """
+
+    faces: Tensor
+    corner_uv: Tensor
+    ring: Tensor
+    edges: Tensor
+    edge_length_m: Tensor
+    lbs_weights: Tensor
+    parents: Tensor
+
+    @classmethod
+    def of(cls, model: HandModel, device: torch.device | str = "cpu") -> Topology:
+        """The model's topology on a device."""
+        faces = torch.as_tensor(model.f, device=device)
+        template = torch.as_tensor(model.v_template, dtype=torch.float32, device=device)
+        edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        return cls(
+            faces=faces,
+            corner_uv=torch.as_tensor(model.vt[model.ft], dtype=torch.float32, device=device),
+            ring=vertex_rings(faces, len(template)),
+            edges=edges,
+            edge_length_m=mean_edge_length(template, edges),
+            lbs_weights=torch.as_tensor(model.lbs_weights, dtype=torch.float32, device=device),
+            parents=torch.as_tensor(model.parents, device=device),
+        )
+
+
+class PosedMesh(NamedTuple):
+    """One pose. vertices [V, 3] m world, unit vertex normals [V, 3] outward, scale [] against the template."""
+
+    vertices: Tensor
+    normals: Tensor
+    scale: Tensor
+
+
+def posed_mesh(topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
+    """Normals and scale of posed vertices."""
+    scale = mean_edge_length(vertices, topology.edges) / topology.edge_length_m
+    return PosedMesh(vertices, vertex_normals(vertices, topology.faces), scale)
+
+
+def vertex_normals(vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"]) -> Float[Tensor, "V 3"]:
+    """Area-weighted mean of the faces' normals, unit length; zero where a vertex has no area around it."""
+    a, b, c = vertices[faces].unbind(1)
+    face_normals = torch.linalg.cross(b - a, c - a)
+    summed = torch.zeros_like(vertices)
+    for corner in range(3):
+        summed = summed.index_add(0, faces[:, corner], face_normals)
+    return torch.nn.functional.normalize(summed, dim=-1)
+
+
+def mean_edge_length(vertices: Float[Tensor, "V 3"], edges: Int[Tensor, "E 2"]) -> Float[Tensor, ""]:
+    """Mean length of the edges, m."""
+    ends = vertices[edges]
+    return (ends[:, 0] - ends[:, 1]).norm(dim=-1).mean()
+
+
+def vertex_rings(faces: Int[Tensor, "F 3"], vertex_count: int) -> Int[Tensor, "V K"]:
+    """Faces around every vertex, padded with the vertex's own first face; a vertex without a face gets face 0."""
+    owners = faces.reshape(-1)
+    order = torch.argsort(owners, stable=True)
+    counts = torch.bincount(owners, minlength=vertex_count)
+    starts = torch.cumsum(counts, 0) - counts
+    slots = torch.arange(int(counts.max()), device=faces.device)
+    slots = torch.where(slots < counts[:, None], slots, torch.zeros_like(slots))
+    position = (starts[:, None] + slots).clamp(max=len(owners) - 1)
+    return torch.where(counts[:, None] > 0, order[position] // 3, torch.zeros_like(position))

@@ -1,0 +1,46 @@
+"""Canonical coordinates of samples near the posed surface: atlas (u, v) and signed height h (paper section 3.1)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from .closest_point import SurfacePoint, closest_points
+from .mesh import PosedMesh, Topology
+
+
+class SurfaceSamples(NamedTuple):
+    """S samples: where each lies over the surface. `height_m` is signed, positive outside, in the template's metres."""
+
+    face: Tensor
+    barycentric: Tensor
+    height_m: Tensor
+
+
+def project_to_surface(points: Float[Tensor, "S 3"], topology: Topology, mesh: PosedMesh) -> SurfaceSamples:
+    """Closest surface point and signed height of world points.
+
+    The sign is that of the offset against the interpolated vertex normal, which, unlike a face's own normal, is right
+    at edges and vertices too.
+    """
+    nearest = closest_points(points, mesh.vertices, topology.faces, topology.ring)
+    offset = points - interpolate(mesh.vertices, topology, nearest)
+    normal = interpolate(mesh.normals, topology, nearest)
+    sign = torch.where((offset * normal).sum(-1) < 0, -1.0, 1.0)
+    return SurfaceSamples(nearest.face, nearest.barycentric, sign * nearest.distance / mesh.scale)
+
+
+def interpolate(
+    vertex_values: Float[Tensor, "V C"], topology: Topology, samples: SurfaceSamples | SurfacePoint
+) -> Float[Tensor, "S C"]:
+    """Per-vertex values at the samples' surface points."""
+    corners = vertex_values[topology.faces[samples.face]]  # [S, 3, C]
+    return torch.bmm(samples.barycentric[:, None, :].to(corners.dtype), corners)[:, 0]
+
+
+def atlas_uv(topology: Topology, samples: SurfaceSamples) -> Float[Tensor, "S 2"]:
+    """Atlas coordinates of the samples, in the chart of their own face: no seam is ever crossed."""
+    return torch.bmm(samples.barycentric[:, None, :], topology.corner_uv[samples.face])[:, 0]

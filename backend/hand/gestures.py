@@ -1,0 +1,164 @@
+"""Named hand gestures as joint angles, and random natural poses mixed from them.
+
+Angles in degrees, about anatomical axes of the rest pose: flexion bends a finger towards the palm, abduction turns it
+towards the thumb, twist turns it about its own bone. They become MANO `theta` (axis-angle, rad) through `FingerAxes`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
+_ROW = {name: 3 * k for k, name in enumerate(FINGERS)}  # first joint of each finger among the 15
+
+Flexion = dict[str, tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class FingerAxes:
+    """Anatomical axes of the 16 joints in the template's frame, unit vectors [16, 3] (the wrist's are zero)."""
+
+    flexion: np.ndarray
+    dorsal: np.ndarray
+    bone: np.ndarray
+
+    @classmethod
+    def of_default_hand(cls) -> FingerAxes:
+        """The built-in hand's axes, which lie beside it in its file."""
+        with np.load(Path(str(resources.files(__package__) / "hand_default.npz"))) as arrays:
+            return cls(arrays["flex_axis"], arrays["dorsal_dir"], arrays["bone_dir"])
+
+
+@dataclass(frozen=True)
+class Gesture:
+    """Joint angles of a hand, degrees; a finger that is not named keeps its rest angle.
+
+    Attributes:
+        flexion: of the four fingers' MCP, PIP and DIP joints.
+        abduction: of the four fingers' MCP joints.
+        thumb: (flexion, abduction, twist) of the CMC, MCP and IP joints.
+    """
+
+    flexion: Flexion = field(default_factory=dict)
+    abduction: dict[str, float] = field(default_factory=dict)
+    thumb: tuple[tuple[float, float, float], ...] = ((0, 0, 0), (0, 0, 0), (0, 0, 0))
+
+    def angles_deg(self) -> np.ndarray:
+        """[15, 3] flexion, abduction, twist of joints 1..15."""
+        angles = np.zeros((15, 3))
+        for finger, flexions in self.flexion.items():
+            angles[_ROW[finger] : _ROW[finger] + 3, 0] = flexions
+        for finger, abduction in self.abduction.items():
+            angles[_ROW[finger], 1] = abduction
+        angles[_ROW["thumb"] :] = self.thumb
+        return angles
+
+
+def _fingers(mcp: float, pip: float, dip: float) -> Flexion:
+    return {name: (mcp, pip, dip) for name in FINGERS[:4]}
+
+
+GESTURES: dict[str, Gesture] = {
+    "rest": Gesture(),
+    "open": Gesture(
+        _fingers(-12, -8, -4),
+        {"index": 6, "middle": 1, "ring": -4, "pinky": -8},
+        ((-10, 0, 0), (-6, 0, 0), (-10, 0, 0)),
+    ),
+    "spread": Gesture(
+        _fingers(-14, -9, -5),
+        {"index": 9, "middle": 1, "ring": -7, "pinky": -12},
+        ((-14, 0, 0), (-8, 0, 0), (-12, 0, 0)),
+    ),
+    "relaxed": Gesture(
+        {"index": (18, 24, 12), "middle": (26, 30, 15), "ring": (32, 34, 17), "pinky": (36, 34, 17)},
+        {"pinky": 6},
+        ((6, 0, 8), (10, 0, 0), (12, 0, 0)),
+    ),
+    "pinch": Gesture(
+        {"index": (39.7, 49.8, 30.6), "middle": (26, 34, 16), "ring": (18, 26, 12), "pinky": (10, 20, 10)},
+        {"index": -2},
+        ((17.1, -14, 17.9), (15, 0, 0), (8, 0, 0)),
+    ),
+    "point": Gesture(
+        {"index": (2, 2, 0), "middle": (70, 92, 50), "ring": (74, 92, 50), "pinky": (76, 88, 50)},
+        {"pinky": 10, "ring": 4},
+        ((16, -10, 26), (38, 0, 0), (36, 0, 0)),
+    ),
+    "fist": Gesture(
+        {"index": (72, 92, 52), "middle": (76, 92, 52), "ring": (78, 90, 52), "pinky": (78, 86, 52)},
+        {"index": -4, "ring": 5, "pinky": 12},
+        ((22, -8, 25), (38, 0, 0), (48, 0, 0)),
+    ),
+    "hook": Gesture(_fingers(2, 78, 45), {"pinky": 8}, ((4, 0, 8), (12, 0, 0), (20, 0, 0))),
+}
+
+
+def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None = None) -> np.ndarray:
+    """Joint angles [15, 3] deg -> theta [16, 3] rad. `root` [3] is the wrist's axis-angle, rad."""
+    theta = np.zeros((16, 3))
+    theta[0] = 0 if root is None else root
+    for joint in range(1, 16):
+        flexion, abduction, twist = np.deg2rad(angles_deg[joint - 1])
+        rotation = (
+            rotation_matrix(flexion * axes.flexion[joint])
+            @ rotation_matrix(abduction * axes.dorsal[joint])
+            @ rotation_matrix(twist * axes.bone[joint])
+        )
+        theta[joint] = axis_angle(rotation)
+    return theta
+
+
+def sample_angles_deg(rng: np.random.Generator, count: int) -> np.ndarray:
+    """[count, 15, 3] random natural joint angles.
+
+    A sparse random mix of the gestures for the whole hand, each finger drawn part of the way to a mix of its own, and
+    a few degrees of noise on every flexion and on the abduction at the knuckles.
+    """
+    library = np.stack([gesture.angles_deg() for gesture in GESTURES.values()])
+    sharpness = np.full(len(library), 0.35)
+    angles = np.empty((count, 15, 3))
+    for k in range(count):
+        whole = np.tensordot(rng.dirichlet(sharpness), library, 1)
+        for finger in range(5):
+            joints = slice(3 * finger, 3 * finger + 3)
+            own = np.tensordot(rng.dirichlet(sharpness), library, 1)[joints]
+            share = rng.beta(0.8, 1.6)
+            angles[k, joints] = (1 - share) * whole[joints] + share * own
+        angles[k, :, 0] += rng.normal(0, 4, 15)
+        angles[k, ::3, 1] += rng.normal(0, 3, 5)
+    return angles
+
+
+def rotation_matrix(axis_angle_rad: np.ndarray) -> np.ndarray:
+    """[3] axis-angle -> [3, 3]."""
+    angle = np.linalg.norm(axis_angle_rad)
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = axis_angle_rad / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def axis_angle(rotation: np.ndarray) -> np.ndarray:
+    """[3, 3] -> [3] axis-angle, rad, angle in [0, pi]; goes through the quaternion, which is stable near pi."""
+    diagonal = np.diag(rotation)
+    squares = np.array([1 + diagonal.sum(), *(1 + 2 * diagonal - diagonal.sum())])
+    largest = int(np.argmax(squares))
+    x, y, z = rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    sums = rotation + rotation.T
+    candidates = (
+        (squares[0], x, y, z),
+        (x, squares[1], sums[0, 1], sums[0, 2]),
+        (y, sums[0, 1], squares[2], sums[1, 2]),
+        (z, sums[0, 2], sums[1, 2], squares[3]),
+    )
+    quaternion = np.array(candidates[largest])
+    quaternion = quaternion / np.linalg.norm(quaternion) * (1 if quaternion[0] >= 0 else -1)
+    sine = np.linalg.norm(quaternion[1:])
+    angle = 2 * np.arctan2(sine, quaternion[0])
+    return quaternion[1:] * (angle / sine if sine > 1e-12 else 2.0)

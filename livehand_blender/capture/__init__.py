@@ -1,0 +1,1 @@
+"""Cycles multi-view captures of the built-in hand, the avatars' training data."""

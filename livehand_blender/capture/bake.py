@@ -1,0 +1,73 @@
+"""Bakes the pose-independent skin to three float maps: unbaked, its bump costs three times the render time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from .node_graph import NodeGraph, Socket
+from .skin import SkinChannels, SkinTone, procedural_channels
+
+MAPS = ("albedo", "height", "mask")
+
+
+def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: int = 2048) -> dict[str, Path]:
+    """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder, unless all are there; their paths."""
+    paths = {name: folder / f"{name}.exr" for name in MAPS}
+    if all(path.is_file() for path in paths.values()):
+        return paths
+    folder.mkdir(parents=True, exist_ok=True)
+    material = bpy.data.materials.new("bake")
+    material.use_nodes = True
+    surface.data.materials.clear()
+    surface.data.materials.append(material)
+    graph, emission = _emissive(material)
+    _set_bake_sampling(bpy.context.scene.cycles)
+    for name, socket in _map_sockets(graph, procedural_channels(graph, tone)).items():
+        graph.connect(socket, emission.inputs[0])
+        _bake_emission(surface, graph, paths[name], size_px)
+    surface.data.materials.clear()
+    bpy.data.materials.remove(material)
+    return paths
+
+
+def _set_bake_sampling(cycles: bpy.types.PropertyGroup) -> None:
+    """An emission has no noise but its own texture's: a few samples to filter that, and nothing to denoise."""
+    cycles.samples = 4
+    cycles.use_denoising = False
+
+
+def _emissive(material: bpy.types.Material) -> tuple[NodeGraph, bpy.types.Node]:
+    nodes = material.node_tree.nodes
+    nodes.remove(nodes["Principled BSDF"])
+    graph = NodeGraph(material.node_tree)
+    emission = graph.node("ShaderNodeEmission")
+    graph.connect(emission.outputs[0], nodes["Material Output"].inputs[0])
+    return graph, emission
+
+
+def _map_sockets(graph: NodeGraph, channels: SkinChannels) -> dict[str, Socket]:
+    return {
+        "albedo": channels.albedo,
+        "height": graph.combine(channels.relief, channels.fold_dorsal, channels.fold_palmar),
+        "mask": graph.combine(channels.roughness, channels.subsurface, channels.knuckle),
+    }
+
+
+def _bake_emission(surface: bpy.types.Object, graph: NodeGraph, path: Path, size_px: int) -> None:
+    image = bpy.data.images.new(path.stem, size_px, size_px, float_buffer=True, alpha=False)
+    image.colorspace_settings.name = "Non-Color"
+    target = graph.node("ShaderNodeTexImage")
+    target.image = image
+    graph.tree.nodes.active = target
+    bpy.context.view_layer.objects.active = surface
+    surface.select_set(True)
+    bpy.ops.object.bake(type="EMIT", margin=12, use_clear=True, target="IMAGE_TEXTURES")
+    partial = path.with_suffix(".partial.exr")
+    image.filepath_raw = str(partial)
+    image.file_format = "OPEN_EXR"
+    image.save()
+    partial.rename(path)
+    graph.tree.nodes.remove(target)
+    bpy.data.images.remove(image)

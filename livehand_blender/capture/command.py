@@ -1,0 +1,52 @@
+"""`livehand capture`: arguments, and the call."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from .plan import CapturePlan
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    plan = CapturePlan()
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the capture's folder")
+    parser.add_argument("--seed", type=int, default=plan.seed, help="of poses and cameras (default: %(default)s)")
+    parser.add_argument("--poses", type=int, default=plan.poses, help="how many, held-out ones included")
+    parser.add_argument("--cameras", type=int, default=plan.cameras, help="how many, held-out ones included")
+    parser.add_argument("--size", type=_size_px, default=plan.size_px, metavar="WxH", help="image size, px")
+    parser.add_argument("--samples", type=int, default=plan.samples, help="Cycles samples per pixel, training views")
+    parser.add_argument("--eval-samples", type=int, default=plan.eval_samples, help="the same, held-out views")
+    parser.add_argument("--eval-views", type=int, default=plan.eval_views, help="views per held-out split, at most")
+    parser.add_argument("--threads", type=int, default=None, help="render threads (default: all)")
+
+
+def run(args: argparse.Namespace) -> dict:
+    """Render the capture; returns what was made."""
+    from .render import render_capture
+
+    plan = replace(
+        CapturePlan(),
+        seed=args.seed,
+        poses=args.poses,
+        cameras=args.cameras,
+        size_px=args.size,
+        samples=args.samples,
+        eval_samples=args.eval_samples,
+        eval_views=args.eval_views,
+    )
+    capture = render_capture(args.output, plan, {"made_by": "livehand capture", "plan": asdict(plan)}, args.threads)
+    counts = {split: len(capture.of_split(split)) for split in ("train", "novel_pose", "novel_camera", "test")}
+    return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
+
+
+def _size_px(text: str) -> tuple[int, int]:
+    try:
+        width, height = (int(number) for number in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT in px, such as 334x512, got {text!r}") from None
+    if min(width, height) < 16:
+        raise argparse.ArgumentTypeError(f"must be at least 16x16 px, got {text!r}")
+    return width, height

@@ -1,0 +1,112 @@
+"""A few verbs for building shader node trees, so that a material reads as formulas."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+Socket = Any
+"""A node socket, or a plain value for an input's default."""
+
+
+class NodeGraph:
+    """Builds nodes in one tree; every method returns the output socket of the node it adds."""
+
+    def __init__(self, tree: bpy.types.NodeTree):
+        self.tree = tree
+
+    def node(self, kind: str, **settings: Any) -> bpy.types.Node:
+        """A new node with its settings."""
+        node = self.tree.nodes.new(kind)
+        for name, value in settings.items():
+            setattr(node, name, value)
+        return node
+
+    def connect(self, value: Socket, target: bpy.types.NodeSocket) -> None:
+        """Link a socket to an input, or set the input's value."""
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, target)
+        else:
+            target.default_value = value
+
+    def math(self, operation: str, a: Socket, b: Socket = None, clamp: bool = False) -> Socket:
+        """One arithmetic operation."""
+        node = self.node("ShaderNodeMath", operation=operation, use_clamp=clamp)
+        for value, target in zip((a, b), node.inputs, strict=False):
+            if value is not None:
+                self.connect(value, target)
+        return node.outputs[0]
+
+    def product(self, *factors: Socket) -> Socket:
+        """The product of all factors."""
+        result = factors[0]
+        for factor in factors[1:]:
+            result = self.math("MULTIPLY", result, factor)
+        return result
+
+    def total(self, *terms: Socket) -> Socket:
+        """The sum of all terms."""
+        result = terms[0]
+        for term in terms[1:]:
+            result = self.math("ADD", result, term)
+        return result
+
+    def one_minus(self, value: Socket, clamp: bool = False) -> Socket:
+        """1 - value."""
+        return self.math("SUBTRACT", 1.0, value, clamp)
+
+    def mix(self, factor: Socket, a: Socket, b: Socket, blend: str = "MIX") -> Socket:
+        """Colour a towards colour b; colours may be (r, g, b) linear."""
+        node = self.node("ShaderNodeMix", data_type="RGBA", blend_type=blend)
+        self.connect(factor, node.inputs[0])
+        for value, target in ((a, node.inputs[6]), (b, node.inputs[7])):
+            self.connect((*value, 1) if isinstance(value, tuple) else value, target)
+        return node.outputs[2]
+
+    def remap(self, value: Socket, from_min: float, from_max: float, to_min: float, to_max: float) -> Socket:
+        """Linear remap, clamped."""
+        return self._map_range(value, (from_min, from_max, to_min, to_max), "LINEAR")
+
+    def smooth(self, value: Socket, from_min: float, from_max: float, to_min: float, to_max: float) -> Socket:
+        """Smoothstep remap."""
+        return self._map_range(value, (from_min, from_max, to_min, to_max), "SMOOTHSTEP")
+
+    def _map_range(self, value: Socket, bounds: tuple[float, ...], interpolation: str) -> Socket:
+        node = self.node("ShaderNodeMapRange", interpolation_type=interpolation)
+        self.connect(value, node.inputs[0])
+        for bound, target in zip(bounds, node.inputs[1:5], strict=True):
+            target.default_value = bound
+        return node.outputs[0]
+
+    def attribute(self, name: str, output: str = "Fac") -> Socket:
+        """A mesh attribute: `Fac` or `Vector`."""
+        return self.node("ShaderNodeAttribute", attribute_name=name).outputs[output]
+
+    def noise(self, position: Socket, scale: float, detail: float, roughness: float) -> Socket:
+        """Fractal noise, about 0.5 in the mean."""
+        node = self.node("ShaderNodeTexNoise")
+        self.connect(position, node.inputs["Vector"])
+        for name, value in (("Scale", scale), ("Detail", detail), ("Roughness", roughness)):
+            node.inputs[name].default_value = value
+        return node.outputs["Fac"]
+
+    def voronoi(self, position: Socket, scale: float, feature: str) -> Socket:
+        """Distance of a Voronoi pattern: `F1` to the cell's centre, `DISTANCE_TO_EDGE` to its border."""
+        node = self.node("ShaderNodeTexVoronoi", feature=feature)
+        self.connect(position, node.inputs["Vector"])
+        node.inputs["Scale"].default_value = scale
+        return node.outputs["Distance"]
+
+    def combine(self, *channels: Socket) -> Socket:
+        """Up to three scalars as one colour."""
+        node = self.node("ShaderNodeCombineColor")
+        for value, target in zip(channels, node.inputs, strict=False):
+            self.connect(value, target)
+        return node.outputs[0]
+
+    def separate(self, colour: Socket) -> tuple[Socket, Socket, Socket]:
+        """A colour as three scalars."""
+        node = self.node("ShaderNodeSeparateColor")
+        self.connect(colour, node.inputs[0])
+        return tuple(node.outputs)  # type: ignore[return-value]

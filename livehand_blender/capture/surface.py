@@ -1,0 +1,86 @@
+"""The detailed hand as a Blender mesh: built once, then only its vertices and bend attribute follow the pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+import torch
+
+from ...backend.geometry.rotation import axis_angle_to_matrix
+from ...backend.hand.builtin.beauty import DetailedSurface
+from ...backend.hand.lbs import SkinTensors, joint_transforms
+from ...backend.hand.model import HandModel
+from ...backend.shot import HandPose
+from .skin import MASKS, UV_LAYER
+
+FULL_FLEX_RAD = np.deg2rad(65)
+# Vertices away from any joint (palm, back) feel the mean bend of the four knuckles, weakened.
+_KNUCKLES = [1, 4, 7, 10]
+_PALM_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class SkinSurface:
+    """A detailed surface, the model whose pose it follows, and its Blender object."""
+
+    model: HandModel
+    detail: DetailedSurface
+    object: bpy.types.Object
+
+    @classmethod
+    def create(cls, model: HandModel, detail: DetailedSurface) -> SkinSurface:
+        """Add the surface, unposed and without material, to the current scene."""
+        mesh = bpy.data.meshes.new("skin")
+        _fill_mesh(mesh, detail)
+        surface = bpy.data.objects.new("skin", mesh)
+        bpy.context.scene.collection.objects.link(surface)
+        return cls(model, detail, surface)
+
+    @cached_property
+    def _skin(self) -> SkinTensors:
+        return SkinTensors.of(self.model, dtype=torch.float64)
+
+    def set_pose(self, pose: HandPose) -> None:
+        """Move the mesh to the pose."""
+        mesh = self.object.data
+        mesh.vertices.foreach_set("co", self.posed_vertices(pose).astype(np.float32).ravel())
+        mesh.attributes["flex"].data.foreach_set("value", self._flex(pose.theta).astype(np.float32))
+        mesh.update()
+
+    def posed_vertices(self, pose: HandPose) -> np.ndarray:
+        """[N, 3] m: the template's correctives carried over by subdivision, then linear blend skinning."""
+        rotations = axis_angle_to_matrix(torch.as_tensor(pose.theta, dtype=torch.float64))
+        features = (rotations[1:].numpy() - np.eye(3)).reshape(-1)
+        offsets = self.model.posedirs @ features + self.model.shapedirs @ pose.beta
+        v_posed = self.detail.vertices_m + self.detail.subdivision @ offsets
+        joints = self.model.J_regressor @ (self.model.v_template + self.model.shapedirs @ pose.beta)
+        transforms = joint_transforms(rotations, torch.as_tensor(joints), self._skin.parents).numpy()
+        blended = np.einsum("vj,jab->vab", self.detail.lbs_weights, transforms[:, :3])
+        return np.einsum("vab,vb->va", blended[..., :3], v_posed) + blended[..., 3] + pose.transl
+
+    def _flex(self, theta: np.ndarray) -> np.ndarray:
+        bend = np.clip((theta * self.detail.flex_axis).sum(1) / FULL_FLEX_RAD, 0, 1.3)
+        joint = self.detail.masks["jid"].astype(int)
+        return np.where(joint > 0, bend[joint], bend[_KNUCKLES].mean() * _PALM_SHARE)
+
+
+def _fill_mesh(mesh: bpy.types.Mesh, detail: DetailedSurface) -> None:
+    vertices, faces = detail.vertices_m, detail.faces
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(faces.size)
+    mesh.loops.foreach_set("vertex_index", faces.astype(np.int32).ravel())
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), bool))
+    for name in (*MASKS, "flex"):
+        attribute = mesh.attributes.new(name, "FLOAT", "POINT")
+        if name != "flex":
+            attribute.data.foreach_set("value", detail.masks[name].astype(np.float32))
+    rest = mesh.attributes.new("rest", "FLOAT_VECTOR", "POINT")
+    rest.data.foreach_set("vector", detail.build_frame_mm.astype(np.float32).ravel())
+    mesh.uv_layers.new(name=UV_LAYER).data.foreach_set("uv", detail.uv.astype(np.float32).ravel())
