@@ -54,6 +54,6 @@ def _target() -> str:
     The program puts the user's `scripts/modules` folder on the path when it starts, if it exists. It comes first, so
     numpy is held at Blender's own version above: another one would break Blender's add-ons.
     """
-    if bpy.app.module:
+    if not bpy.app.binary_path:  # bpy.app.module does not exist in 4.2
         return ""
     return f'--target "{bpy.utils.user_resource("SCRIPTS", path="modules")}" '
