@@ -43,19 +43,23 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
     try:
         from ...backend.avatar import load_avatar
         from ...backend.renderer import Renderer
+
+        return Renderer(load_avatar(avatar_path), hand, device=device.name, precision=device.precision)
     except ImportError as error:
-        raise LiveHandError(f"rendering needs Python packages that Blender's Python lacks: {_remedy(error)}") from error
-    return Renderer(load_avatar(avatar_path), hand, device=device.name, precision=device.precision)
+        raise LiveHandError(_missing_packages(error)) from error
 
 
-def _remedy(error: ImportError) -> str:
+def _missing_packages(error: ImportError) -> str:
     from ..dependencies import install_command, missing_requirements
 
     missing = missing_requirements()
     if not missing:
-        return f"{error}; reinstall the package at fault and restart Blender"
+        return f"the renderer cannot be imported ({error}); reinstall the package at fault and restart Blender"
     names = ", ".join(requirement.module for requirement in missing)
-    return f"{names}; install them with: {install_command(missing)} and restart Blender"
+    return (
+        f"rendering needs Python packages that Blender's Python lacks: {names}; install them with: "
+        f"{install_command(missing)} and restart Blender"
+    )
 
 
 class Session:

@@ -164,3 +164,19 @@ def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
     assert done.returncode == 1
     assert "camera" in done.stderr
     assert done.stdout == ""
+
+
+CHATTER = """
+import ctypes
+from livehand.livehand_blender.stdout import blender_silenced
+print("before")
+with blender_silenced():
+    print("python")
+    ctypes.CDLL(None).puts(b"C, held back until the process ends")
+print("after")
+"""
+
+
+def test_silence_holds_back_what_c_has_not_written_yet():
+    done = run_program(program=("-c", CHATTER), PYTHONUNBUFFERED="")  # an unbuffered C holds nothing back
+    assert done.stdout == "before\nafter\n"

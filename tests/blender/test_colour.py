@@ -73,7 +73,7 @@ def test_another_working_space_is_applied_to_colour_only(monkeypatch):
             return matrix @ self.rgb
 
     monkeypatch.setattr("mathutils.Color", Rec2020Color)
-    frame = known_frame(np.full((1, 1, 3), 200), np.full((1, 1), 100))
+    frame = known_frame(np.array([[[200, 100, 20]]]), np.full((1, 1), 100))
     buffer = combined_buffer(frame)
     assert buffer[:3] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
     assert buffer[3] == frame.alpha[0, 0]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.livehand_blender.render import sequence
-from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished
+from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
 from livehand.livehand_blender.render.sequence import SequencePlan, write_sequence
 from PIL import Image
 
@@ -199,6 +199,21 @@ def test_every_truncation_of_a_frame_is_noticed(shot_path, folder, fake_session)
             assert not is_finished(path, SIZE_PX), (path.name, length)
         path.write_bytes(whole)
         assert is_finished(path, SIZE_PX)
+
+
+def test_a_cut_chunk_that_did_not_compress_is_noticed(shot_path, folder, fake_session):
+    write(shot_path, folder, frames=(1,), size_px=(48, 16))
+    path = folder / "wave_0001.exr"
+    data = path.read_bytes()
+    (part,), position = read_exr_header(data)
+    assert part.chunk_count == 1
+    # What compression would not make smaller is stored as it is.
+    first, size = int.from_bytes(data[position : position + 8], "little"), part.unpacked_size(0)
+    stored = data[: first + 4] + size.to_bytes(4, "little") + bytes(size)
+    path.write_bytes(stored)
+    assert is_finished(path, (48, 16))
+    path.write_bytes(stored[:-1])
+    assert not is_finished(path, (48, 16))
 
 
 @pytest.fixture
