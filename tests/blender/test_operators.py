@@ -117,7 +117,9 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     assert fake in dependencies.missing_requirements()
     command = dependencies.install_command((fake,))
     assert command == f'"{sys.executable}" -m pip install "fake>=1" "numpy=={np.__version__}"'
-    monkeypatch.setattr(dependencies, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender")))
+    monkeypatch.setattr(
+        dependencies, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
+    )
     target = bpy.utils.user_resource("SCRIPTS", path="modules")
     assert f'pip install --target "{target}" "fake>=1"' in dependencies.install_command((fake,))
 
