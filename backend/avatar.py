@@ -140,9 +140,11 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     try:
         with safe_open(path, framework="pt") as archive:
             metadata = archive.metadata() or {}
-            tensors = {key: archive.get_tensor(key) for key in archive.keys()}  # noqa: SIM118 (not a dict)
+            tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
-        raise LiveHandError(f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}") from error
+        raise LiveHandError(
+            f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}"
+        ) from error
     if _HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
     header = json.loads(metadata[_HEADER_KEY])

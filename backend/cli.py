@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
-from .command import Command
+import sys
 
-COMMANDS: dict[str, Command] = {}
+from .command import Command, run_commands
+from .evaluation.command import COMMAND as EVALUATE
+from .inspect_command import COMMAND as INSPECT
+from .training.command import COMMAND as TRAIN
+
+COMMANDS: dict[str, Command] = {command.name: command for command in (TRAIN, EVALUATE, INSPECT)}
+
+if __name__ == "__main__":
+    sys.exit(run_commands("livehand", "LiveHand without Blender", COMMANDS))

@@ -157,7 +157,9 @@ def _by_ray(fragments: Fragments, crossing: Tensor, max_layers: int) -> tuple[Te
     row, column, order = row[fits], column[fits], order[fits]
     shape = (len(pixel), max_layers)
     depth = crossing.new_full(shape, torch.inf).index_put((row, column), fragments.depth[order])
-    is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put((row, column), fragments.is_front[order])
+    is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(
+        (row, column), fragments.is_front[order]
+    )
     return pixel, depth, is_front, crossing.new_zeros(shape).index_put((row, column), crossing[order])
 
 

@@ -39,7 +39,9 @@ class HandPose:
             if np.shape(value) != shape:
                 raise LiveHandError(f"{name} must be {list(shape)}, got {list(np.shape(value))}")
             if not np.isfinite(value).all():
-                raise LiveHandError(f"{name} must be finite, got NaN or infinity; clear the keyframe or driver at fault")
+                raise LiveHandError(
+                    f"{name} must be finite, got NaN or infinity; clear the keyframe or driver at fault"
+                )
         if self.side not in ("right", "left"):
             raise LiveHandError(f"side must be 'right' or 'left', got {self.side!r}")
 

@@ -38,7 +38,7 @@ class Window:
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
-        """The full-resolution window [2 height, 2 width, ...] of an image; `outside` fills what lies past its border."""
+        """The full-resolution window [2 height, 2 width, ...] of an image; `outside` fills what lies past it."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         values = np.full((2 * self.height, 2 * self.width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]

@@ -23,14 +23,16 @@ class FeaturePlane(nn.Module):
     def __init__(self, resolution: int, heights: int, channels: int, init: float = 0.05):
         super().__init__()
         self.resolution, self.heights, self.channels = resolution, heights, channels
-        self.table = nn.Parameter(torch.empty(resolution * resolution, heights * channels).uniform_(-init, init))
+        self.table = nn.Parameter(torch.empty(resolution * resolution * heights, channels).uniform_(-init, init))
 
     def forward(self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
         """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell)."""
         texel, weights = self._corners(uv)
-        columns = self._layers(height)
-        rows = nn.functional.embedding(texel, self.table).view(*texel.shape, self.heights, self.channels)
-        return torch.einsum("sk,sl,sklc->sc", weights.to(rows.dtype), columns.to(rows.dtype), rows)
+        layer, layer_weights = self._layers(height)
+        index = texel[:, :, None] * self.heights + layer[:, None, :]  # [S, 4, 2]
+        weights = weights[:, :, None] * layer_weights[:, None, :]
+        rows = nn.functional.embedding(index.flatten(1), self.table)
+        return (weights.flatten(1)[..., None] * rows).sum(1)
 
     def _corners(self, uv: Tensor) -> tuple[Tensor, Tensor]:
         """The four texels around each point [S, 4], and their bilinear weights."""
@@ -44,10 +46,12 @@ class FeaturePlane(nn.Module):
         weights = torch.stack([(1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv], -1)
         return texel, weights
 
-    def _layers(self, height: Tensor) -> Tensor:
-        """Hat-function weights [S, heights]; a single layer takes all."""
+    def _layers(self, height: Tensor) -> tuple[Tensor, Tensor]:
+        """The two layers about each height [S, 2] (a single layer: that one, [S, 1]), and their linear weights."""
         if self.heights == 1:
-            return torch.ones_like(height)[:, None]
-        layer = torch.arange(self.heights, device=height.device, dtype=height.dtype)
+            return torch.zeros_like(height, dtype=torch.long)[:, None], torch.ones_like(height)[:, None]
         position = (height.clamp(-1, 1) + 1) * (self.heights - 1) / 2
-        return (1 - (position[:, None] - layer).abs()).clamp(min=0)
+        first = position.floor().clamp(max=self.heights - 2)
+        share = position - first
+        below = first.long()
+        return torch.stack([below, below + 1], -1), torch.stack([1 - share, share], -1)

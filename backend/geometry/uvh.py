@@ -37,10 +37,16 @@ def interpolate(
     vertex_values: Float[Tensor, "V C"], topology: Topology, samples: SurfaceSamples | SurfacePoint
 ) -> Float[Tensor, "S C"]:
     """Per-vertex values at the samples' surface points."""
-    corners = vertex_values[topology.faces[samples.face]]  # [S, 3, C]
-    return torch.bmm(samples.barycentric[:, None, :].to(corners.dtype), corners)[:, 0]
+    return _blend(vertex_values[topology.faces[samples.face]], samples.barycentric)
 
 
 def atlas_uv(topology: Topology, samples: SurfaceSamples) -> Float[Tensor, "S 2"]:
     """Atlas coordinates of the samples, in the chart of their own face: no seam is ever crossed."""
-    return torch.bmm(samples.barycentric[:, None, :], topology.corner_uv[samples.face])[:, 0]
+    return _blend(topology.corner_uv[samples.face], samples.barycentric)
+
+
+def _blend(corners: Float[Tensor, "S 3 C"], barycentric: Float[Tensor, "S 3"]) -> Float[Tensor, "S C"]:
+    """Weighted sum of the corners (three products: far faster than a batch of tiny matrix products)."""
+    a, b, c = corners.unbind(1)
+    wa, wb, wc = barycentric.unbind(1)
+    return a * wa[:, None] + b * wb[:, None] + c * wc[:, None]

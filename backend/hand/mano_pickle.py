@@ -120,7 +120,7 @@ class _SparseColumns(_Stub):
         rows, columns = self.entry("_shape")
         starts, index, values = (_as_array(self.entry(key), key) for key in ("indptr", "indices", "data"))
         _require(
-            len(starts) == columns + 1 and starts[-1] == len(index) == len(values),
+            len(starts) == columns + 1 and int(starts[-1]) == len(index) == len(values),
             f"a sparse matrix must hold {columns} columns, got arrays of {len(starts)}, {len(index)}, {len(values)}",
         )
         matrix = np.zeros((rows, columns))

@@ -1,0 +1,73 @@
+"""`livehand evaluate`: arguments, and the call."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+from ..avatar import load_avatar
+from ..capture import Capture, CaptureView, load_capture
+from ..command import Command
+from ..hand.model import load_default_hand, load_hand_model
+from ..renderer import Renderer
+from .contact_sheet import comparison_sheet, save_sheet
+from .evaluate import ViewScore, score_views, summary
+
+_SHEET_VIEWS = 24
+_COLUMNS = ("psnr_full", "psnr_hand", "ssim", "alpha_iou")
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("capture", type=Path, help="the capture's folder")
+    parser.add_argument("--avatar", type=Path, help="an avatar file (default: the shipped one)")
+    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
+    parser.add_argument(
+        "--split",
+        choices=("test", "train", "all"),
+        default="test",
+        help="test: held-out poses from held-out cameras (default); all: a figure for every split",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for contact_sheet.png and scores.csv")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
+    capture = load_capture(args.capture)
+    scores = score_views(renderer, capture, _views_of(capture, args.split))
+    if args.output:
+        _write_results(scores, args.output)
+    result = summary(scores)
+    table = _table(scores) if args.split == "all" else ""
+    return {**result, "summary": table + _line(args.split, result)}
+
+
+def _views_of(capture: Capture, split: str) -> tuple[CaptureView, ...]:
+    return capture.views if split == "all" else capture.of_split(split)  # type: ignore[arg-type]
+
+
+def _table(scores: list[ViewScore]) -> str:
+    splits = sorted({score.split for score in scores})
+    return "".join(_line(name, summary([s for s in scores if s.split == name])) + "\n" for name in splits)
+
+
+def _line(name: str, figures: dict[str, float]) -> str:
+    return (
+        f"{name:13s} {figures['images']:5d} images  PSNR {figures['psnr_full']:.2f} dB full, "
+        f"{figures['psnr_hand']:.2f} dB hand  SSIM {figures['ssim']:.4f}  alpha IoU {figures['alpha_iou']:.4f}"
+    )
+
+
+def _write_results(scores: list[ViewScore], folder: Path) -> None:
+    shown = scores[:: max(1, len(scores) // _SHEET_VIEWS)][:_SHEET_VIEWS]
+    save_sheet(comparison_sheet([(score.truth, score.image) for score in shown]), folder / "contact_sheet.png")
+    with (folder / "scores.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("file", "split", *_COLUMNS))
+        writer.writerows((s.file, s.split, *(f"{getattr(s, name):.4f}" for name in _COLUMNS)) for s in scores)
+
+
+COMMAND = Command("evaluate", "measure an avatar against a capture's held-out views", _add_arguments, _run)

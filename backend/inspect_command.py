@@ -1,0 +1,108 @@
+"""`livehand inspect`: what a hand model, avatar, capture or pose file holds."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from .avatar import read_header
+from .capture import load_capture
+from .command import Command
+from .errors import LiveHandError
+from .hand.model import load_hand_model
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="a .safetensors avatar, a .npz or .pkl, or a capture's folder")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    facts = inspect(args.file)
+    width = max(map(len, facts))
+    return {**facts, "summary": "\n".join(f"{key:{width}s}  {value}" for key, value in facts.items())}
+
+
+def inspect(path: Path) -> dict:
+    """What the file holds, by its kind.
+
+    Raises:
+        LiveHandError: nothing there, or no kind of file we know.
+    """
+    if not path.exists():
+        raise LiveHandError(
+            f"nothing to inspect at {path}; give the path of an avatar, hand model, pose file or capture"
+        )
+    if path.is_dir():
+        return _capture_facts(path)
+    if path.suffix == ".safetensors":
+        return {"kind": "avatar", **read_header(path)}
+    if path.suffix == ".npz" and not _has_key(path, "v_template"):
+        return _pose_facts(path)
+    if path.suffix in (".npz", ".pkl"):
+        return _hand_facts(path)
+    raise LiveHandError(f"{path} must be a .safetensors, .npz, .pkl or a capture's folder, got '{path.suffix}'")
+
+
+def _capture_facts(folder: Path) -> dict:
+    capture = load_capture(folder)
+    sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
+    return {
+        "kind": "capture",
+        "hand_sha256": capture.hand_sha256,
+        "poses": len(capture.poses),
+        "cameras": len({view.camera_index for view in capture.views}),
+        "images": len(capture.views),
+        "splits": dict(Counter(view.split for view in capture.views)),
+        "sizes_px": dict(sizes),
+        "provenance": capture.provenance,
+    }
+
+
+def _hand_facts(path: Path) -> dict:
+    hand = load_hand_model(path)
+    extent_mm = (np.ptp(hand.v_template, axis=0) * 1000).round(1).tolist()
+    return {
+        "kind": "hand model",
+        "name": hand.name,
+        "side": hand.side,
+        "vertices": len(hand.v_template),
+        "faces": len(hand.f),
+        "atlas_vertices": len(hand.vt),
+        "extent_mm": extent_mm,
+        "sha256": hand.sha256,
+    }
+
+
+def _pose_facts(path: Path) -> dict:
+    with _open_arrays(path) as arrays:
+        shapes = {key: list(arrays[key].shape) for key in arrays.files}
+        if "theta" not in shapes:
+            raise LiveHandError(
+                f"{path} must hold a hand model (v_template, ...) or poses (theta, ...), got {list(shapes)}"
+            )
+        theta = arrays["theta"]
+        return {
+            "kind": "poses",
+            "frames": len(theta),
+            "arrays": shapes,
+            "is_finite": bool(np.isfinite(theta).all()),
+            "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
+        }
+
+
+def _has_key(path: Path, key: str) -> bool:
+    with _open_arrays(path) as arrays:
+        return key in arrays.files
+
+
+def _open_arrays(path: Path) -> np.lib.npyio.NpzFile:
+    try:
+        return np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise LiveHandError(f"{path} must be a readable .npz ({error})") from error
+
+
+COMMAND = Command("inspect", "tell what a hand model, avatar, capture or pose file holds", _add_arguments, _run)

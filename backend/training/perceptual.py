@@ -1,0 +1,96 @@
+"""Perceptual distance: L1 between VGG19 features (Johnson et al. 2016; paper section 3.5), full images.
+
+The network's weights are not ours to ship. They come from a file the user names, or from torchvision's download cache,
+or from its download server.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import avg_pool2d
+
+from ..errors import LiveHandError
+
+_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+# torchvision's VGG19 up to relu3_4: convolution index in its `features`, channels in and out, pooled before or not.
+_LAYERS = (
+    (0, 3, 64, False), (2, 64, 64, False), (5, 64, 128, True), (7, 128, 128, False),
+    (10, 128, 256, True), (12, 256, 256, False), (14, 256, 256, False), (16, 256, 256, False),
+)  # fmt: skip
+_COMPARED = (2, 7, 16)  # relu1_2, relu2_2, relu3_4
+_MIN_FEATURE = 1e-3  # keeps the quotient finite on an empty picture; features are of order 0.1 to 100
+VGG19_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
+
+
+class PerceptualLoss(nn.Module):
+    """Mean absolute difference of VGG19 features at three depths, each relative to the target's mean, summed.
+
+    Relative, because publications of the same network differ in the scale of their features.
+    """
+
+    def __init__(self, weights: dict[str, Tensor]):
+        super().__init__()
+        self.layers = nn.ModuleDict({str(k): nn.Conv2d(a, b, 3, padding=1) for k, a, b, _ in _LAYERS})
+        for k, *_ in _LAYERS:
+            self.layers[str(k)].load_state_dict({p: weights[f"{k}.{p}"].float() for p in ("weight", "bias")})
+        self.register_buffer("mean", torch.tensor(_MEAN)[:, None, None])
+        self.register_buffer("std", torch.tensor(_STD)[:, None, None])
+        self.requires_grad_(False)
+
+    def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
+        """Distance of sRGB-encoded images in [0, 1]."""
+        pairs = zip(self._features(image), self._features(target), strict=True)
+        return torch.stack([(a - b).abs().mean() / (b.mean() + _MIN_FEATURE) for a, b in pairs]).sum()
+
+    def _features(self, image: Tensor) -> list[Tensor]:
+        hidden, compared = (image - self.mean) / self.std, []
+        for k, _, _, is_pooled in _LAYERS:
+            hidden = self.layers[str(k)](avg_pool2d(hidden, 2) if is_pooled else hidden).relu()
+            if k in _COMPARED:
+                compared.append(hidden)
+        return compared
+
+
+def load_perceptual_loss(path: Path | None) -> PerceptualLoss:
+    """The loss with weights from `path` (.safetensors or torchvision's .pth), or from torchvision's cache or server.
+
+    Raises:
+        LiveHandError: the file does not hold VGG19, or there is none to be had.
+    """
+    weights = _read_weights(path) if path is not None else _torchvision_weights()
+    missing = [f"{k}.weight" for k, *_ in _LAYERS if f"{k}.weight" not in weights]
+    if missing:
+        raise LiveHandError(f"perceptual weights must hold VGG19's convolutions, got none named {missing[0]} in {path}")
+    return PerceptualLoss(weights)
+
+
+def _read_weights(path: Path) -> dict[str, Tensor]:
+    if not path.is_file():
+        raise LiveHandError(f"no perceptual weights at {path}; give a VGG19 .safetensors or torchvision's .pth")
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            return load_file(path)
+        state = torch.load(path, weights_only=True, map_location="cpu")
+    except Exception as error:  # any reader's own kind of error means the same here
+        raise LiveHandError(f"perceptual weights {path} must be readable, got {error}") from error
+    return {key.removeprefix("features."): value for key, value in state.items()}
+
+
+def _torchvision_weights() -> dict[str, Tensor]:
+    cached = Path(torch.hub.get_dir()) / "checkpoints" / VGG19_URL.rsplit("/", 1)[1]
+    if cached.is_file():
+        return _read_weights(cached)
+    try:
+        state = torch.hub.load_state_dict_from_url(VGG19_URL, progress=True, weights_only=True)
+    except OSError as error:
+        raise LiveHandError(
+            f"the perceptual loss needs VGG19's weights, which could not be downloaded ({error}); fetch {VGG19_URL} "
+            "and pass --perceptual-weights FILE, or train without it: --perceptual 0"
+        ) from error
+    return {key.removeprefix("features."): value for key, value in state.items()}
