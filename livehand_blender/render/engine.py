@@ -7,7 +7,7 @@ Blender goes on as if nothing had happened after an exception in `render`, and s
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import bpy
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
-from ...backend.shot import DEPTH_BACKGROUND, Frame
+from ...backend.shot import DEPTH_BACKGROUND, Frame, Shot
 from ..rig.hand import find_hands
 from ..scene.camera import Eye, Region, read_camera, render_region
 from ..scene.colour import combined_buffer, depth_buffer
@@ -24,7 +24,7 @@ from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .session import Device, Session
+from .session import Device, HandRenderer, Session
 
 LOGGER = logging.getLogger(__name__)
 
@@ -73,9 +73,8 @@ class LiveHandRender(bpy.types.RenderEngine):
         region = render_region(render)
         for view in self._views(render):
             camera = self._camera(depsgraph, stereo=bool(view))
-            cropped = camera.cropped(region.x0_px, region.y0_px, region.size_px)
-            frame = self._frame(depsgraph, cropped)
-            if self.test_break():
+            frame = self._frame(depsgraph, camera.cropped(region.x0_px, region.y0_px, region.size_px))
+            if frame is None:
                 return
             self._write(frame, region, depsgraph.view_layer.name, view)
         self.update_progress(1.0)
@@ -99,8 +98,8 @@ class LiveHandRender(bpy.types.RenderEngine):
         eye = Eye(matrix_world, self.camera_shift_x(evaluated))
         return read_camera(evaluated, depsgraph.scene.render, eye)
 
-    def _frame(self, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Frame:
-        """The hand from `camera`, or an empty frame in a view layer that shows none on purpose."""
+    def _frame(self, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Frame | None:
+        """The hand from `camera`, an empty frame in a view layer that shows none on purpose, or None if stopped."""
         scene = depsgraph.scene
         is_layer_of_hand_scene = len(scene.view_layers) > 1 and find_hands(scene)
         if is_layer_of_hand_scene and not visible_hands(depsgraph):
@@ -109,10 +108,11 @@ class LiveHandRender(bpy.types.RenderEngine):
         armature = find_hand(depsgraph)
         source = hand_source(armature)
         self.update_stats("", f"LiveHand | {armature.name} | loading the avatar")
-        hand = session.hand(source.model_path, source.side)
+        hand = session.hand(source.model_path)
         renderer = session.renderer(source.avatar_path, hand, _device(scene))
         self.update_stats("", f"LiveHand | {armature.name} | rendering")
-        return renderer.render(read_shot(armature, depsgraph, camera, len(hand.v_template)))
+        shot = read_shot(armature, depsgraph, camera, len(hand.v_template))
+        return _rendered(renderer, shot, self.test_break)
 
     def _require_session(self) -> Session:
         session = type(self).session
@@ -131,6 +131,15 @@ class LiveHandRender(bpy.types.RenderEngine):
                 _fill(passes["Depth"], depth_buffer(frame))
         finally:
             self.end_result(result)
+
+
+def _rendered(renderer: HandRenderer, shot: Shot, should_stop: Callable[[], bool]) -> Frame | None:
+    from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
+
+    try:
+        return renderer.render(shot, should_stop)
+    except RenderStopped:
+        return None
 
 
 def _device(scene: bpy.types.Scene) -> Device:

@@ -8,18 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
-from ...backend.shot import Frame, Shot, Side
+from ...backend.shot import Frame, Shot
 
 
 class HandRenderer(Protocol):
     """The part of the backend's renderer that Blender needs."""
 
-    def render(self, shot: Shot) -> Frame:
-        """One hand from one view."""
+    def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
+        """One hand from one view; raises the backend's RenderStopped soon after `should_stop` says so."""
         ...
 
 
@@ -28,7 +28,7 @@ class Device:
     """Where and how exactly to compute: the scene's `livehand` settings."""
 
     name: str = "auto"
-    precision: str = "fp32"
+    precision: Literal["fp32", "bf16"] = "fp32"
 
 
 RendererFactory = Callable[[Path | None, HandModel, Device], HandRenderer]
@@ -70,18 +70,17 @@ class Session:
         self._hands: dict[Any, HandModel] = {}
         self._renderers: dict[Any, HandRenderer] = {}
 
-    def hand(self, path: Path | None, side: Side) -> HandModel:
-        """The hand model in `path` (None: the built-in hand), mirrored where the other side is asked for."""
-        key = (*_content_key(path), side)
+    def hand(self, path: Path | None) -> HandModel:
+        """The hand model in `path`; None is the built-in hand. It stands for either side."""
+        key = _content_key(path)
         if key not in self._hands:
             _forget_old(self._hands, key)
-            model = load_default_hand() if path is None else load_hand_model(path)
-            self._hands[key] = model.for_side(side)
+            self._hands[key] = load_default_hand() if path is None else load_hand_model(path)
         return self._hands[key]
 
     def renderer(self, avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
         """The renderer of an avatar (None: the shipped one) on a hand from this session."""
-        key = (*_content_key(avatar_path), hand.sha256, hand.side, device)
+        key = (*_content_key(avatar_path), hand.sha256, device)
         if key not in self._renderers:
             _forget_old(self._renderers, key)
             self._renderers[key] = self._make_renderer(avatar_path, hand, device)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
-from ...backend.shot import Shot, Side
+from ...backend.shot import Shot
 from ..rig.hand import find_hands, mesh_of
 from ..rig.pose import read_hand_pose
 
@@ -21,7 +21,6 @@ class HandSource:
 
     model_path: Path | None
     avatar_path: Path | None
-    side: Side
 
 
 def find_hand(depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
@@ -58,7 +57,7 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
         Path(bpy.path.abspath(path, library=owner.library)) if path else None
         for path in (owner.livehand.model_path, owner.livehand.avatar_path)
     )
-    return HandSource(model_path, avatar_path, owner.livehand.side)
+    return HandSource(model_path, avatar_path)
 
 
 def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera: Camera, vertex_count: int) -> Shot:

@@ -18,7 +18,7 @@ class FakeRenderer:
         self.avatar_path, self.hand, self.device = avatar_path, hand, device
         self.shots = []
 
-    def render(self, shot):
+    def render(self, shot, should_stop=lambda: False):
         time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
         self.shots.append(shot)
         width, height = shot.camera.size_px

@@ -2,14 +2,18 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import bpy
 import pytest
+from livehand.backend.avatar import PRESETS, new_avatar, save_avatar
+from livehand.backend.hand.model import load_default_hand
 from livehand.livehand_blender import cli
 from livehand.livehand_blender.render.command import parse_formats, parse_frames, parse_size_px
+from PIL import Image
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
 
@@ -129,6 +133,63 @@ def test_a_missing_avatar_ends_with_1(capsys, shot_path, tmp_path):
     arguments = ["render", str(shot_path), "-o", str(tmp_path / "out"), "--avatar", str(tmp_path / "no.safetensors")]
     assert cli.main(arguments) == 1
     assert "no file at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def avatar_path(tmp_path_factory):
+    """An untrained avatar of the built-in hand."""
+    hand = load_default_hand()
+    path = tmp_path_factory.mktemp("avatar") / "untrained.safetensors"
+    save_avatar(new_avatar("untrained", hand.name, hand.sha256, PRESETS["default"]), path)
+    return path
+
+
+def test_the_whole_road_renders_with_an_avatar_file(shot_path, avatar_path, tmp_path):
+    arguments = ("render", shot_path, "-o", tmp_path / "out", "--avatar", avatar_path, "--format", "png", "--json")
+    done = run_program(*arguments, program=("-m", "livehand.livehand_blender.cli"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert json.loads(done.stdout.splitlines()[-1])["written"] == 2
+    assert Image.open(tmp_path / "out" / "wave_0001.png").getchannel("A").getextrema() != (0, 0)
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def altered(path):
+    data = bytearray(path.read_bytes())
+    data[-10] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def pickled(path):
+    path.write_bytes(pickle.dumps({"weights": [1.0]}))
+
+
+def of_another_hand(path):
+    save_avatar(new_avatar("other", "hers", "0" * 64, PRESETS["default"]), path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (truncated, "cut short"),
+        (altered, "altered or damaged"),
+        (pickled, "must be a .safetensors avatar"),
+        (of_another_hand, "must be given its own hand model"),
+    ],
+)
+def test_bad_avatars_end_with_1_and_no_files(capsys, shot_path, avatar_path, tmp_path, spoil, message):
+    bad = tmp_path / "bad.safetensors"
+    bad.write_bytes(avatar_path.read_bytes())
+    spoil(bad)
+    capsys.readouterr()
+    assert cli.main(["render", str(shot_path), "-o", str(tmp_path / "out"), "--avatar", str(bad)]) == 1
+    out, err = capsys.readouterr()
+    assert message in err
+    assert (out, err.count("\n")) == ("", 1)
     assert not (tmp_path / "out").exists()
 
 

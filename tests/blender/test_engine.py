@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model import load_default_hand
+from livehand.backend.renderer import RenderStopped
 from livehand.backend.shot import DEPTH_BACKGROUND
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
@@ -142,11 +143,13 @@ def test_a_changed_avatar_file_is_loaded_again(hand_scene, fake_session, tmp_pat
     assert len(fake_session.made) == 2
 
 
-def test_a_left_hand_gets_the_mirrored_model(hand_scene, fake_session):
+def test_a_left_hand_is_told_by_its_pose(hand_scene, fake_session):
     mesh_of(find_hands(hand_scene)[0]).hide_render = True
     add_hand(bpy.context, load_default_hand().for_side("left"), name="Left")
     bpy.ops.render.render()
-    assert fake_session.made[-1].hand.side == last_shot(fake_session).pose.side == "left"
+    assert last_shot(fake_session).pose.side == "left"
+    # The renderer mirrors: it is given the model as its file has it, for either side.
+    assert fake_session.made[-1].hand.side == "right"
 
 
 def no_camera(scene):
@@ -185,7 +188,7 @@ def test_an_error_stops_the_render_with_its_message(hand_scene, fake_session, tm
 
 
 def test_an_unexpected_exception_stops_an_animation(hand_scene, fake_session, fake_renderer, tmp_path, monkeypatch):
-    def fail(self, shot):
+    def fail(self, shot, should_stop):
         raise ZeroDivisionError("division by zero")
 
     monkeypatch.setattr(fake_renderer, "render", fail)
@@ -194,6 +197,15 @@ def test_an_unexpected_exception_stops_an_animation(hand_scene, fake_session, fa
     with pytest.raises(RuntimeError, match="unexpected ZeroDivisionError: division by zero"):
         bpy.ops.render.render(animation=True)
     assert not list(tmp_path.iterdir())
+
+
+def test_escape_is_no_error(hand_scene, fake_session, fake_renderer, monkeypatch):
+    def stop(self, shot, should_stop):
+        assert should_stop() is False  # without a window nobody can press Escape
+        raise RenderStopped
+
+    monkeypatch.setattr(fake_renderer, "render", stop)
+    assert bpy.ops.render.render() == {"FINISHED"}
 
 
 def test_panels_come_and_go_with_the_engine(registered):

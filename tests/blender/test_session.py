@@ -19,21 +19,21 @@ def session():
 
 
 def test_a_hand_and_its_renderer_are_loaded_once(session):
-    hand = session.hand(None, "right")
-    assert session.hand(None, "right") is hand
+    hand = session.hand(None)
+    assert session.hand(None) is hand
     assert session.renderer(None, hand, Device()) is session.renderer(None, hand, Device())
 
 
-def test_sides_and_devices_are_kept_apart(session):
-    right, left = session.hand(None, "right"), session.hand(None, "left")
-    assert (right.side, left.side) == ("right", "left")
-    made = {session.renderer(None, hand, device) for hand in (right, left) for device in (Device(), Device("cpu"))}
+def test_devices_and_avatars_are_kept_apart(session, tmp_path):
+    (tmp_path / "mine.safetensors").write_bytes(b"avatar")
+    hand, avatars, devices = session.hand(None), (None, tmp_path / "mine.safetensors"), (Device(), Device("cpu"))
+    made = {session.renderer(avatar, hand, device) for avatar in avatars for device in devices}
     assert len(made) == 4
-    assert session.renderer(None, right, Device()) in made
+    assert session.renderer(None, hand, Device()) in made
 
 
 def test_a_changed_file_replaces_what_was_loaded(session, tmp_path):
-    avatar, hand = tmp_path / "a.safetensors", session.hand(None, "right")
+    avatar, hand = tmp_path / "a.safetensors", session.hand(None)
     avatar.write_bytes(b"one")
     first = session.renderer(avatar, hand, Device())
     avatar.write_bytes(b"second")
@@ -42,7 +42,7 @@ def test_a_changed_file_replaces_what_was_loaded(session, tmp_path):
 
 
 def test_free_forgets_everything(session):
-    hand = session.hand(None, "right")
+    hand = session.hand(None)
     first = session.renderer(None, hand, Device())
     session.free()
     assert session.renderer(None, hand, Device()) is not first
@@ -50,7 +50,7 @@ def test_free_forgets_everything(session):
 
 def test_a_missing_file_is_named(session, tmp_path):
     with pytest.raises(LiveHandError, match=r"no file at .*gone\.npz"):
-        session.hand(tmp_path / "gone.npz", "right")
+        session.hand(tmp_path / "gone.npz")
 
 
 def test_a_missing_package_is_named_with_its_remedy(monkeypatch):
