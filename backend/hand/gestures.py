@@ -15,7 +15,9 @@ import numpy as np
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
 _ROW = {name: 3 * k for k, name in enumerate(FINGERS)}  # first joint of each finger among the 15
 
-Flexion = dict[str, tuple[float, float, float]]
+# Whole numbers read better in the table below, and the tests' type checker takes no int for a float.
+Degrees = float | int
+Flexion = dict[str, tuple[Degrees, Degrees, Degrees]]
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,8 @@ class Gesture:
     """
 
     flexion: Flexion = field(default_factory=dict)
-    abduction: dict[str, float] = field(default_factory=dict)
-    thumb: tuple[tuple[float, float, float], ...] = ((0, 0, 0), (0, 0, 0), (0, 0, 0))
+    abduction: dict[str, Degrees] = field(default_factory=dict)
+    thumb: tuple[tuple[Degrees, Degrees, Degrees], ...] = ((0, 0, 0), (0, 0, 0), (0, 0, 0))
 
     def angles_deg(self) -> np.ndarray:
         """[15, 3] flexion, abduction, twist of joints 1..15."""
@@ -58,7 +60,7 @@ class Gesture:
         return angles
 
 
-def _fingers(mcp: float, pip: float, dip: float) -> Flexion:
+def _fingers(mcp: Degrees, pip: Degrees, dip: Degrees) -> Flexion:
     return {name: (mcp, pip, dip) for name in FINGERS[:4]}
 
 
