@@ -226,35 +226,59 @@ def test_stack_global_and_inst_are_refused_too(tmp_path):
             read_mano_pickle(bad)
 
 
+def with_function(call, function, arguments):
+    return Call(function, arguments, call.state)
+
+
+# What a file puts where an array is due, and what the error says of it.
 HARMFUL_ARRAYS = {
-    "object dtype": array_call(np.zeros(1), code="O8"),
-    "object dtype by letter": array_call(np.zeros(1), code="O"),
-    "record with objects": array_call(np.zeros(1), code="f8,O"),
-    "list of objects for data": array_call(np.zeros(1), raw=["x"]),
-    "too little data": array_call(np.zeros(5), raw=b"12345678"),
-    "ndarray called": Call(GLOBALS["ndarray"], ((2, 2),)),
-    "ndarray made": Call(GLOBALS["ndarray"], ((2, 2),), None, pickle.NEWOBJ),
-    "reconstruct of a foreign class": Call(GLOBALS["reconstruct"], (Global(GLOBALS["set"]), (0,), "b")),
-    "array without state": Call(GLOBALS["reconstruct"], (Global(GLOBALS["ndarray"]), (0,), "b")),
-    "string": "1 2 3",
-    "selection of a set": newobj(GLOBALS["select"], {"a": Call(GLOBALS["set"], ([],)), "idxs": np.arange(2)}),
-    "selection out of range": newobj(
-        GLOBALS["select"],
-        {"a": newobj(GLOBALS["ch"], {"x": np.zeros(2)}), "idxs": np.arange(9), "preferred_shape": (9,)},
+    "object dtype": (array_call(np.zeros(1), code="O8"), "plain numbers, got dtype 'O8'"),
+    "object dtype by letter": (array_call(np.zeros(1), code="O"), "plain numbers, got dtype 'O'"),
+    "record with objects": (array_call(np.zeros(1), code="f8,O"), "plain numbers, got dtype 'f8,O'"),
+    "list of objects for data": (array_call(np.zeros(1), raw=["x"]), "raw numbers"),
+    "too little data": (array_call(np.zeros(5), raw=b"12345678"), "reshape"),
+    "ndarray called": (Call(GLOBALS["ndarray"], ((2, 2),)), "cannot be read"),
+    "ndarray made": (Call(GLOBALS["ndarray"], (), None, pickle.NEWOBJ), "not called"),
+    "array of a foreign class": (
+        with_function(array_call(np.zeros(1)), GLOBALS["reconstruct"], (Global(GLOBALS["set"]), (0,), "b")),
+        "numpy's own class",
     ),
-    "sparse with lengths that do not fit": newobj(
-        GLOBALS["csc"], {"_shape": (2, 2), "indptr": np.arange(3), "indices": np.arange(1), "data": np.zeros(1)}
+    "array without state": (Call(GLOBALS["reconstruct"], (Global(GLOBALS["ndarray"]), (0,), "b")), "cannot be read"),
+    "text": ("1 2 3", "must be an array, got str"),
+    "a set": (Call(GLOBALS["set"], ([],)), "must be an array, got set"),
+    "selection of a set": (
+        newobj(GLOBALS["select"], {"a": Call(GLOBALS["set"], ([],)), "idxs": np.arange(2), "preferred_shape": (2,)}),
+        "must be of a Ch",
     ),
-    "sparse outside its shape": newobj(
-        GLOBALS["csc"], {"_shape": (2, 1), "indptr": np.array([0, 1]), "indices": np.array([7]), "data": np.zeros(1)}
+    "selection out of range": (
+        newobj(
+            GLOBALS["select"],
+            {"a": newobj(GLOBALS["ch"], {"x": np.zeros(2)}), "idxs": np.arange(9), "preferred_shape": (9,)},
+        ),
+        "out of bounds",
+    ),
+    "leaf without value": (newobj(GLOBALS["ch"], {"y": np.zeros(2)}), "must have 'x'"),
+    "sparse with lengths that do not fit": (
+        newobj(
+            GLOBALS["csc"], {"_shape": (2, 2), "indptr": np.arange(3), "indices": np.arange(1), "data": np.zeros(1)}
+        ),
+        "must hold 2 columns",
+    ),
+    "sparse outside its shape": (
+        newobj(
+            GLOBALS["csc"],
+            {"_shape": (2, 1), "indptr": np.array([0, 1]), "indices": np.array([7]), "data": np.zeros(1)},
+        ),
+        "out of bounds",
     ),
 }
 
 
 @pytest.mark.parametrize("kind", HARMFUL_ARRAYS)
 def test_arrays_that_are_not_plain_numbers_are_refused(kind, tmp_path):
-    bad = write(tmp_path / "bad.pkl", {"v_template": HARMFUL_ARRAYS[kind]})
-    with pytest.raises(LiveHandError, match=r"bad\.pkl"):
+    content, message = HARMFUL_ARRAYS[kind]
+    bad = write(tmp_path / "bad.pkl", {"v_template": content})
+    with pytest.raises(LiveHandError, match=rf"bad\.pkl.*{message}"):
         read_mano_pickle(bad)
 
 
