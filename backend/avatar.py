@@ -16,7 +16,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from .errors import LiveHandError
@@ -94,7 +94,7 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     }
     header["checksum"] = _checksum(header, tensors)
     partial = path.with_suffix(".partial")
-    save_file(tensors, partial, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)})
+    partial.write_bytes(save(tensors, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)}))
     partial.replace(path)
 
 

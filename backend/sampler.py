@@ -1,9 +1,9 @@
 """Mesh-guided sampling: where along each ray the radiance field is asked (paper section 3.3).
 
-The field lives in a shell of thickness 2 x `shell_m` about the posed surface. A ray enters the shell at the front faces
-of the mesh inflated by the shell; each entry opens an interval, which ends where the ray leaves the inflated mesh, or,
-where it goes deeper than the shell (there the hand is opaque), one shell's crossing later; nothing behind that is
-sampled. So a ray past a fingertip over the palm gets one short interval on each, and no samples in the gap between.
+The field lives in a shell of `shell_m` on both sides of the posed surface. A ray is sampled where it is inside the
+mesh inflated by the shell, up to where it first enters the mesh deflated by the shell: there the hand is opaque, and
+nothing behind that is seen. So a ray past a fingertip over the palm gets one interval on each and no samples in the
+gap, and one that only grazes the finger goes on to what lies behind it.
 
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
 """
@@ -29,10 +29,8 @@ class SamplerConfig:
     """N."""
     shell_m: float = 0.003
     """Half thickness of the shell, metres of the template."""
-    max_layers: int = 8
+    max_layers: int = 10
     """Surface crossings (front and back) kept per ray; the farthest are dropped."""
-    min_cosine: float = 0.15
-    """Bounds the crossing of a grazing ray: the shell's thickness over this."""
 
 
 class View(NamedTuple):
@@ -89,7 +87,7 @@ def sample_rays(
     """
     intervals = shell_intervals(mesh, topology, view, config)
     if scene_depth is not None:
-        intervals = _stop_at(intervals, scene_depth.reshape(-1)[intervals.pixel])
+        intervals = _without_empty(_stop_at(intervals, scene_depth.reshape(-1)[intervals.pixel]))
     directions = ray_directions(view, intervals.pixel)
     t, dt = _place_samples(intervals, config.samples_per_ray, generator)
     origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
@@ -98,12 +96,24 @@ def sample_rays(
 
 def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    shell = config.shell_m * mesh.scale
-    inflated = mesh.vertices + shell * mesh.normals
-    positions_px, depth = project(view, inflated)
-    fragments = rasterise(positions_px, depth, topology.faces, view.size_px)
-    crossing = 2 * shell / _facing_cosine(inflated, topology, view, fragments).clamp(min=config.min_cosine)
-    return _intervals_of(fragments, crossing, config.max_layers)
+    shell = config.shell_m * mesh.scale * mesh.normals
+    outer = _fragments_of(mesh.vertices + shell, topology, view)
+    inner = _fragments_of(mesh.vertices - shell, topology, view)
+    pixel, depth, is_front = _by_ray(outer, config.max_layers)
+    return _without_empty(_stop_at(_inside_intervals(pixel, depth, is_front), _first_hit(inner, view)[pixel]))
+
+
+def _fragments_of(vertices: Tensor, topology: Topology, view: View) -> Fragments:
+    positions_px, depth = project(view, vertices)
+    return rasterise(positions_px, depth, topology.faces, view.size_px)
+
+
+def _first_hit(fragments: Fragments, view: View) -> Float[Tensor, " P"]:
+    """Depth of the first front face per pixel; infinite where there is none."""
+    width, height = view.size_px
+    nearest = fragments.depth.new_full((width * height,), torch.inf)
+    front = fragments.is_front
+    return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
 
 
 def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
@@ -121,65 +131,40 @@ def ray_directions(view: View, pixel: Tensor) -> Float[Tensor, "R 3"]:
     return centre @ torch.linalg.inv(view.K).T @ view.world2cam[:3, :3]
 
 
-def _facing_cosine(inflated: Tensor, topology: Topology, view: View, fragments: Fragments) -> Float[Tensor, " N"]:
-    """|cosine| between ray and face, times the ray's length per depth: turns thickness into depth along the ray."""
-    a, b, c = inflated[topology.faces].unbind(1)
-    normals = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1)
-    directions = ray_directions(view, fragments.pixel)
-    return (normals[fragments.face] * directions).sum(-1).abs()
-
-
-def _intervals_of(fragments: Fragments, crossing: Float[Tensor, " N"], max_layers: int) -> Intervals:
-    """Sort each ray's crossings, open an interval at every front face, and stop behind the first solid one."""
-    pixel, depth, is_front, crossing = _by_ray(fragments, crossing, max_layers)  # [R], [R, M] x 3
-    is_hit = depth.isfinite()
-    nesting = torch.where(is_hit, torch.where(is_front, 1, -1), 0).cumsum(1)
-    exit_depth = _next_exit(depth, is_hit & (nesting <= 0))
-    opens = is_hit & is_front
-    start = torch.where(opens, depth, torch.zeros_like(depth))
-    reach = start + crossing
-    is_solid = opens & (reach < exit_depth)
-    infinity = torch.full_like(depth, torch.inf)
-    stop = torch.where(is_solid, reach, infinity).amin(1, keepdim=True)
-    is_kept = opens & (start < stop)
-    end = torch.where(is_kept, torch.minimum(reach, exit_depth), start)
-    start, end = _disjoint(start, end, is_kept)
-    return _without_empty(Intervals(pixel, start, end))
-
-
-def _by_ray(fragments: Fragments, crossing: Tensor, max_layers: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Fragments as a table of one row per ray, sorted by depth, padded with infinite depth."""
+def _by_ray(fragments: Fragments, max_layers: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Fragments as tables of one row per ray, sorted by depth and padded with infinite depth: pixel, depth, front."""
     order = torch.argsort(fragments.depth)
     order = order[torch.argsort(fragments.pixel[order], stable=True)]
     pixel, row, count = torch.unique_consecutive(fragments.pixel[order], return_inverse=True, return_counts=True)
     column = torch.arange(len(row), device=row.device) - (torch.cumsum(count, 0) - count)[row]
     fits = column < max_layers
-    row, column, order = row[fits], column[fits], order[fits]
+    at, order = (row[fits], column[fits]), order[fits]
     shape = (len(pixel), max_layers)
-    depth = crossing.new_full(shape, torch.inf).index_put((row, column), fragments.depth[order])
-    is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(
-        (row, column), fragments.is_front[order]
-    )
-    return pixel, depth, is_front, crossing.new_zeros(shape).index_put((row, column), crossing[order])
+    depth = fragments.depth.new_full(shape, torch.inf).index_put(at, fragments.depth[order])
+    is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(at, fragments.is_front[order])
+    return pixel, depth, is_front
 
 
-def _next_exit(depth: Tensor, is_exit: Tensor) -> Tensor:
-    """Depth of the first exit at or after each crossing; infinite where none was kept."""
-    exits = torch.where(is_exit, depth, torch.full_like(depth, torch.inf))
-    return exits.flip(1).cummin(1).values.flip(1)
+def _inside_intervals(pixel: Tensor, depth: Tensor, is_front: Tensor) -> Intervals:
+    """Where each ray is inside: from the crossing that takes its nesting from 0 to 1, to the one that takes it back.
+
+    A ray whose last exit is missing (clipped, or beyond the kept layers) ends at its last crossing.
+    """
+    is_hit = depth.isfinite()
+    step = torch.where(is_hit, torch.where(is_front, 1, -1), 0)
+    nesting = step.cumsum(1)
+    opens = is_hit & is_front & (nesting - step <= 0)
+    last = torch.where(is_hit, depth, torch.zeros_like(depth)).amax(1, keepdim=True)
+    exits = torch.where(is_hit & (nesting <= 0), depth, last)
+    exits = torch.where(is_hit, exits, last.expand_as(exits))
+    next_exit = exits.flip(1).cummin(1).values.flip(1)
+    start = torch.where(opens, depth, torch.zeros_like(depth))
+    return Intervals(pixel, start, torch.where(opens, torch.maximum(next_exit, start), start))
 
 
-def _disjoint(start: Tensor, end: Tensor, is_kept: Tensor) -> tuple[Tensor, Tensor]:
-    """Start each interval no earlier than all before it have ended."""
-    reached = torch.where(is_kept, end, torch.zeros_like(end)).cummax(1).values
-    before = torch.nn.functional.pad(reached[:, :-1], (1, 0))
-    start = torch.maximum(start, before)
-    return start, torch.maximum(start, torch.where(is_kept, end, start))
-
-
-def _stop_at(intervals: Intervals, depth: Tensor) -> Intervals:
+def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
     end = torch.minimum(intervals.end, depth[:, None])
-    return _without_empty(Intervals(intervals.pixel, torch.minimum(intervals.start, end), end))
+    return Intervals(intervals.pixel, torch.minimum(intervals.start, end), end)
 
 
 def _without_empty(intervals: Intervals) -> Intervals:
