@@ -100,7 +100,7 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
 
 def shipped_avatar_path() -> Path:
     """The avatar that comes with the package."""
-    return Path(str(resources.files(__package__) / "avatars" / "default.safetensors"))
+    return Path(str(resources.files(str(__package__)) / "avatars" / "default.safetensors"))
 
 
 def load_avatar(path: Path | str | None = None) -> Avatar:

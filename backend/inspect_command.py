@@ -1,4 +1,4 @@
-"""`livehand inspect`: what a hand model, avatar, capture or pose file holds."""
+"""`livehand inspect`: what a hand model, avatar, capture or pose file holds; its reader is imported when needed."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .avatar import read_header
-from .capture import load_capture
 from .command import Command
 from .errors import LiveHandError
-from .hand.model import load_hand_model
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +35,7 @@ def inspect(path: Path) -> dict:
     if path.is_dir():
         return _capture_facts(path)
     if path.suffix == ".safetensors":
-        return {"kind": "avatar", **read_header(path)}
+        return _avatar_facts(path)
     if path.suffix == ".npz" and not _has_key(path, "v_template"):
         return _pose_facts(path)
     if path.suffix in (".npz", ".pkl"):
@@ -46,7 +43,15 @@ def inspect(path: Path) -> dict:
     raise LiveHandError(f"{path} must be a .safetensors, .npz, .pkl or a capture's folder, got '{path.suffix}'")
 
 
+def _avatar_facts(path: Path) -> dict:
+    from .avatar import read_header
+
+    return {"kind": "avatar", **read_header(path)}
+
+
 def _capture_facts(folder: Path) -> dict:
+    from .capture import load_capture
+
     capture = load_capture(folder)
     sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
     return {
@@ -62,6 +67,8 @@ def _capture_facts(folder: Path) -> dict:
 
 
 def _hand_facts(path: Path) -> dict:
+    from .hand.model import load_hand_model
+
     hand = load_hand_model(path)
     extent_mm = (np.ptp(hand.v_template, axis=0) * 1000).round(1).tolist()
     return {

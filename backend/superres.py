@@ -45,8 +45,8 @@ class LightSuperRes(nn.Module):
         self.head = nn.Conv2d(CHANNELS + 1, config.width, 3, padding=1)
         self.body = nn.ModuleList(nn.Conv2d(config.width, config.width, 3, padding=1) for _ in range(config.depth - 1))
         self.tail = nn.Conv2d(config.width, RGBA * 4, 3, padding=1)
-        nn.init.zeros_(self.tail.weight)  # start as bilinear enlargement
-        nn.init.zeros_(self.tail.bias)
+        for parameter in self.tail.parameters():
+            nn.init.zeros_(parameter)  # start as bilinear enlargement
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
         """RGBA, not clamped."""
@@ -69,9 +69,8 @@ class PaperSuperRes(nn.Module):
         self.low_rgba = nn.Conv2d(128, RGBA, 1)
         self.high = nn.ModuleList([nn.Conv2d(128, 64, 3, padding=1), nn.Conv2d(64, 64, 3, padding=1)])
         self.high_rgba = nn.Conv2d(64, RGBA, 1)
-        for layer in (self.low_rgba, self.high_rgba):
-            nn.init.zeros_(layer.weight)
-            nn.init.zeros_(layer.bias)
+        for parameter in (*self.low_rgba.parameters(), *self.high_rgba.parameters()):
+            nn.init.zeros_(parameter)
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
         """RGBA, not clamped."""

@@ -1,18 +1,17 @@
-"""`livehand evaluate`: arguments, and the call."""
+"""`livehand evaluate`: arguments, and the call. What needs torch is imported when it runs, so that --help is quick."""
 
 from __future__ import annotations
 
 import argparse
 import csv
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..avatar import load_avatar
-from ..capture import Capture, CaptureView, load_capture
 from ..command import Command
-from ..hand.model import load_default_hand, load_hand_model
-from ..renderer import Renderer
-from .contact_sheet import comparison_sheet, save_sheet
-from .evaluate import ViewScore, score_views, summary
+
+if TYPE_CHECKING:
+    from ..capture import Capture, CaptureView
+    from .evaluate import ViewScore
 
 _SHEET_VIEWS = 24
 _COLUMNS = ("psnr_full", "psnr_hand", "ssim", "alpha_iou")
@@ -34,6 +33,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
+    from ..avatar import load_avatar
+    from ..capture import load_capture
+    from ..hand.model import load_default_hand, load_hand_model
+    from ..renderer import Renderer
+    from .evaluate import score_views, summary
+
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
     capture = load_capture(args.capture)
@@ -50,6 +55,8 @@ def _views_of(capture: Capture, split: str) -> tuple[CaptureView, ...]:
 
 
 def _table(scores: list[ViewScore]) -> str:
+    from .evaluate import summary
+
     splits = sorted({score.split for score in scores})
     return "".join(_line(name, summary([s for s in scores if s.split == name])) + "\n" for name in splits)
 
@@ -62,6 +69,8 @@ def _line(name: str, figures: dict[str, float]) -> str:
 
 
 def _write_results(scores: list[ViewScore], folder: Path) -> None:
+    from .contact_sheet import comparison_sheet, save_sheet
+
     shown = scores[:: max(1, len(scores) // _SHEET_VIEWS)][:_SHEET_VIEWS]
     save_sheet(comparison_sheet([(score.truth, score.image) for score in shown]), folder / "contact_sheet.png")
     with (folder / "scores.csv").open("w", newline="") as file:

@@ -31,7 +31,7 @@ class FingerAxes:
     @classmethod
     def of_default_hand(cls) -> FingerAxes:
         """The built-in hand's axes, which lie beside it in its file."""
-        with np.load(Path(str(resources.files(__package__) / "hand_default.npz"))) as arrays:
+        with np.load(Path(str(resources.files(str(__package__)) / "hand_default.npz"))) as arrays:
             return cls(arrays["flex_axis"], arrays["dorsal_dir"], arrays["bone_dir"])
 
 

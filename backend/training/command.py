@@ -1,28 +1,27 @@
-"""`livehand train`: arguments, and the call."""
+"""`livehand train`: arguments, and the call. What needs torch is imported when it runs, so that --help is quick."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
-
-from ..avatar import PRESETS
-from ..capture import load_capture
 from ..command import Command
 from ..errors import LiveHandError
-from ..hand.model import load_default_hand, load_hand_model
 from .config import TrainConfig
-from .loop import train
-from .perceptual import load_perceptual_loss
+
+if TYPE_CHECKING:
+    import torch
+
+_CONFIGS = ("default", "paper")  # the names of `avatar.PRESETS`, which needs torch
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     config = TrainConfig()
     parser.add_argument("capture", type=Path, help="the capture's folder")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="AVATAR", help=".safetensors to write")
-    parser.add_argument("--config", choices=tuple(PRESETS), default="default", help="which networks")
+    parser.add_argument("--config", choices=_CONFIGS, default="default", help="which networks")
     parser.add_argument("--hand", type=Path, help="the capture's hand model (default: the built-in hand)")
     parser.add_argument("--steps", type=int, default=config.steps, help="one image each (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=config.seed)
@@ -41,6 +40,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
+    from ..avatar import PRESETS
+    from ..capture import load_capture
+    from ..hand.model import load_default_hand, load_hand_model
+    from .loop import train
+    from .perceptual import load_perceptual_loss
+
     config = TrainConfig(steps=args.steps, seed=args.seed)
     config = replace(config, loss=replace(config.loss, perceptual=args.perceptual))
     output = _checked_output(args.output)
@@ -66,6 +71,8 @@ def _checked_output(path: Path) -> Path:
 
 
 def _device(name: str) -> torch.device:
+    import torch
+
     is_available = torch.cuda.is_available()
     if name == "cuda" and not is_available:
         raise LiveHandError(

@@ -32,6 +32,9 @@ class PerceptualLoss(nn.Module):
     Relative, because publications of the same network differ in the scale of their features.
     """
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(self, weights: dict[str, Tensor]):
         super().__init__()
         self.layers = nn.ModuleDict({str(k): nn.Conv2d(a, b, 3, padding=1) for k, a, b, _ in _LAYERS})

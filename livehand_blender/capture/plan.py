@@ -71,7 +71,7 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tup
     axes = FingerAxes.of_default_hand()
     poses = []
     for angles in sample_angles_deg(rng, count):
-        root = rotation_matrix([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))]) @ _random_tilt(rng) @ UPRIGHT
+        root = rotation_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = model.joints[0] + root @ (model.joints[4] - model.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
         poses.append(HandPose(theta_of(angles, axes, axis_angle(root)), np.zeros(10), transl, "right"))
