@@ -212,7 +212,8 @@ def shade(
     length = rays.directions.norm(dim=-1)
     unit = (rays.directions / length[:, None]).repeat_interleave(per_ray, 0)
     footprint_m = (rays.t / (view.K[0, 0] * scale)).reshape(-1)
-    inputs = field_inputs(rays.samples, topology, conditions, unit, footprint_m, shell_m)
+    exposure = field.exposure(conditions.visibility)
+    inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)
     sigma, channels = field(inputs)
     step_mm = rays.dt * length / scale * 1000
     return composite(sigma.reshape(-1, per_ray), channels.reshape(-1, per_ray, CHANNELS), rays.t, step_mm)

@@ -10,8 +10,10 @@ from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples, atlas_uv, interpolate
+from ..geometry.visibility import visibility_transfer
 
 LOCAL_POSE_CHANNELS = 9
+EXPOSURE_CHANNELS = 8
 
 
 class FieldInputs(NamedTuple):
@@ -22,6 +24,7 @@ class FieldInputs(NamedTuple):
         height: [S] signed height over the surface, in units of the shell: -1..1.
         normal: [S, 3] posed surface normal, world.
         local_pose: [S, 9] skin-weighted axis-angle, rad, of the joints that move the point, their parents and children.
+        exposure: [S, 8] light the point gets, self-shadowing included, in a learnt code.
         view: [S, 3] unit direction of the ray, world.
         theta: [48] the whole hand's axis-angle pose, rad.
         footprint_m: [S] width of a pixel at the sample, in the template's metres.
@@ -31,6 +34,7 @@ class FieldInputs(NamedTuple):
     height: Tensor
     normal: Tensor
     local_pose: Tensor
+    exposure: Tensor
     view: Tensor
     theta: Tensor
     footprint_m: Tensor
@@ -51,32 +55,44 @@ def vertex_local_pose(theta: Float[Tensor, "16 3"], topology: Topology) -> Float
 
 
 class FrameConditions(NamedTuple):
-    """What is computed once per frame: theta [48], and per vertex normal and local pose side by side [V, 12]."""
+    """What is computed once per frame.
+
+    Attributes:
+        theta: [48] rad.
+        vertex_channels: [V, 12] posed normal and local pose.
+        visibility: [V, K] cosine-weighted visibility of the sky's directions.
+    """
 
     theta: Tensor
     vertex_channels: Tensor
+    visibility: Tensor
 
     @classmethod
     def of(cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh) -> FrameConditions:
         """The conditions of one posed hand; `theta` mirrored to the avatar's own side."""
-        return cls(theta.reshape(-1), torch.cat([mesh.normals, vertex_local_pose(theta, topology)], -1))
+        channels = torch.cat([mesh.normals, vertex_local_pose(theta, topology)], -1)
+        return cls(theta.reshape(-1), channels, visibility_transfer(mesh, topology))
 
 
 def field_inputs(
     samples: SurfaceSamples,
     topology: Topology,
     frame: FrameConditions,
+    vertex_exposure: Float[Tensor, "V 8"],
     view: Float[Tensor, "S 3"],
     footprint_m: Float[Tensor, " S"],
     shell_m: float,
 ) -> FieldInputs:
     """Gather what the field needs at each sample."""
-    channels = interpolate(frame.vertex_channels, topology, samples)
+    per_vertex = torch.cat([frame.vertex_channels, vertex_exposure.to(frame.vertex_channels.dtype)], -1)
+    channels = interpolate(per_vertex, topology, samples)
+    normal, local_pose, exposure = channels.split([3, LOCAL_POSE_CHANNELS, vertex_exposure.shape[1]], -1)
     return FieldInputs(
         uv=atlas_uv(topology, samples),
         height=samples.height_m / shell_m,
-        normal=torch.nn.functional.normalize(channels[:, :3], dim=-1),
-        local_pose=channels[:, 3:],
+        normal=torch.nn.functional.normalize(normal, dim=-1),
+        local_pose=local_pose,
+        exposure=exposure,
         view=view,
         theta=frame.theta,
         footprint_m=footprint_m,

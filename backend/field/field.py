@@ -13,7 +13,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import relu, softplus
 
-from .conditions import LOCAL_POSE_CHANNELS, FieldInputs, view_features
+from ..geometry.visibility import DIRECTIONS
+from .conditions import EXPOSURE_CHANNELS, LOCAL_POSE_CHANNELS, FieldInputs, view_features
 from .encoding import FeaturePlane, positional_encoding
 
 FEATURE_CHANNELS = 29
@@ -61,6 +62,10 @@ class PaperField(nn.Module):
         self.view = nn.Linear(width + 3 * (1 + 2 * self.VIEW_OCTAVES), 64)
         self.channels = nn.Linear(64, CHANNELS)
 
+    def exposure(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
+        """Nothing: the paper's field is told nothing of self-shadowing."""
+        return visibility[:, :0]
+
     def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
         """Density per mm, and channels."""
         uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
@@ -73,7 +78,7 @@ class PaperField(nn.Module):
 
 
 class PlaneField(nn.Module):
-    """Feature planes on the atlas, read by a small decoder that also sees local pose, posed normal and view."""
+    """Feature planes on the atlas, read by a small decoder that also sees local pose, normal, exposure and view."""
 
     VIEW_CHANNELS = 5
 
@@ -81,16 +86,22 @@ class PlaneField(nn.Module):
         super().__init__()
         self.config = config
         self.planes = nn.ModuleList(FeaturePlane(*size) for size in config.planes)
-        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + LOCAL_POSE_CHANNELS
+        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + LOCAL_POSE_CHANNELS + EXPOSURE_CHANNELS
+        self.light = nn.Linear(DIRECTIONS, EXPOSURE_CHANNELS)
         self.trunk = nn.ModuleList([nn.Linear(read, config.width), nn.Linear(config.width, config.width)])
         self.density = nn.Linear(config.width, 1)
         self.view = nn.Linear(config.width + self.VIEW_CHANNELS, config.width)
         self.channels = nn.Linear(config.width, CHANNELS)
 
+    def exposure(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
+        """Light each vertex gets in the training's light, as a code learnt along with everything else."""
+        return self.light(visibility)
+
     def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
         """Density per mm, and channels."""
         height = inputs.height[:, None]
-        hidden = torch.cat([*self._read(inputs), height, height**2, inputs.normal, inputs.local_pose], -1)
+        told = (height, height**2, inputs.normal, inputs.local_pose, inputs.exposure)
+        hidden = torch.cat([*self._read(inputs), *told], -1)
         for layer in self.trunk:
             hidden = relu(layer(hidden))
         sigma = _density(self.density(hidden)[:, 0], inputs.height)

@@ -11,6 +11,7 @@ import torch
 
 from ...backend.geometry.rotation import axis_angle_to_matrix
 from ...backend.hand.builtin.beauty import DetailedSurface
+from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, joint_transforms
 from ...backend.hand.model import HandModel
 from ...backend.shot import HandPose
@@ -82,5 +83,5 @@ def _fill_mesh(mesh: bpy.types.Mesh, detail: DetailedSurface) -> None:
         if name != "flex":
             attribute.data.foreach_set("value", detail.masks[name].astype(np.float32))
     rest = mesh.attributes.new("rest", "FLOAT_VECTOR", "POINT")
-    rest.data.foreach_set("vector", detail.build_frame_mm.astype(np.float32).ravel())
+    rest.data.foreach_set("vector", template_to_build(vertices).astype(np.float32).ravel())
     mesh.uv_layers.new(name=UV_LAYER).data.foreach_set("uv", detail.uv.astype(np.float32).ravel())
