@@ -1,0 +1,187 @@
+"""Make `wave.blend`: one second of a right hand that opens, pinches, points and makes a fist.
+
+Run it with the Python that LiveHand is installed in: `python examples/make_wave.py [OUT.blend]`.
+
+World: Z up, metres. The hand stands upright with its back to the front (-Y) and its thumb to the left (-X), where the
+built-in avatar's key light is.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import livehand
+import numpy as np
+from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, axis_angle, rotation_matrix, theta_of
+from livehand.backend.hand.model import load_default_hand
+from livehand.livehand_blender.capture.plan import UPRIGHT
+from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
+
+FRAMES = range(1, 25)
+FPS = 24
+SIZE_PX = (334, 512)
+
+
+@dataclass(frozen=True)
+class Key:
+    """The hand at one moment; between two of them every finger eases from one gesture to the next.
+
+    Attributes:
+        frame: when it is reached.
+        gesture: a name in `GESTURES`.
+        wrist_deg: turns about X (nods forwards), Y (leans sideways) and Z (turns like a screw) of the upright hand.
+    """
+
+    frame: float
+    gesture: str
+    wrist_deg: tuple[float, float, float]
+
+
+MOTION = (
+    Key(1, "open", (5, -4, -6)),
+    Key(8, "pinch", (-5, 4, 14)),
+    Key(15, "point", (5, 3, 10)),
+    Key(22.3, "fist", (-4, 1, 24)),
+)
+# The library's fist, closed more tightly, with a thumb that lies on the other fingers.
+CLOSED_FIST = replace(
+    GESTURES["fist"],
+    flexion={"index": (80, 98, 58), "middle": (82, 97, 58), "ring": (83, 95, 57), "pinky": (82, 92, 56)},
+    thumb=((33, -16, 8), (42, 0, 0), (50, 0, 0)),
+)
+EASED_GESTURES = GESTURES | {"fist": CLOSED_FIST}
+# How many frames a finger runs behind the wrist: hands close from the little finger, and the thumb comes last.
+DELAY_FRAMES = {"pinky": -0.4, "ring": 0.0, "middle": 0.2, "index": 0.4, "thumb": 1.6}
+
+FIELD_OF_VIEW_M = 0.272  # height of the image, 0.75 m away
+
+
+@dataclass(frozen=True)
+class CameraKey:
+    """Where the camera's arm stands at one moment.
+
+    Attributes:
+        frame: when.
+        target_m: the point that the camera looks at and turns about.
+        distance_m: from there.
+        yaw_deg: about Z, from the front (0) towards the thumb's side (negative).
+        pitch_deg: from above.
+    """
+
+    frame: int
+    target_m: tuple[float, float, float]
+    distance_m: float
+    yaw_deg: float
+    pitch_deg: float
+
+
+CAMERA_MOVE = (
+    CameraKey(1, (-0.020, 0.0, -0.027), 0.77, -16, 3),
+    CameraKey(15, (-0.017, 0.0, -0.036), 0.75, -29, 6),
+    CameraKey(24, (-0.012, 0.0, -0.052), 0.69, -40, 11),
+)
+
+
+def build_wave() -> bpy.types.Scene:
+    """Fill the open, empty file with the hand, its motion and the camera."""
+    scene = bpy.context.scene
+    scene.name = "Wave"
+    scene.frame_start, scene.frame_end, scene.render.fps = FRAMES[0], FRAMES[-1], FPS
+    scene.render.resolution_x, scene.render.resolution_y = SIZE_PX
+    scene.render.filepath = "//out/wave_"
+    scene.render.image_settings.file_format = "PNG"
+    bpy.ops.livehand.set_engine()
+    bpy.ops.livehand.add_hand(side="right")
+    animate_hand(bpy.context.active_object)
+    add_camera(scene)
+    scene.frame_set(FRAMES[0])
+    return scene
+
+
+def animate_hand(armature: bpy.types.Object) -> None:
+    """Key every bone on every frame, and the wrist's place so that the knuckles start at the world's origin."""
+    joints = load_default_hand().joints
+    axes = FingerAxes.of_default_hand()
+    thetas = [theta_of(finger_angles_deg(frame), axes, axis_angle(wrist_rotation(frame))) for frame in FRAMES]
+    knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
+    keyframe_theta(armature, np.array(thetas), FRAMES)
+    keyframe_transl(armature, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
+
+
+def finger_angles_deg(frame: float) -> np.ndarray:
+    """[15, 3] flexion, abduction and twist of joints 1..15, each finger in its own time."""
+    angles = np.empty((15, 3))
+    gestures = np.array([EASED_GESTURES[key.gesture].angles_deg() for key in MOTION])
+    for finger, name in enumerate(FINGERS):
+        joints = slice(3 * finger, 3 * finger + 3)
+        angles[joints] = eased(frame - DELAY_FRAMES[name], gestures[:, joints])
+    return angles
+
+
+def wrist_rotation(frame: float) -> np.ndarray:
+    """[3, 3] from the template to the world."""
+    nod, lean, screw = np.deg2rad(eased(frame, np.array([key.wrist_deg for key in MOTION])))
+    x, y, z = np.eye(3)
+    return rotation_matrix(screw * z) @ rotation_matrix(lean * y) @ rotation_matrix(nod * x) @ UPRIGHT
+
+
+def eased(frame: float, values: np.ndarray) -> np.ndarray:
+    """Between the values at `MOTION`'s keys, starting and stopping gently (minimum jerk)."""
+    times = [key.frame for key in MOTION]
+    after = int(np.clip(np.searchsorted(times, frame), 1, len(times) - 1))
+    share = np.clip((frame - times[after - 1]) / (times[after] - times[after - 1]), 0, 1)
+    share = share**3 * (10 - 15 * share + 6 * share**2)
+    return (1 - share) * values[after - 1] + share * values[after]
+
+
+def add_camera(scene: bpy.types.Scene) -> None:
+    """A camera on an arm that turns slowly about the hand."""
+    pivot = bpy.data.objects.new("Camera Pivot", None)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    for thing in (pivot, camera):
+        scene.collection.objects.link(thing)
+    scene.camera = camera
+    pivot.empty_display_size = 0.02
+    camera.parent = pivot
+    camera.rotation_euler = (np.pi / 2, 0, 0)
+    camera.data.sensor_fit, camera.data.sensor_height = "VERTICAL", 24
+    camera.data.lens = 24 * 0.75 / FIELD_OF_VIEW_M
+    camera.data.clip_start, camera.data.clip_end = 0.01, 10
+    camera.data.display_size = 0.05
+    for key in CAMERA_MOVE:
+        pivot.location = key.target_m
+        pivot.rotation_euler = np.deg2rad((-key.pitch_deg, 0, key.yaw_deg))
+        camera.location = (0, -key.distance_m, 0)
+        for thing, channel in ((pivot, "location"), (pivot, "rotation_euler"), (camera, "location")):
+            thing.keyframe_insert(channel, frame=key.frame)
+
+
+def save(path: Path) -> None:
+    """Write the open file without what it does not use, and without this machine's folders."""
+    bpy.data.orphans_purge(do_recursive=True)
+    for browser in _file_browsers():
+        browser.params.directory = b"//"
+    bpy.context.preferences.filepaths.save_version = 0
+    bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
+
+
+def _file_browsers() -> list[bpy.types.SpaceFileBrowser]:
+    spaces = (space for screen in bpy.data.screens for area in screen.areas for space in area.spaces)
+    return [space for space in spaces if space.type == "FILE_BROWSER" and space.params]
+
+
+def main() -> None:
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("wave.blend")
+    livehand.register()
+    try:
+        bpy.ops.wm.read_homefile(use_empty=True)
+        build_wave()
+        save(path)
+    finally:
+        livehand.unregister()
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
