@@ -1,0 +1,239 @@
+"""Samples along rays, against the closed form of rays and spheres."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from livehand.backend.camera import Camera, look_at
+from livehand.backend.geometry.mesh import Topology, mean_edge_length, posed_mesh, vertex_rings
+from livehand.backend.renderer import view_of
+from livehand.backend.sampler import SamplerConfig, project, ray_directions, sample_rays, shell_intervals
+
+SHELL_M, RADIUS_M = 0.004, 0.05
+CONFIG = SamplerConfig(samples_per_ray=8, shell_m=SHELL_M)
+SIZE = (41, 37)
+# A subdivided sphere lies this much within the true one.
+FACET_M = 1e-4
+
+
+def spheres(*places):
+    """Posed mesh and topology of spheres (centre, radius), m."""
+    parts = [trimesh.creation.icosphere(4, radius).apply_translation(centre) for centre, radius in places]
+    whole = trimesh.util.concatenate(parts)
+    vertices = torch.as_tensor(np.asarray(whole.vertices), dtype=torch.float32)
+    faces = torch.as_tensor(np.asarray(whole.faces))
+    edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    topology = Topology(
+        faces=faces,
+        corner_uv=torch.zeros(len(faces), 3, 2),
+        ring=vertex_rings(faces, len(vertices)),
+        edges=edges,
+        edge_length_m=mean_edge_length(vertices, edges),
+        lbs_weights=torch.zeros(len(vertices), 16),
+        parents=torch.zeros(16, dtype=torch.long),
+    )
+    return posed_mesh(topology, vertices), topology
+
+
+def a_view(origin=(0.11, -0.42, 0.17), focal_px=120.0):
+    K = np.array([[focal_px, 0, SIZE[0] / 2 + 0.3], [0, focal_px, SIZE[1] / 2 - 0.2], [0, 0, 1]])
+    return view_of(Camera(K, look_at(np.array(origin), np.zeros(3), np.array([0, 0, 1.0])), SIZE), "cpu")
+
+
+def crossings(view, centre, radius):
+    """Depths [P] where the ray of every pixel enters and leaves a sphere; NaN where it misses."""
+    pixel = torch.arange(SIZE[0] * SIZE[1])
+    directions = ray_directions(view, pixel).double()
+    offset = origin_of(view) - torch.as_tensor(centre, dtype=torch.float64)
+    a, b, c = (directions**2).sum(1), directions @ offset, offset @ offset - radius**2
+    root = (b * b - a * c).sqrt()
+    return (-b - root) / a, (-b + root) / a
+
+
+def origin_of(view):
+    return (-view.world2cam[:3, :3].T @ view.world2cam[:3, 3]).double()
+
+
+def test_rays_and_projection_agree_with_the_camera_record():
+    camera = Camera(np.array([[50.0, 0, 20], [0, 60, 18], [0, 0, 1]]), look_at(*np.eye(3)), SIZE)
+    view = view_of(camera, "cpu")
+    pixel = torch.tensor([0, 7, 41, 500])
+    centres = np.array([[0.5, 0.5], [7.5, 0.5], [0.5, 1.5], [500 % 41 + 0.5, 500 // 41 + 0.5]])
+    np.testing.assert_allclose(ray_directions(view, pixel), camera.ray_directions(centres), atol=1e-5)
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    for ours, theirs in zip(project(view, torch.as_tensor(points, dtype=torch.float32)), camera.project(points)):  # noqa: B905
+        np.testing.assert_allclose(ours, theirs, rtol=2e-4, atol=1e-4)
+
+
+def test_intervals_of_a_sphere_are_those_of_the_ray():
+    """From r + shell to r - shell; past the inner sphere, through the outer one."""
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    view = a_view()
+    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    outer_in, outer_out = crossings(view, (0, 0, 0), RADIUS_M + SHELL_M)
+    inner_in, _ = crossings(view, (0, 0, 0), RADIUS_M - SHELL_M)
+    expected_end = torch.where(inner_in.isnan(), outer_out, inner_in)[intervals.pixel]
+    length = intervals.end - intervals.start
+    assert ((length > 0).sum(1) == 1).all()
+    start, end = intervals.start.double(), intervals.end.double()
+    assert len(start) > 500
+    first = length.argmax(1, keepdim=True)
+    # At the rim a facet's height turns into a long way along the ray: compare where the ray is not grazing.
+    is_clear = (outer_out - outer_in)[intervals.pixel] > 0.02
+    is_clear &= ~((inner_in - outer_in)[intervals.pixel] > 0.015)
+    assert int(is_clear.sum()) > 300
+    torch.testing.assert_close(
+        start.gather(1, first)[is_clear, 0], outer_in[intervals.pixel][is_clear], atol=4 * FACET_M, rtol=0
+    )
+    torch.testing.assert_close(end.gather(1, first)[is_clear, 0], expected_end[is_clear], atol=8 * FACET_M, rtol=0)
+
+
+def test_every_ray_of_the_outer_sphere_is_there_and_no_other():
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    view = a_view()
+    found = torch.zeros(SIZE[0] * SIZE[1], dtype=torch.bool)
+    found[shell_intervals(mesh, topology, view, CONFIG).pixel] = True
+    surely, perhaps = (~crossings(view, (0, 0, 0), RADIUS_M + SHELL_M + d)[0].isnan() for d in (-FACET_M, FACET_M))
+    assert (found | ~surely).all()
+    assert (~found | perhaps).all()
+    assert int(surely.sum()) > 500
+
+
+# One behind the other as `a_view` sees them, the smaller one in front.
+NEAR, FAR = ((0.033, -0.126, 0.051), 0.012), ((0.0, 0.0, 0.0), RADIUS_M)
+
+
+def test_no_samples_in_the_gap_between_two_surfaces():
+    mesh, topology = spheres(NEAR, FAR)
+    rays = sample_rays(mesh, topology, a_view(), CONFIG)
+    away = torch.stack([(rays.points - torch.tensor(c)).norm(dim=-1) - r for c, r in (NEAR, FAR)])
+    assert (away.abs().amin(0) <= SHELL_M + 2 * FACET_M).all()
+    assert (away[0] < 0.01).any()
+
+
+def test_a_grazing_ray_goes_on_to_what_lies_behind():
+    """Past the small sphere's core, through its shell: the rest of the samples is on the large sphere."""
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    rays = sample_rays(mesh, topology, view, CONFIG)
+    through_shell = ~crossings(view, NEAR[0], NEAR[1] + SHELL_M - 3 * FACET_M)[0].isnan()
+    through_core = ~crossings(view, NEAR[0], NEAR[1] - SHELL_M - 3 * FACET_M)[0].isnan()
+    past_core = crossings(view, NEAR[0], NEAR[1] - SHELL_M + 3 * FACET_M)[0].isnan()
+    behind = ~crossings(view, FAR[0], FAR[1] - SHELL_M - 3 * FACET_M)[0].isnan()
+    is_far = ((rays.points - torch.tensor(FAR[0])).norm(dim=-1) - FAR[1]).abs() < SHELL_M + 2 * FACET_M
+    grazing = (through_shell & past_core & behind)[rays.pixel]
+    blocked = (through_core & behind)[rays.pixel]
+    assert int(grazing.sum()) > 5
+    assert int(blocked.sum()) > 5
+    assert (is_far[grazing].any(1) & ~is_far[grazing].all(1)).all()
+    assert not is_far[blocked].any()
+
+
+def test_a_ray_that_grazes_one_sphere_twice_over_nothing_is_sampled_through():
+    """Through the shell but past the core: the whole chord, entry to exit."""
+    mesh, topology = spheres(FAR)
+    view = a_view()
+    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    outer_in, outer_out = crossings(view, FAR[0], RADIUS_M + SHELL_M)
+    inner_in, _ = crossings(view, FAR[0], RADIUS_M - SHELL_M + 3 * FACET_M)
+    grazing = (inner_in.isnan() & (outer_out - outer_in > 0.02))[intervals.pixel]
+    length = (intervals.end - intervals.start).sum(1)
+    assert int(grazing.sum()) > 30
+    chord = (outer_out - outer_in)[intervals.pixel]
+    torch.testing.assert_close(length[grazing].double(), chord[grazing], atol=2e-3, rtol=0)
+
+
+def union_places(intervals, pixel, t):
+    """How far along the union of its ray's intervals each sample lies, m; None where it lies outside all of them."""
+    row = {p: i for i, p in enumerate(intervals.pixel.tolist())}
+    places = np.full(t.shape, np.nan)
+    for r, p in enumerate(pixel.tolist()):
+        before = 0.0
+        for start, end in zip(intervals.start[row[p]].tolist(), intervals.end[row[p]].tolist(), strict=True):
+            inside = (t[r] >= start - 1e-6) & (t[r] <= end + 1e-6) & (end > start)
+            places[r] = np.where(inside, before + t[r] - start, places[r])
+            before += end - start
+    return places
+
+
+def test_samples_are_equally_spaced_over_the_union_of_the_intervals():
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    rays = sample_rays(mesh, topology, view, CONFIG)
+    places = union_places(intervals, rays.pixel, rays.t.numpy())
+    total = (intervals.end - intervals.start).sum(1, keepdim=True).numpy()
+    np.testing.assert_allclose(places, total * (np.arange(8) + 0.5) / 8, atol=2e-6)
+    np.testing.assert_allclose(rays.dt, total[:, 0] / 8, rtol=1e-5)
+    assert ((intervals.end > intervals.start).sum(1) > 1).any()
+    points = origin_of(view) + rays.t[..., None].double() * rays.directions[:, None].double()
+    torch.testing.assert_close(rays.points.double(), points, atol=1e-6, rtol=0)
+
+
+def test_jitter_stays_in_its_stratum_and_is_reproducible():
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    one, again, other = (
+        sample_rays(mesh, topology, view, CONFIG, torch.Generator().manual_seed(seed)) for seed in (5, 5, 6)
+    )
+    assert torch.equal(one.t, again.t)
+    assert not torch.equal(one.t, other.t)
+    total = (intervals.end - intervals.start).sum(1, keepdim=True).numpy()
+    stratum = union_places(intervals, one.pixel, one.t.numpy()) / total * 8 - np.arange(8)
+    assert stratum.min() > -1e-3
+    assert stratum.max() < 1 + 1e-3
+    assert abs(stratum.mean() - 0.5) < 0.02
+    assert stratum.std() == pytest.approx(12**-0.5, abs=0.01)
+
+
+def test_scene_depth_ends_the_samples():
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    view = a_view()
+    free = sample_rays(mesh, topology, view, CONFIG)
+    wall = float(free.t[:, 0].median())
+    behind = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), 10.0))
+    assert torch.equal(behind.t, free.t)
+    cut = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), wall))
+    assert 0 < len(cut.pixel) < len(free.pixel)
+    assert cut.t.max() <= wall
+    assert (cut.dt > 0).all()
+    none = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), 0.01))
+    assert none.t.shape == (0, 8)
+    # A wall over one half of the image leaves the other as it was.
+    half = torch.full((SIZE[1], SIZE[0]), torch.inf)
+    half[:, : SIZE[0] // 2] = 0.01
+    kept = sample_rays(mesh, topology, view, CONFIG, scene_depth=half)
+    assert (kept.pixel % SIZE[0] >= SIZE[0] // 2).all()
+    assert torch.equal(kept.t, free.t[free.pixel % SIZE[0] >= SIZE[0] // 2])
+
+
+def test_a_larger_world_has_a_larger_shell():
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    view = a_view()
+    large = posed_mesh(topology, mesh.vertices * 10)
+    far_away = view._replace(world2cam=torch.cat([view.world2cam[:, :3], view.world2cam[:, 3:] * 10], 1))
+    far_away.world2cam[3, 3] = 1
+    one, other = sample_rays(mesh, topology, view, CONFIG), sample_rays(large, topology, far_away, CONFIG)
+    shared = torch.isin(one.pixel, other.pixel), torch.isin(other.pixel, one.pixel)
+    assert shared[0].double().mean() > 0.99
+    torch.testing.assert_close(other.t[shared[1]], one.t[shared[0]] * 10, rtol=1e-3, atol=1e-4)
+
+
+def test_layers_beyond_those_kept_do_not_disturb_the_first():
+    places = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
+    mesh, topology = spheres(*places)
+    view = a_view(origin=(0.01, -0.42, 0.012))
+    few = shell_intervals(mesh, topology, view, SamplerConfig(shell_m=0.004, max_layers=2))
+    many = shell_intervals(mesh, topology, view, SamplerConfig(shell_m=0.004, max_layers=20))
+    assert torch.equal(few.pixel, many.pixel)
+    first = [torch.where(i.end > i.start, i.start, torch.inf).amin(1) for i in (few, many)]
+    torch.testing.assert_close(*first)
+    assert ((many.end > many.start).sum(1) > 1).any()
+
+
+def test_the_camera_within_the_shell_is_no_error():
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    rays = sample_rays(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0)), CONFIG)
+    assert rays.t.isfinite().all()
+    assert rays.points.isfinite().all()
