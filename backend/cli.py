@@ -6,10 +6,11 @@ import sys
 
 from .command import Command, run_commands
 from .evaluation.command import COMMAND as EVALUATE
+from .evaluation.sheet_command import COMMAND as SHEET
 from .inspect_command import COMMAND as INSPECT
 from .training.command import COMMAND as TRAIN
 
-COMMANDS: dict[str, Command] = {command.name: command for command in (TRAIN, EVALUATE, INSPECT)}
+COMMANDS: dict[str, Command] = {command.name: command for command in (TRAIN, EVALUATE, SHEET, INSPECT)}
 
 if __name__ == "__main__":
     sys.exit(run_commands("livehand", "LiveHand without Blender", COMMANDS))

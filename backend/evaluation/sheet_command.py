@@ -1,0 +1,60 @@
+"""`livehand sheet`: the frames of a folder as one picture."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..command import Command
+from ..errors import LiveHandError
+from .contact_sheet import on_ground, save_sheet, tile
+
+SHEET_NAME = "contact_sheet.png"
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, help="a folder of PNG frames, all of one size")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {SHEET_NAME} in the folder")
+    parser.add_argument("--columns", type=_count, default=8, help="frames side by side (default: %(default)s)")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    output = args.output or args.folder / SHEET_NAME
+    paths = sorted(path for path in args.folder.glob("[!.]*.png") if path.name != SHEET_NAME and path != output)
+    if not paths:
+        raise LiveHandError(f"{args.folder} must hold PNG frames, got none; render them with --format png")
+    frames = [read_frame(path) for path in paths]
+    sizes = sorted({frame.shape[1::-1] for frame in frames})
+    if len(sizes) > 1:
+        raise LiveHandError(f"the frames in {args.folder} must be of one size, got {sizes} px")
+    try:
+        save_sheet(tile([on_ground(frame) for frame in frames], args.columns), output)
+    except (OSError, ValueError) as error:
+        raise LiveHandError(f"the sheet {output} could not be written ({error}); choose another place") from error
+    return {"sheet": str(output), "frames": len(frames), "summary": f"{output}: {len(frames)} frames"}
+
+
+def read_frame(path: Path) -> np.ndarray:
+    """[H, W, 4] float32 in [0, 1]: encoded colour times alpha, and alpha.
+
+    Raises:
+        LiveHandError: not a picture.
+    """
+    try:
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert("RGBA"), np.float32) / 255
+    except OSError as error:
+        raise LiveHandError(f"{path} must be a readable picture ({error}); render it again") from error
+    return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
+    return int(text)
+
+
+COMMAND = Command("sheet", "put the PNG frames of a folder into one picture", _add_arguments, _run)
