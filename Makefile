@@ -1,0 +1,44 @@
+# Everything runs in .venv, which the first target that needs it makes. A stamp per set of packages: installed once, and
+# again when pyproject.toml changes.
+PYTHON ?= python3.11
+VENV := .venv
+OUT ?= out/wave
+# A demo with another avatar: make demo AVATAR=my.safetensors
+AVATAR ?=
+
+.PHONY: demo test check zip clean
+
+demo: $(VENV)/demo.stamp
+	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
+	@$(VENV)/bin/livehand sheet $(OUT) > /dev/null
+	@echo "Look at $(OUT)/contact_sheet.png; the frames lie beside it: wave_0001.png and wave_0001.exr (Combined, Depth) to 0024."
+
+test: $(VENV)/dev.stamp
+	$(VENV)/bin/python -m pytest -q
+
+check: $(VENV)/dev.stamp
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+
+zip: $(VENV)/demo.stamp
+	mkdir -p dist
+	$(VENV)/bin/python $(VENV)/lib/python*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py build \
+		--source-dir . --output-dir dist
+
+clean:
+	rm -rf $(VENV) out dist build *.egg-info .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/demo.stamp: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
+	@touch $@
+
+$(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
+	@touch $@ $(VENV)/demo.stamp
+
+$(VENV)/bin/python:
+	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON) is not there: Blender as a module needs Python 3.11. Install it, or name it: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' || { echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt install python3.11-venv" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
