@@ -147,14 +147,28 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         ) from error
     if _HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
-    header = json.loads(metadata[_HEADER_KEY])
+    header = _parsed(metadata[_HEADER_KEY], path)
     if header.get("format_version") != FORMAT_VERSION:
         raise LiveHandError(
             f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
         )
     if header.pop("checksum", None) != _checksum(header, tensors):
-        raise LiveHandError(f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again")
+        raise LiveHandError(_damaged(path))
     return header, tensors
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(text)
+    except ValueError as error:
+        raise LiveHandError(_damaged(path)) from error
+    if not isinstance(header, dict):
+        raise LiveHandError(_damaged(path))
+    return header
+
+
+def _damaged(path: Path) -> str:
+    return f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again"
 
 
 def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:

@@ -10,16 +10,18 @@ A folder with
 from __future__ import annotations
 
 import json
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
+from zipfile import BadZipFile
 
 import numpy as np
 from PIL import Image
 
 from .camera import Camera
 from .errors import LiveHandError
-from .shot import HandPose
+from .shot import HandPose, Side
 
 FORMAT = "livehand-capture"
 VERSION = 1
@@ -87,8 +89,11 @@ def load_capture(folder: Path | str) -> Capture:
             f"got {document.get('format')!r} {document.get('version')!r}"
         )
     poses = _read_poses(folder / "poses.npz")
-    views = tuple(_read_view(entry, len(poses), folder) for entry in document["frames"])
-    return Capture(folder, document["hand_sha256"], document.get("provenance", {}), poses, views)
+    frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
+    if not isinstance(frames, list) or not isinstance(hand_sha256, str):
+        raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
+    views = tuple(_read_view(entry, len(poses), folder) for entry in frames)
+    return Capture(folder, hand_sha256, document.get("provenance", {}), poses, views)
 
 
 def save_capture_index(capture: Capture) -> None:
@@ -122,30 +127,38 @@ def _view_entry(view: CaptureView) -> dict:
     }
 
 
-def _read_view(entry: dict, pose_count: int, folder: Path) -> CaptureView:
-    name = entry.get("file_path", "an image without a file_path")
+def _read_view(entry: dict | object, pose_count: int, folder: Path) -> CaptureView:
+    if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
+        raise LiveHandError(f"{folder}: every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
+    name, split = entry["file_path"], entry.get("split")
+    if split not in get_args(Split):
+        raise LiveHandError(f"{folder}: {name}: split must be one of {get_args(Split)}, got {split!r}")
     try:
         width, height = (int(n) for n in entry["size_px"])
         camera = Camera(np.array(entry["K"], float), np.array(entry["cam2world"], float), (width, height))
-        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), entry["split"])
+        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), split)
     except KeyError as error:
         raise LiveHandError(f"{folder}: {name} must have a {error} in transforms.json, got none") from error
-    except (ValueError, LiveHandError) as error:
+    except (ValueError, TypeError, LiveHandError) as error:
         raise LiveHandError(f"{folder}: {name}: {error}") from error
     if not 0 <= view.pose_index < pose_count:
         raise LiveHandError(f"{folder}: {name} must name one of {pose_count} poses, got {view.pose_index}")
-    if view.split not in get_args(Split):
-        raise LiveHandError(f"{folder}: {name}: split must be one of {get_args(Split)}, got {view.split!r}")
     return view
 
 
 def _read_poses(path: Path) -> tuple[HandPose, ...]:
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             rows = zip(arrays["theta"], arrays["beta"], arrays["transl"], arrays["side"], strict=True)
-            return tuple(HandPose(theta, beta, transl, str(side)) for theta, beta, transl, side in rows)  # type: ignore
-    except (OSError, KeyError, ValueError) as error:
+            return tuple(HandPose(theta, beta, transl, _side(str(side))) for theta, beta, transl, side in rows)
+    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError, LiveHandError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
+
+
+def _side(name: str) -> Side:
+    if name not in get_args(Side):
+        raise LiveHandError(f"side must be 'right' or 'left', got {name!r}")
+    return name  # type: ignore[return-value]
 
 
 def _read_json(path: Path) -> dict:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import zlib
 from collections import Counter
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -36,9 +38,10 @@ def inspect(path: Path) -> dict:
         return _capture_facts(path)
     if path.suffix == ".safetensors":
         return _avatar_facts(path)
-    if path.suffix == ".npz" and not _has_key(path, "v_template"):
-        return _pose_facts(path)
-    if path.suffix in (".npz", ".pkl"):
+    if path.suffix == ".npz":
+        arrays = _read_arrays(path)
+        return _hand_facts(path) if "v_template" in arrays else _pose_facts(path, arrays)
+    if path.suffix == ".pkl":
         return _hand_facts(path)
     raise LiveHandError(f"{path} must be a .safetensors, .npz, .pkl or a capture's folder, got '{path.suffix}'")
 
@@ -83,32 +86,27 @@ def _hand_facts(path: Path) -> dict:
     }
 
 
-def _pose_facts(path: Path) -> dict:
-    with _open_arrays(path) as arrays:
-        shapes = {key: list(arrays[key].shape) for key in arrays.files}
-        if "theta" not in shapes:
-            raise LiveHandError(
-                f"{path} must hold a hand model (v_template, ...) or poses (theta, ...), got {list(shapes)}"
-            )
-        theta = arrays["theta"]
-        return {
-            "kind": "poses",
-            "frames": len(theta),
-            "arrays": shapes,
-            "is_finite": bool(np.isfinite(theta).all()),
-            "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
-        }
+def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
+    shapes = {key: list(array.shape) for key, array in arrays.items()}
+    if "theta" not in shapes:
+        raise LiveHandError(
+            f"{path} must hold a hand model (v_template, ...) or poses (theta, ...), got {list(shapes)}"
+        )
+    theta = arrays["theta"]
+    return {
+        "kind": "poses",
+        "frames": len(theta),
+        "arrays": shapes,
+        "is_finite": bool(np.isfinite(theta).all()),
+        "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
+    }
 
 
-def _has_key(path: Path, key: str) -> bool:
-    with _open_arrays(path) as arrays:
-        return key in arrays.files
-
-
-def _open_arrays(path: Path) -> np.lib.npyio.NpzFile:
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
-        return np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error, TypeError) as error:
         raise LiveHandError(f"{path} must be a readable .npz ({error})") from error
 
 

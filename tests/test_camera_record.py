@@ -41,7 +41,9 @@ def test_a_crop_shifts_pixels_and_keeps_rays():
     crop = camera.cropped(-7, 30, (33, 12))
     assert crop.size_px == (33, 12)
     pixels = np.random.default_rng(3).uniform(0, 30, (9, 2))
-    np.testing.assert_allclose(crop.ray_directions(pixels), camera.ray_directions(pixels + (-7, 30)), atol=1e-12)
+    np.testing.assert_allclose(
+        crop.ray_directions(pixels), camera.ray_directions(pixels + np.array([-7, 30])), atol=1e-12
+    )
 
 
 def test_a_low_resolution_centre_is_the_common_corner_of_its_four_pixels():

@@ -5,7 +5,7 @@ import torch
 from livehand.backend.field.field import CHANNELS
 from livehand.backend.superres import SuperResConfig, build_superres, enlarge
 
-CONFIGS = {"paper": SuperResConfig(kind="paper"), "light": SuperResConfig(width=8, depth=2)}
+CONFIGS = {"paper": SuperResConfig(kind="paper"), "light": SuperResConfig(width=8)}
 
 
 @pytest.fixture(params=CONFIGS)

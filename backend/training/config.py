@@ -27,7 +27,7 @@ class LossConfig:
 class TrainConfig:
     """The optimisation; one image per step, the whole of it that holds the hand."""
 
-    steps: int = 8000
+    steps: int = 10000
     """Optimiser steps."""
     seed: int = 0
     """Of weights, order of images, and jitter."""
@@ -39,7 +39,7 @@ class TrainConfig:
     """Share of the learning rates that is left at the end (cosine decay)."""
     warmup_steps: int = 100
     """Linear rise of the learning rates at the start."""
-    jitter_sets: int = 2
+    jitter_sets: int = 1
     """How many different jitters of its samples each image is seen with; each is traced once and kept."""
     checkpoint_every: int = 500
     """Steps between checkpoints."""
