@@ -1,8 +1,8 @@
 """Closest point of a triangle mesh to each sample.
 
 The search looks at the faces around the nearest vertex, which is the closest face but for samples over long thin faces:
-on the built-in hand, within the shell, the distance is exact to 0.1 mm for 99.8% of the samples, and in a fist, where the
-nearest vertex may belong to the skin on the other side of a contact, for 98.3%.
+on the built-in hand, within the shell, the distance is exact to 0.1 mm for 99.8% of the samples, and in a fist, where
+the nearest vertex may belong to the skin on the other side of a contact, for 98.3%.
 Triangle test: Ericson 2004, "Real-Time Collision Detection", section 5.1.5, written without branches.
 """
 
