@@ -78,7 +78,7 @@ def field_inputs(
     samples: SurfaceSamples,
     topology: Topology,
     frame: FrameConditions,
-    vertex_exposure: Float[Tensor, "V 8"],
+    vertex_exposure: Float[Tensor, "V E"],
     view: Float[Tensor, "S 3"],
     footprint_m: Float[Tensor, " S"],
     shell_m: float,
