@@ -31,10 +31,12 @@ clean:
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/demo.stamp: $(VENV)/bin/python pyproject.toml
+	@echo "Installing Blender as a module, torch and LiveHand into $(VENV); once, 2 GB"
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml
+	@echo "Installing what checks and tests need into $(VENV); once"
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
 	@touch $@ $(VENV)/demo.stamp
 
