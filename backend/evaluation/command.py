@@ -61,7 +61,7 @@ def _table(scores: list[ViewScore]) -> str:
     return "".join(_line(name, summary([s for s in scores if s.split == name])) + "\n" for name in splits)
 
 
-def _line(name: str, figures: dict[str, float]) -> str:
+def _line(name: str, figures: dict[str, float | int]) -> str:
     return (
         f"{name:13s} {figures['images']:5d} images  PSNR {figures['psnr_full']:.2f} dB full, "
         f"{figures['psnr_hand']:.2f} dB hand  SSIM {figures['ssim']:.4f}  alpha IoU {figures['alpha_iou']:.4f}"

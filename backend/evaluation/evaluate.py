@@ -54,7 +54,7 @@ def score_views(renderer: Renderer, capture: Capture, views: Iterable[CaptureVie
     return scores
 
 
-def summary(scores: list[ViewScore]) -> dict[str, float]:
+def summary(scores: list[ViewScore]) -> dict[str, float | int]:
     """Mean figures: `images, psnr_full, psnr_hand, ssim, alpha_iou`."""
     names = ("psnr_full", "psnr_hand", "ssim", "alpha_iou")
     means = {name: round(fmean(getattr(score, name) for score in scores), 4) for name in names}

@@ -39,11 +39,11 @@ def load_checkpoint(path: Path, networks: nn.Module, optimiser: torch.optim.Opti
     """
     try:
         with safe_open(path, framework="pt") as archive:
-            metadata = archive.metadata()
+            metadata = archive.metadata() or {}
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
         raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start anew") from error
-    if metadata["run"] != run:
+    if metadata.get("run") != run:
         raise LiveHandError(
             f"checkpoint {path} must be of the same capture and settings, got another run's; repeat its settings, "
             "choose another output, or delete it"

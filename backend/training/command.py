@@ -23,7 +23,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="AVATAR", help=".safetensors to write")
     parser.add_argument("--config", choices=_CONFIGS, default="default", help="which networks")
     parser.add_argument("--hand", type=Path, help="the capture's hand model (default: the built-in hand)")
-    parser.add_argument("--steps", type=int, default=config.steps, help="one image each (default: %(default)s)")
+    parser.add_argument("--steps", type=_positive, default=config.steps, help="one image each (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=config.seed)
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the output")
     parser.add_argument(
@@ -55,6 +55,12 @@ def _run(args: argparse.Namespace) -> dict:
     device = _device(args.device)
     train(capture, hand, output, config, PRESETS[args.config], perceptual, device, args.precision, args.resume)
     return {"avatar": str(output), "steps": config.steps, "megabytes": round(output.stat().st_size / 1e6, 2)}
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"must be a whole number above 0, got {text!r}")
+    return int(text)
 
 
 def _checked_output(path: Path) -> Path:

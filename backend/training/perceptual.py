@@ -65,10 +65,14 @@ def load_perceptual_loss(path: Path | None) -> PerceptualLoss:
         LiveHandError: the file does not hold VGG19, or there is none to be had.
     """
     weights = _read_weights(path) if path is not None else _torchvision_weights()
-    missing = [f"{k}.weight" for k, *_ in _LAYERS if f"{k}.weight" not in weights]
+    names = [f"{k}.{parameter}" for k, *_ in _LAYERS for parameter in ("weight", "bias")]
+    missing = [name for name in names if name not in weights]
     if missing:
         raise LiveHandError(f"perceptual weights must hold VGG19's convolutions, got none named {missing[0]} in {path}")
-    return PerceptualLoss(weights)
+    try:
+        return PerceptualLoss(weights)
+    except RuntimeError as error:
+        raise LiveHandError(f"perceptual weights must be of VGG19's sizes, got others in {path} ({error})") from error
 
 
 def _read_weights(path: Path) -> dict[str, Tensor]:
@@ -79,7 +83,7 @@ def _read_weights(path: Path) -> dict[str, Tensor]:
             from safetensors.torch import load_file
 
             return load_file(path)
-        state = torch.load(path, weights_only=True, map_location="cpu")
+        state = dict(torch.load(path, weights_only=True, map_location="cpu"))
     except Exception as error:  # any reader's own kind of error means the same here
         raise LiveHandError(f"perceptual weights {path} must be readable, got {error}") from error
     return {key.removeprefix("features."): value for key, value in state.items()}

@@ -1,0 +1,302 @@
+"""Training on a tiny capture: it learns, goes on where it stopped, and refuses what is not its own."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.avatar import PRESETS, AvatarConfig, load_avatar, new_avatar
+from livehand.backend.cli import COMMANDS
+from livehand.backend.command import run_commands
+from livehand.backend.errors import LiveHandError
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.hand.model import load_default_hand
+from livehand.backend.renderer import trace
+from livehand.backend.sampler import SamplerConfig
+from livehand.backend.shot import HandPose
+from livehand.backend.superres import SuperResConfig
+from livehand.backend.training import loop
+from livehand.backend.training.checkpoint import checkpoint_path, load_checkpoint
+from livehand.backend.training.config import LossConfig, TrainConfig
+from livehand.backend.training.loop import rate_at, train, view_of_step
+from livehand.backend.training.perceptual import PerceptualLoss
+from livehand.backend.training.views import TrainingViews
+from safetensors import safe_open
+
+SMALL = AvatarConfig(
+    FieldConfig(width=16, planes=((32, 2, 4),)), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+)
+CPU = torch.device("cpu")
+SHORT = TrainConfig(steps=60, warmup_steps=5, checkpoint_every=20, learning_rate=1e-2, plane_learning_rate=3e-2)
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_default_hand()
+
+
+@pytest.fixture
+def losses(monkeypatch):
+    """The loss of every step that is taken from here on."""
+    seen, original = [], loop._train_step
+
+    def noted(*arguments):
+        seen.append(original(*arguments))
+        return seen[-1]
+
+    monkeypatch.setattr(loop, "_train_step", noted)
+    return seen
+
+
+def run(capture, hand, output, config=SHORT, resume=False, avatar_config=SMALL, precision="fp32"):
+    return train(capture, hand, output, config, avatar_config, None, CPU, precision, resume)
+
+
+def test_it_learns_and_saves_what_it_learnt(painted_capture, hand, tmp_path, losses):
+    output = tmp_path / "a.safetensors"
+    avatar = run(painted_capture, hand, output)
+    assert len(losses) == 60
+    assert np.mean(losses[-6:]) < 0.62 * np.mean(losses[:6])
+    back = load_avatar(output)
+    assert (back.name, back.hand_sha256, back.config) == ("a", hand.sha256, SMALL)
+    assert back.provenance["training"]["steps"] == 60
+    assert back.provenance["capture"] == painted_capture.provenance
+    for key, value in avatar.field.state_dict().items():
+        torch.testing.assert_close(back.field.state_dict()[key], value.half().float())
+    fresh = new_avatar("a", hand.name, hand.sha256, SMALL)
+    assert not torch.equal(avatar.field.planes[0].table, fresh.field.planes[0].table)
+
+
+def test_half_precision_learns_as_well(painted_capture, hand, tmp_path, losses):
+    run(painted_capture, hand, tmp_path / "a.safetensors", replace(SHORT, steps=40), precision="bf16")
+    assert np.mean(losses[-6:]) < 0.7 * np.mean(losses[:6])
+
+
+class Killed(Exception):
+    pass
+
+
+def test_an_interrupted_run_ends_as_an_unbroken_one(painted_capture, hand, tmp_path, monkeypatch):
+    whole = run(painted_capture, hand, tmp_path / "whole.safetensors")
+    original, count = loop._train_step, Counter()
+
+    def dies(*arguments):
+        count["steps"] += 1
+        if count["steps"] == 34:
+            raise Killed
+        return original(*arguments)
+
+    output = tmp_path / "broken.safetensors"
+    monkeypatch.setattr(loop, "_train_step", dies)
+    with pytest.raises(Killed):
+        run(painted_capture, hand, output)
+    assert checkpoint_path(output).is_file()
+    assert not output.exists()
+    resumed = run(painted_capture, hand, output, resume=True)
+    assert count["steps"] == 34 + 40  # from the checkpoint after step 20
+    for part in ("field", "superres"):
+        expected = getattr(whole, part).state_dict()
+        for key, value in getattr(resumed, part).state_dict().items():
+            torch.testing.assert_close(value, expected[key], atol=1e-5, rtol=1e-4)
+
+
+def test_without_resume_it_starts_anew(painted_capture, hand, tmp_path, losses):
+    output = tmp_path / "a.safetensors"
+    config = replace(SHORT, steps=4, checkpoint_every=2)
+    first = run(painted_capture, hand, output, config)
+    again = run(painted_capture, hand, output, config)
+    assert len(losses) == 8
+    assert losses[:4] == losses[4:]
+    assert torch.equal(first.field.planes[0].table, again.field.planes[0].table)
+
+
+def test_resuming_a_finished_run_takes_no_step(painted_capture, hand, tmp_path, losses):
+    output, config = tmp_path / "a.safetensors", replace(SHORT, steps=4, checkpoint_every=2)
+    run(painted_capture, hand, output, config)
+    before = output.read_bytes()
+    run(painted_capture, hand, output, config, resume=True)
+    assert len(losses) == 4
+    assert output.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"config": replace(SHORT, steps=5, checkpoint_every=2)},
+        {"config": replace(SHORT, steps=4, checkpoint_every=2, seed=1)},
+        {"avatar_config": replace(SMALL, superres=SuperResConfig(width=4, depth=2))},
+    ],
+)
+def test_a_checkpoint_of_another_run_is_refused(painted_capture, hand, tmp_path, other):
+    output, config = tmp_path / "a.safetensors", replace(SHORT, steps=4, checkpoint_every=2)
+    run(painted_capture, hand, output, config)
+    with pytest.raises(LiveHandError, match="must be of the same capture and settings"):
+        run(painted_capture, hand, output, **{"config": config, **other}, resume=True)
+
+
+def test_damaged_checkpoints_are_refused(painted_capture, hand, tmp_path):
+    output, config = tmp_path / "a.safetensors", replace(SHORT, steps=4, checkpoint_every=2)
+    run(painted_capture, hand, output, config)
+    path = checkpoint_path(output)
+    data = path.read_bytes()
+    for spoilt in (b"", data[:100], data[:-1], output.read_bytes()):  # the last: a .safetensors of another kind
+        path.write_bytes(spoilt)
+        with pytest.raises(LiveHandError, match=r"a\.checkpoint"):
+            run(painted_capture, hand, output, config, resume=True)
+
+
+def test_a_checkpoint_holds_the_optimiser_too(painted_capture, hand, tmp_path):
+    output, config = tmp_path / "a.safetensors", replace(SHORT, steps=4, checkpoint_every=4)
+    avatar = run(painted_capture, hand, output, config)
+    networks = torch.nn.ModuleList([avatar.field, avatar.superres])
+    optimiser = loop._optimiser(networks, config)
+    path = checkpoint_path(output)
+    assert load_checkpoint(path, networks, optimiser, read_run(path)) == 4
+    states = [optimiser.state[p] for group in optimiser.param_groups for p in group["params"]]
+    assert all(float(state["step"]) == 4 for state in states if state)
+    assert sum(bool(state) for state in states) == len(states)
+    assert max(float(state["exp_avg"].abs().max()) for state in states) > 0
+
+
+def read_run(path):
+    with safe_open(path, framework="pt") as archive:
+        return archive.metadata()["run"]
+
+
+def test_a_capture_of_another_hand_or_without_views_is_refused(painted_capture, hand, tmp_path):
+    output = tmp_path / "a.safetensors"
+    with pytest.raises(LiveHandError, match="must be of hand"):
+        run(replace(painted_capture, hand_sha256="0" * 64), hand, output)
+    with pytest.raises(LiveHandError, match="must have training images"):
+        run(replace(painted_capture, views=painted_capture.of_split("test")), hand, output)
+    left = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3), "left")
+    with pytest.raises(LiveHandError, match="must all be of the right hand"):
+        run(replace(painted_capture, poses=(left, left)), hand, output)
+    assert not output.exists()
+
+
+def test_the_rate_rises_then_falls():
+    config = TrainConfig(steps=1000, warmup_steps=10, final_learning_rate=0.02)
+    rates = [rate_at(step, config) for step in range(1000)]
+    assert rates[0] == pytest.approx(0.1, rel=0.01)
+    assert rates[9] == pytest.approx(1.0, rel=0.01)
+    assert max(rates) <= 1
+    assert rates[9:] == sorted(rates[9:], reverse=True)
+    assert rate_at(500, config) == pytest.approx(0.02 + 0.98 * 0.5)
+    assert rate_at(1000, config) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_every_epoch_visits_every_view_once_in_an_order_of_its_own(count):
+    config = TrainConfig(seed=3, jitter_sets=2)
+    epochs = [[view_of_step(epoch * count + k, count, config) for k in range(count)] for epoch in range(6)]
+    for epoch, visits in enumerate(epochs):
+        assert sorted(view for view, _ in visits) == list(range(count))
+        assert {jitter for _, jitter in visits} == {epoch % 2}
+    if count > 1:
+        assert len({tuple(view for view, _ in visits) for visits in epochs}) > 3
+        assert [view_of_step(k, count, replace(config, seed=8)) for k in range(count)] != epochs[0]
+
+
+@pytest.fixture(scope="module")
+def views(painted_capture, hand):
+    return TrainingViews(painted_capture, painted_capture.of_split("train"), hand, SMALL.sampler, CPU, 0)
+
+
+def test_a_view_is_the_image_in_its_window(painted_capture, views):
+    view = views.get(1, 0)
+    image = painted_capture.read_image(views.views[1])
+    height, width = view.is_inside.shape
+    assert (view.view.size_px[0] * 2, view.view.size_px[1] * 2) == (width, height)
+    assert int(view.is_inside.sum()) > 0
+    inside = view.target[:, view.is_inside]
+    assert view.target[:, ~view.is_inside].abs().max() == 0
+    assert inside[3].sum() == pytest.approx(image[..., 3].sum(), rel=1e-3)  # all of the hand is in the window
+    torch.testing.assert_close(inside[:3].sum(1), torch.as_tensor(image[..., :3].sum((0, 1))), rtol=1e-3, atol=1e-2)
+
+
+def test_kept_rays_are_traced_ones_to_a_few_micrometres(views):
+    view = views.get(0, 1)
+    generator = torch.Generator().manual_seed(hash((0, 0, 1)) % 2**63)
+    traced = trace(view.mesh, views.topology, view.view, SMALL.sampler, generator)
+    for name in ("pixel", "directions", "t", "dt"):
+        torch.testing.assert_close(getattr(view.rays, name), getattr(traced, name))
+    assert torch.equal(view.rays.samples.face, traced.samples.face)
+    assert (view.rays.samples.height_m - traced.samples.height_m).abs().max() < 3e-6
+    corners = view.mesh.vertices[views.topology.faces[traced.samples.face]]
+    moved = (view.rays.samples.barycentric - traced.samples.barycentric)[:, :, None] * corners
+    assert moved.sum(1).norm(dim=-1).max() < 5e-6
+    torch.testing.assert_close(view.rays.samples.barycentric.sum(1), torch.ones(len(corners)))
+
+
+def test_jitters_differ_and_stay(views):
+    one, again, other = views.get(2, 0), views.get(2, 0), views.get(2, 1)
+    assert torch.equal(one.rays.t, again.rays.t)
+    assert not torch.equal(one.rays.t, other.rays.t)
+
+
+def test_views_without_the_hand_are_left_out(painted_capture, hand):
+    view = painted_capture.views[0]
+    away = replace(view, camera=replace(view.camera, cam2world=view.camera.cam2world @ np.diag([1.0, -1, -1, 1])))
+    views = TrainingViews(painted_capture, (view, away), hand, SMALL.sampler, CPU, 0)
+    assert len(views) == 1
+
+
+def test_planes_have_a_rate_of_their_own(hand):
+    avatar = new_avatar("a", hand.name, hand.sha256, SMALL)
+    networks = torch.nn.ModuleList([avatar.field, avatar.superres])
+    others, planes = loop._optimiser(networks, SHORT).param_groups
+    assert [p.shape for p in planes["params"]] == [avatar.field.planes[0].table.shape]
+    assert (others["initial_lr"], planes["initial_lr"]) == (SHORT.learning_rate, SHORT.plane_learning_rate)
+    assert len(others["params"]) + 1 == len(list(networks.parameters()))
+    paper = new_avatar("a", hand.name, hand.sha256, replace(SMALL, field=FieldConfig(kind="paper")))
+    assert len(loop._optimiser(paper.field, SHORT).param_groups) == 1
+
+
+def test_the_last_part_has_the_perceptual_term(painted_capture, hand, tmp_path, monkeypatch):
+    config = replace(SHORT, steps=10, loss=LossConfig(perceptual_share=0.3))
+    perceptual = PerceptualLoss.__new__(PerceptualLoss)
+    torch.nn.Module.__init__(perceptual)
+    used = []
+
+    def noted(low, image, target, is_inside, config, perceptual):
+        used.append(perceptual is not None)
+        return image.square().mean()
+
+    monkeypatch.setattr(loop, "window_loss", noted)
+    train(painted_capture, hand, tmp_path / "a.safetensors", config, SMALL, perceptual, CPU)
+    assert used == [False] * 7 + [True] * 3
+
+
+def test_the_command_trains(painted_capture, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(PRESETS, "default", SMALL)
+    output = tmp_path / "new" / "a.safetensors"
+    arguments = ["train", str(painted_capture.folder), "-o", str(output), "--steps", "3", "--perceptual", "0"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["steps"] == 3
+    assert load_avatar(output).provenance["precision"] == "bf16"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["-o", "a.pth"], "must end in .safetensors"),
+        (["--hand", "gone.npz"], "no hand model at gone.npz"),
+        (["--perceptual-weights", "gone.pth"], "no perceptual weights at gone.pth"),
+        (["--steps", "0"], "steps"),
+    ],
+)
+def test_the_command_tells_bad_input(painted_capture, tmp_path, capsys, changes, message):
+    arguments = ["train", str(painted_capture.folder), "-o", str(tmp_path / "a.safetensors"), "--device", "cpu"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, *changes]) in (1, 2)
+    assert message in capsys.readouterr().err
+
+
+def test_the_seed_is_part_of_the_run(painted_capture, hand, tmp_path, losses):
+    config = replace(SHORT, steps=3)
+    run(painted_capture, hand, tmp_path / "a.safetensors", config)
+    run(painted_capture, hand, tmp_path / "b.safetensors", replace(config, seed=5))
+    assert losses[:3] != losses[3:]
