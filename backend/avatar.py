@@ -20,7 +20,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from .errors import LiveHandError
-from .field.field import FieldConfig, build_field
+from .field.field import FieldConfig, PaperField, PlaneField, build_field
 from .sampler import SamplerConfig
 from .superres import SuperResConfig, build_superres
 
@@ -67,7 +67,7 @@ class Avatar:
     hand_name: str
     hand_sha256: str
     config: AvatarConfig
-    field: nn.Module
+    field: PaperField | PlaneField
     superres: nn.Module
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)

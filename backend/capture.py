@@ -136,7 +136,7 @@ def _read_view(entry: dict | object, pose_count: int, folder: Path) -> CaptureVi
     try:
         width, height = (int(n) for n in entry["size_px"])
         camera = Camera(np.array(entry["K"], float), np.array(entry["cam2world"], float), (width, height))
-        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), split)
+        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), entry["split"])
     except KeyError as error:
         raise LiveHandError(f"{folder}: {name} must have a {error} in transforms.json, got none") from error
     except (ValueError, TypeError, LiveHandError) as error:

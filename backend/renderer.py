@@ -21,7 +21,7 @@ from .camera import Camera
 from .colour import srgb_to_linear
 from .errors import LiveHandError
 from .field.conditions import FrameConditions, field_inputs
-from .field.field import CHANNELS
+from .field.field import CHANNELS, PaperField, PlaneField
 from .geometry.mesh import PosedMesh, Topology, posed_mesh
 from .geometry.uvh import SurfaceSamples, project_to_surface
 from .hand.model import MIRROR_AXIS_ANGLE, HandModel
@@ -195,11 +195,11 @@ def split_rays(rays: SurfaceRays, at_once: int) -> list[SurfaceRays]:
     per_ray = rays.t.shape[1]
     by_ray = zip(*(values.split(at_once) for values in rays[:4]), strict=True)
     by_sample = zip(*(values.split(at_once * per_ray) for values in rays.samples), strict=True)
-    return [SurfaceRays(*r, SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]
+    return [SurfaceRays(*r, samples=SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]
 
 
 def shade(
-    field: nn.Module,
+    field: PaperField | PlaneField,
     rays: SurfaceRays,
     topology: Topology,
     conditions: FrameConditions,

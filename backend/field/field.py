@@ -38,7 +38,7 @@ class FieldConfig:
     """Length on the skin that one atlas unit spans, about; it says which planes are finer than a pixel."""
 
 
-def build_field(config: FieldConfig) -> nn.Module:
+def build_field(config: FieldConfig) -> PaperField | PlaneField:
     """The field the configuration names, with fresh weights."""
     return PaperField() if config.kind == "paper" else PlaneField(config)
 
@@ -112,6 +112,7 @@ class PlaneField(nn.Module):
         """Features of every plane, the ones finer than a pixel faded out, or they would shimmer."""
         features = []
         for plane in self.planes:
+            assert isinstance(plane, FeaturePlane)
             texel_m = self.config.atlas_m / plane.resolution
             fade = (2 * texel_m / inputs.footprint_m).clamp(max=1)
             features.append(plane(inputs.uv, inputs.height) * fade[:, None])
