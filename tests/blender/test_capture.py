@@ -1,0 +1,335 @@
+"""Captures: what the plan holds, that Blender sees what its cameras say, and a tiny one rendered to the end."""
+
+import json
+from argparse import ArgumentParser
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+import torch
+from livehand.backend.camera import Camera, look_at
+from livehand.backend.capture import index_document, load_capture
+from livehand.backend.errors import LiveHandError
+from livehand.backend.evaluation.metrics import alpha_iou
+from livehand.backend.geometry.rasterise import rasterise
+from livehand.backend.hand.builtin.beauty import detailed_surface
+from livehand.backend.hand.lbs import SkinTensors, pose_hand
+from livehand.backend.hand.model import load_default_hand
+from livehand.backend.shot import HandPose
+from livehand.livehand_blender.capture import command
+from livehand.livehand_blender.capture import render as capture_render
+from livehand.livehand_blender.capture.bake import bake_skin
+from livehand.livehand_blender.capture.plan import UPRIGHT, CapturePlan
+from livehand.livehand_blender.capture.render import is_whole, render_capture
+from livehand.livehand_blender.capture.scene import capture_scene, set_camera
+from livehand.livehand_blender.capture.surface import SkinSurface
+from livehand.livehand_blender.scene.camera import read_camera
+from PIL import Image
+
+SMALL = CapturePlan(poses=23, cameras=11, size_px=(24, 32), eval_views=5)
+
+
+@pytest.fixture(scope="module")
+def right_hand():
+    return load_default_hand()
+
+
+@pytest.fixture(scope="module")
+def made(right_hand, tmp_path_factory):
+    return SMALL.make(tmp_path_factory.mktemp("plan"), right_hand, {"made_by": "test"})
+
+
+def vertices_of(model, pose):
+    skin = SkinTensors.of(model, dtype=torch.float64)
+    return pose_hand(skin, *(torch.as_tensor(v) for v in (pose.theta, pose.beta, pose.transl))).vertices.numpy()
+
+
+def test_the_same_plan_is_the_same_capture_and_another_seed_another(made, right_hand):
+    again = SMALL.make(made.folder, right_hand, {"made_by": "test"})
+    assert index_document(again) == index_document(made)
+    for one, other in zip(again.poses, made.poses, strict=True):
+        np.testing.assert_array_equal(one.theta, other.theta)
+        np.testing.assert_array_equal(one.transl, other.transl)
+    other = replace(SMALL, seed=1).make(made.folder, right_hand, {"made_by": "test"})
+    assert index_document(other) != index_document(made)
+    assert not np.allclose(other.poses[0].theta, made.poses[0].theta)
+
+
+def test_nothing_held_out_is_ever_trained_on(made):
+    train = made.of_split("train")
+    trained_poses, trained_cameras = ({getattr(v, n) for v in train} for n in ("pose_index", "camera_index"))
+    assert trained_poses == {k for k in range(23) if k % 11 != 5}
+    assert trained_cameras == {k for k in range(11) if k % 5 != 3}
+    for split, is_new_pose, is_new_camera in (
+        ("novel_pose", True, False),
+        ("novel_camera", False, True),
+        ("test", True, True),
+    ):
+        views = made.of_split(split)
+        assert views
+        for view in views:
+            assert (view.pose_index not in trained_poses) == is_new_pose
+            assert (view.camera_index not in trained_cameras) == is_new_camera
+
+
+def test_counts_are_the_plans(made):
+    assert len(made.poses) == 23
+    assert len(made.of_split("train")) == 21 * 9
+    assert [len(made.of_split(s)) for s in ("novel_pose", "novel_camera", "test")] == [5, 5, 4]
+    assert len({view.file for view in made.views}) == len(made.views)
+    assert [view.file for view in made.views] == sorted(view.file for view in made.views)
+
+
+def test_held_out_views_are_spread_over_poses_and_cameras():
+    capture = CapturePlan().make(Path(), load_default_hand(), {})
+    for split in ("novel_pose", "novel_camera", "test"):
+        views = capture.of_split(split)
+        assert len(views) == 24
+        assert len({view.pose_index for view in views}) >= 6
+        assert len({view.camera_index for view in views}) >= 3
+
+
+def test_hands_stand_upright_before_the_cameras_at_the_origin(made, right_hand):
+    """Fingers up, on average, in Blender's world; the middle knuckle near the origin."""
+    knuckles, up = [], []
+    for pose in made.poses:
+        skin = SkinTensors.of(right_hand, dtype=torch.float64)
+        posed = pose_hand(skin, *(torch.as_tensor(v) for v in (pose.theta, pose.beta, pose.transl)))
+        knuckles.append(posed.joints[4].numpy())
+        up.append((posed.joints[4] - posed.joints[0]).numpy())
+    assert np.linalg.norm(knuckles, axis=1).max() < 0.03
+    up = np.array(up) / np.linalg.norm(up, axis=1, keepdims=True)
+    assert up[:, 2].mean() > 0.7
+    np.testing.assert_allclose(UPRIGHT @ [-1, 0, 0], [0, 0, 1])  # fingers
+    np.testing.assert_allclose(UPRIGHT @ [0, 1, 0], [0, -1, 0])  # back of the hand
+
+
+def test_cameras_stand_all_around_and_see_the_hand(made, right_hand):
+    cameras = {view.camera_index: view.camera for view in made.views}
+    directions = np.array([camera.origin / np.linalg.norm(camera.origin) for camera in cameras.values()])
+    assert len(cameras) == 11
+    assert np.linalg.norm(directions.mean(0)) < 0.15
+    inside = []
+    for view in made.views[::9]:
+        pixels, depth = view.camera.project(vertices_of(right_hand, made.poses[view.pose_index]))
+        inside.append(((pixels >= 0) & (pixels < SMALL.size_px)).all(1).mean())
+        assert depth.min() > 0.4
+    assert min(inside) > 0.25
+    assert np.mean(inside) > 0.7
+
+
+@pytest.mark.parametrize("size_px", [(24, 32), (167, 256), (300, 200)])
+def test_blenders_camera_sees_what_the_record_says(size_px):
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(scene.camera)
+    K = np.array([[350.0, 0, size_px[0] / 2 + 3.2], [0, 350.0, size_px[1] / 2 - 1.7], [0, 0, 1]])
+    camera = Camera(K, look_at(np.array([0.4, -0.6, 0.3]), np.array([0.02, 0, 0]), np.array([0, 0, 1.0])), size_px)
+    set_camera(scene, camera)
+    bpy.context.view_layer.update()
+    back = read_camera(scene.camera.evaluated_get(bpy.context.evaluated_depsgraph_get()), scene.render)
+    assert back.size_px == size_px
+    points = np.random.default_rng(0).normal(0, 0.05, (50, 3))
+    for ours, theirs in zip(back.project(points), camera.project(points), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-3)
+
+
+def test_every_planned_camera_comes_back(made):
+    scene = capture_scene()
+    cameras = {view.camera_index: view.camera for view in made.views}
+    points = np.random.default_rng(1).normal(0, 0.05, (20, 3))
+    for camera in cameras.values():
+        set_camera(scene, camera)
+        bpy.context.view_layer.update()
+        back = read_camera(scene.camera.evaluated_get(bpy.context.evaluated_depsgraph_get()), scene.render)
+        assert np.abs(back.project(points)[0] - camera.project(points)[0]).max() < 1e-3
+
+
+def test_the_scene_writes_straight_srgb_without_dither():
+    scene = capture_scene(threads=1)
+    assert (scene.view_settings.view_transform, scene.render.dither_intensity) == ("Standard", 0.0)
+    assert scene.render.film_transparent
+    assert (scene.render.threads_mode, scene.render.threads) == ("FIXED", 1)
+
+
+@pytest.fixture(scope="module")
+def coarse_surface(right_hand):
+    return detailed_surface(right_hand, levels=1)
+
+
+def test_the_surface_follows_the_hand(coarse_surface, right_hand, made):
+    capture_scene()
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    pose = made.poses[0]
+    surface.set_pose(pose)
+    posed = surface.posed_vertices(pose)
+    mesh = np.empty(3 * len(posed), np.float32)
+    surface.object.data.vertices.foreach_get("co", mesh)
+    np.testing.assert_allclose(mesh.reshape(-1, 3), posed, atol=1e-6)
+    # Subdivision, relaxation and details move it by little from the template's own skin.
+    template = vertices_of(right_hand, pose)
+    near = np.linalg.norm(template[:, None] - posed[None], axis=-1).min(1)
+    assert np.median(near) < 0.0025
+    assert near.max() < 0.008
+    still = HandPose.rest()
+    np.testing.assert_allclose(surface.posed_vertices(still), coarse_surface.vertices_m, atol=1e-9)
+
+
+def test_shape_and_place_reach_the_surface(coarse_surface, right_hand):
+    capture_scene()
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    rest = surface.posed_vertices(HandPose.rest())
+    moved = surface.posed_vertices(replace(HandPose.rest(), transl=np.array([0.1, -0.2, 0.3])))
+    np.testing.assert_allclose(moved - rest, np.broadcast_to([0.1, -0.2, 0.3], rest.shape), atol=1e-9)
+    beta = np.eye(10)[0]
+    grown = surface.posed_vertices(replace(HandPose.rest(), beta=beta))
+    np.testing.assert_allclose(grown - rest, coarse_surface.subdivision @ (right_hand.shapedirs @ beta), atol=1e-9)
+
+
+def test_bending_a_finger_is_told_to_its_skin_only(coarse_surface, right_hand):
+    capture_scene()
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    theta = np.zeros((16, 3))
+    theta[5] = coarse_surface.flex_axis[5] * np.deg2rad(65)  # the middle finger's middle joint
+    flex = surface._flex(theta)
+    joint = coarse_surface.masks["jid"].astype(int)
+    assert (joint == 5).sum() > 20
+    np.testing.assert_allclose(flex[joint == 5], 1.0)
+    assert np.abs(flex[joint != 5]).max() == 0
+    assert surface._flex(-theta)[joint == 5].max() == 0  # bent backwards: no fold
+
+
+TINY = CapturePlan(poses=1, cameras=2, size_px=(24, 32), samples=1, eval_samples=1)
+
+
+@pytest.fixture(scope="module")
+def tiny(coarse_surface, tmp_path_factory):
+    """A capture of one pose and two cameras, rendered once, with a coarse surface and a small bake."""
+    folder = tmp_path_factory.mktemp("tiny")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
+        patch.setattr(capture_render, "bake_skin", partial(bake_skin, size_px=64))
+        render_capture(folder, TINY, {"made_by": "test"}, threads=1)
+    return folder
+
+
+@pytest.fixture
+def no_renders(monkeypatch, coarse_surface):
+    """The files that would be rendered, none of which is."""
+    asked = []
+    monkeypatch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
+    monkeypatch.setattr(capture_render, "render_views", lambda capture, views, *_: asked.extend(v.file for v in views))
+    return asked
+
+
+def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, right_hand):
+    capture = load_capture(tiny)
+    assert len(capture.views) == 2
+    for view in capture.views:
+        image = capture.read_image(view)
+        positions_px, depth = view.camera.project(vertices_of(right_hand, capture.poses[0]))
+        mesh = (torch.as_tensor(value) for value in (positions_px, depth, right_hand.f))
+        covered = torch.zeros(32 * 24)
+        covered[rasterise(*mesh, view.camera.size_px).pixel] = 1
+        assert alpha_iou(torch.as_tensor(image[..., 3]), covered.reshape(32, 24)) > 0.85
+        skin = image[..., :3][image[..., 3] > 0.99]
+        assert len(skin) > 50
+        red, green, blue = skin.mean(0)
+        assert red > green > blue > 0.05
+        assert image[..., :3][image[..., 3] == 0].max(initial=0) == 0
+    assert not list(tiny.glob("images/partial*"))
+
+
+def test_a_whole_capture_is_not_rendered_again(tiny, no_renders):
+    render_capture(tiny, TINY, {"made_by": "test"})
+    assert no_renders == []
+
+
+def test_what_is_missing_or_cut_short_is_rendered_again(tiny, no_renders):
+    first, second = sorted((tiny / "images").iterdir())
+    kept = first.read_bytes(), second.read_bytes()
+    try:
+        second.write_bytes(kept[1][: len(kept[1]) // 2])
+        render_capture(tiny, TINY, {"made_by": "test"})
+        assert no_renders == [f"images/{second.name}"]
+        first.unlink()
+        render_capture(tiny, TINY, {"made_by": "test"})
+        assert no_renders[1:] == [f"images/{first.name}", f"images/{second.name}"]
+    finally:
+        first.write_bytes(kept[0])
+        second.write_bytes(kept[1])
+
+
+@pytest.mark.parametrize("plan", [replace(TINY, seed=1), replace(TINY, size_px=(32, 32)), replace(TINY, poses=2)])
+def test_the_folder_of_another_capture_is_left_alone(tiny, no_renders, plan):
+    before = (tiny / "transforms.json").read_bytes(), (tiny / "poses.npz").read_bytes()
+    with pytest.raises(LiveHandError, match="holds another capture"):
+        render_capture(tiny, plan, {"made_by": "test"})
+    assert ((tiny / "transforms.json").read_bytes(), (tiny / "poses.npz").read_bytes()) == before
+    assert no_renders == []
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path, no_renders):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(LiveHandError, match="must be writable"):
+        render_capture(tmp_path / "file", TINY, {"made_by": "test"})
+
+
+def test_the_same_seed_renders_the_same_picture(tiny, coarse_surface, tmp_path, monkeypatch):
+    monkeypatch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
+    monkeypatch.setattr(
+        capture_render, "bake_skin", lambda surface, folder, tone: bake_skin(surface, tiny / "skin", tone)
+    )
+    render_capture(tmp_path, TINY, {"made_by": "test"}, threads=1)
+    for path in sorted((tiny / "images").iterdir()):
+        with Image.open(path) as one, Image.open(tmp_path / "images" / path.name) as other:
+            np.testing.assert_allclose(np.asarray(other, int), np.asarray(one, int), atol=1)
+
+
+def test_is_whole(tmp_path, made):
+    view = made.views[0]
+    path = tmp_path / "image.png"
+    assert not is_whole(path, view)
+    Image.new("RGBA", (24, 32)).save(path)
+    assert is_whole(path, view)
+    Image.new("RGBA", (32, 24)).save(path)
+    assert not is_whole(path, view)
+    path.write_bytes(b"")
+    assert not is_whole(path, view)
+
+
+def test_the_command_passes_its_arguments_on(monkeypatch, tmp_path):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    seen = {}
+
+    def fake(folder, plan, provenance, threads):
+        seen.update(folder=folder, plan=plan, provenance=provenance, threads=threads)
+        return plan.make(folder, load_default_hand(), provenance)
+
+    monkeypatch.setattr(capture_render, "render_capture", fake)
+    text = f"-o {tmp_path} --seed 7 --poses 12 --cameras 5 --size 32x48 --samples 2 --eval-samples 3 --eval-views 1"
+    result = command.run(parser.parse_args([*text.split(), "--threads", "2"]))
+    assert seen["plan"] == CapturePlan(7, 12, 5, (32, 48), 2, 3, 1)
+    assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
+    assert json.loads(json.dumps(result))["poses"] == 12
+    assert result["train"] == 11 * 4
+    assert CapturePlan() == replace(
+        CapturePlan(),
+        **{
+            name: getattr(parser.parse_args(["-o", "x"]), name)
+            for name in ("seed", "poses", "cameras", "samples", "eval_samples", "eval_views")
+        },
+    )
+
+
+@pytest.mark.parametrize("size", ["24", "axb", "8x64", "24x32x3"])
+def test_a_bad_size_is_a_usage_error(size, capsys):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["-o", "x", "--size", size])
+    assert "--size" in capsys.readouterr().err
