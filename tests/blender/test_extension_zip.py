@@ -12,6 +12,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 WANTED_AT_TOP = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "backend", "livehand_blender"}
+WANTED_DATA = {"backend/hand/hand_default.npz", "backend/avatars/default.safetensors"}
 WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors"}
 
 
@@ -48,7 +49,7 @@ def test_the_zip_holds_what_a_user_needs_and_nothing_else(zip_path):
     in_tree = {
         path.relative_to(ROOT) for room in ("backend", "livehand_blender") for path in (ROOT / room).rglob("*.py")
     }
-    assert {str(path) for path in in_tree} <= {str(name) for name in names}
+    assert {str(path) for path in in_tree} | WANTED_DATA <= {str(name) for name in names}
 
 
 INSTALL_AND_RENDER = """
