@@ -117,7 +117,8 @@ class Renderer:
 
     @cached_property
     def _topologies(self) -> dict[Side, Topology]:
-        return {side: Topology.of(self.hand.for_side(side), self.torch_device) for side in ("right", "left")}
+        sides: tuple[Side, ...] = ("right", "left")
+        return {side: Topology.of(self.hand.for_side(side), self.torch_device, self.hand.side) for side in sides}
 
     def _topology_of(self, shot: Shot) -> Topology:
         expected = len(self.hand.v_template)

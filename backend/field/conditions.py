@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples, atlas_uv, interpolate
 from ..geometry.visibility import visibility_transfer
@@ -23,6 +24,7 @@ class FieldInputs(NamedTuple):
         uv: [S, 2] in [0, 1].
         height: [S] signed height over the surface, in units of the shell: -1..1.
         normal: [S, 3] posed surface normal, world.
+        rotation: [S, 3, 3] how the surface has turned there, canonical hand -> world.
         local_pose: [S, 9] skin-weighted axis-angle, rad, of the joints that move the point, their parents and children.
         exposure: [S, 8] light the point gets, self-shadowing included, in a learnt code.
         view: [S, 3] unit direction of the ray, world.
@@ -33,6 +35,7 @@ class FieldInputs(NamedTuple):
     uv: Tensor
     height: Tensor
     normal: Tensor
+    rotation: Tensor
     local_pose: Tensor
     exposure: Tensor
     view: Tensor
@@ -59,7 +62,7 @@ class FrameConditions(NamedTuple):
 
     Attributes:
         theta: [48] rad.
-        vertex_channels: [V, 12] posed normal and local pose.
+        vertex_channels: [V, 21] posed normal, local rotation (row-major) and local pose.
         visibility: [V, K] cosine-weighted visibility of the sky's directions.
     """
 
@@ -70,7 +73,8 @@ class FrameConditions(NamedTuple):
     @classmethod
     def of(cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh) -> FrameConditions:
         """The conditions of one posed hand; `theta` mirrored to the avatar's own side."""
-        channels = torch.cat([mesh.normals, vertex_local_pose(theta, topology)], -1)
+        rotation = local_rotations(mesh.vertices, mesh.normals, topology.frames).flatten(1)
+        channels = torch.cat([mesh.normals, rotation, vertex_local_pose(theta, topology)], -1)
         return cls(theta.reshape(-1), channels, visibility_transfer(mesh, topology))
 
 
@@ -86,11 +90,13 @@ def field_inputs(
     """Gather what the field needs at each sample."""
     per_vertex = torch.cat([frame.vertex_channels, vertex_exposure.to(frame.vertex_channels.dtype)], -1)
     channels = interpolate(per_vertex, topology, samples)
-    normal, local_pose, exposure = channels.split([3, LOCAL_POSE_CHANNELS, vertex_exposure.shape[1]], -1)
+    sizes = [3, 9, LOCAL_POSE_CHANNELS, vertex_exposure.shape[1]]
+    normal, rotation, local_pose, exposure = channels.split(sizes, -1)
     return FieldInputs(
         uv=atlas_uv(topology, samples),
         height=samples.height_m / shell_m,
         normal=torch.nn.functional.normalize(normal, dim=-1),
+        rotation=rotation.reshape(-1, 3, 3),
         local_pose=local_pose,
         exposure=exposure,
         view=view,

@@ -22,6 +22,8 @@ CHANNELS = 3 + FEATURE_CHANNELS
 
 # Density before anything is learnt: solid inside the surface, clear outside, half-way at the surface.
 _PRIOR_SLOPE, _PRIOR_OFFSET = -6.0, -1.0
+# Slows the relief plane's learning against the others': its useful values are a few tenths.
+_RELIEF_GAIN = 0.25
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class FieldConfig:
     """Of the planes' decoder."""
     planes: tuple[tuple[int, int, int], ...] = ((64, 6, 8), (128, 3, 8), (256, 3, 8), (512, 1, 4))
     """(resolution, heights, channels) of each plane."""
+    relief: int = 384
+    """Resolution of the relief plane, a learnt normal map."""
     atlas_m: float = 0.27
     """Length on the skin that one atlas unit spans, about; it says which planes are finer than a pixel."""
 
@@ -78,7 +82,12 @@ class PaperField(nn.Module):
 
 
 class PlaneField(nn.Module):
-    """Feature planes on the atlas, read by a small decoder that also sees local pose, normal, exposure and view."""
+    """Feature planes on the atlas, read by a small decoder that also sees local pose, normals, exposure and view.
+
+    One plane holds relief: offsets of the surface's normal in the canonical hand's axes, which the surface's rotation
+    turns into the world before the decoder sees them. So tendons, creases and nails are lit right however the hand is
+    held, where a decoder of features alone can only learn their mean shading.
+    """
 
     VIEW_CHANNELS = 5
 
@@ -86,7 +95,8 @@ class PlaneField(nn.Module):
         super().__init__()
         self.config = config
         self.planes = nn.ModuleList(FeaturePlane(*size) for size in config.planes)
-        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + LOCAL_POSE_CHANNELS + EXPOSURE_CHANNELS
+        self.relief = FeaturePlane(config.relief, 1, 3)
+        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + 3 + LOCAL_POSE_CHANNELS + EXPOSURE_CHANNELS
         self.light = nn.Linear(DIRECTIONS, EXPOSURE_CHANNELS)
         self.trunk = nn.ModuleList([nn.Linear(read, config.width), nn.Linear(config.width, config.width)])
         self.density = nn.Linear(config.width, 1)
@@ -100,23 +110,29 @@ class PlaneField(nn.Module):
     def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
         """Density per mm, and channels."""
         height = inputs.height[:, None]
-        told = (height, height**2, inputs.normal, inputs.local_pose, inputs.exposure)
+        relief = self._relief_normal(inputs)
+        told = (height, height**2, inputs.normal, relief, inputs.local_pose, inputs.exposure)
         hidden = torch.cat([*self._read(inputs), *told], -1)
         for layer in self.trunk:
             hidden = relu(layer(hidden))
         sigma = _density(self.density(hidden)[:, 0], inputs.height)
-        seen = torch.cat([hidden, view_features(inputs.normal, inputs.view).to(hidden.dtype)], -1)
+        seen = torch.cat([hidden, view_features(relief, inputs.view).to(hidden.dtype)], -1)
         return sigma, _channels(self.channels(relu(self.view(seen))))
 
+    def _relief_normal(self, inputs: FieldInputs) -> Float[Tensor, "S 3"]:
+        """The posed normal with the relief's offset, unit length, world."""
+        offset = _RELIEF_GAIN * self.relief(inputs.uv, inputs.height) * self._fade(self.relief, inputs)
+        turned = (inputs.rotation * offset[:, None, :]).sum(-1)
+        return torch.nn.functional.normalize(inputs.normal + turned, dim=-1)
+
     def _read(self, inputs: FieldInputs) -> list[Tensor]:
-        """Features of every plane, the ones finer than a pixel faded out, or they would shimmer."""
-        features = []
-        for plane in self.planes:
-            assert isinstance(plane, FeaturePlane)
-            texel_m = self.config.atlas_m / plane.resolution
-            fade = (2 * texel_m / inputs.footprint_m).clamp(max=1)
-            features.append(plane(inputs.uv, inputs.height) * fade[:, None])
-        return features
+        planes = [plane for plane in self.planes if isinstance(plane, FeaturePlane)]
+        return [plane(inputs.uv, inputs.height) * self._fade(plane, inputs) for plane in planes]
+
+    def _fade(self, plane: FeaturePlane, inputs: FieldInputs) -> Float[Tensor, "S 1"]:
+        """1, less for planes finer than a pixel at the sample, which would shimmer."""
+        texel_m = self.config.atlas_m / plane.resolution
+        return (2 * texel_m / inputs.footprint_m).clamp(max=1)[:, None]
 
 
 def _density(logit: Tensor, height: Tensor) -> Tensor:

@@ -12,7 +12,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..hand.model import HandModel
+from ..hand.model import MIRROR_POINT, HandModel
+from ..shot import Side
+from .local_rotation import LocalFrames
 
 
 class Topology(NamedTuple):
@@ -26,6 +28,7 @@ class Topology(NamedTuple):
         edge_length_m: [] mean edge length of the template.
         lbs_weights: [V, 16].
         parents: [16].
+        frames: of every vertex, to tell how the surface turns.
     """
 
     faces: Tensor
@@ -35,10 +38,12 @@ class Topology(NamedTuple):
     edge_length_m: Tensor
     lbs_weights: Tensor
     parents: Tensor
+    frames: LocalFrames
 
     @classmethod
-    def of(cls, model: HandModel, device: torch.device | str = "cpu") -> Topology:
-        """The model's topology on a device."""
+    def of(cls, model: HandModel, device: torch.device | str = "cpu", canonical_side: Side | None = None) -> Topology:
+        """The model's topology on a device; `canonical_side` is the hand's whose look it wears (None: its own)."""
+        is_mirrored = canonical_side not in (None, model.side)
         faces = torch.as_tensor(model.f, device=device)
         template = torch.as_tensor(model.v_template, dtype=torch.float32, device=device)
         edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -50,6 +55,7 @@ class Topology(NamedTuple):
             edge_length_m=mean_edge_length(template, edges),
             lbs_weights=torch.as_tensor(model.lbs_weights, dtype=torch.float32, device=device),
             parents=torch.as_tensor(model.parents, device=device),
+            frames=LocalFrames.of(model, device, MIRROR_POINT if is_mirrored else None),
         )
 
 

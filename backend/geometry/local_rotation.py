@@ -1,0 +1,89 @@
+"""How the surface has turned, about each vertex, from the template to the pose.
+
+Where the surface faces is not enough to shade its fine relief: a tendon's two flanks differ by how they lie to the
+light, so the field must know the light's direction in the skin's own frame. The rotation is read off the posed mesh,
+not off the joints, so it holds for sculpted hands, foreign rigs and turned armature objects too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..hand.model import HandModel
+
+_MIN_LENGTH = 1e-12  # m; a tangent this short has no direction and becomes zero
+
+
+class LocalFrames(NamedTuple):
+    """A tangent of every vertex as a combination of its edges, and the template's frames.
+
+    Attributes:
+        neighbours: [V, K] vertex indices, the vertex itself where there are fewer.
+        weights: [V, K] of the edges to the neighbours; the weighted sum is the tangent.
+        template: [V, 3, 3] rows tangent, bitangent, normal, unit length, in the canonical hand's axes.
+    """
+
+    neighbours: Tensor
+    weights: Tensor
+    template: Tensor
+
+    @classmethod
+    def of(cls, model: HandModel, device: torch.device | str, mirror: np.ndarray | None = None) -> LocalFrames:
+        """The frames of a model; `mirror` [3] takes its template to the canonical hand's, where that is its mirror."""
+        vertices, neighbours = model.v_template, _neighbour_table(model.f, len(model.v_template))
+        frames = _template_frames(vertices, model.f)
+        edges = vertices[neighbours] - vertices[:, None]
+        in_plane = np.einsum("vkc,vac->vka", edges, frames[:, :2])  # [V, K, 2]
+        # Least squares: the combination of edges that is the tangent in the template, and stays one when it deforms.
+        gram = np.einsum("vka,vkb->vab", in_plane, in_plane)
+        weights = np.einsum("vka,vab->vkb", in_plane, np.linalg.pinv(gram))[..., 0]
+        canonical = frames if mirror is None else frames * mirror
+        return cls(
+            torch.as_tensor(neighbours, device=device),
+            torch.as_tensor(weights, dtype=torch.float32, device=device),
+            torch.as_tensor(canonical, dtype=torch.float32, device=device),
+        )
+
+
+def local_rotations(
+    vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
+) -> Float[Tensor, "V 3 3"]:
+    """Matrices from the canonical template's directions to the world's, orthonormal (mirrored if the hand is)."""
+    edges = vertices[frames.neighbours] - vertices[:, None]
+    tangent = (frames.weights[..., None] * edges).sum(1)
+    tangent = tangent - (tangent * normals).sum(-1, keepdim=True) * normals
+    tangent = torch.nn.functional.normalize(tangent, dim=-1, eps=_MIN_LENGTH)
+    posed = torch.stack([tangent, torch.linalg.cross(normals, tangent), normals], 1)
+    return posed.transpose(1, 2) @ frames.template
+
+
+def _template_frames(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """[V, 3, 3] rows tangent (any), bitangent, normal."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
+    normals = _unit(normals)
+    axis = np.eye(3)[np.abs(normals).argmin(1)]
+    tangents = _unit(axis - (axis * normals).sum(1, keepdims=True) * normals)
+    return np.stack([tangents, np.cross(normals, tangents), normals], 1)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), _MIN_LENGTH)
+
+
+def _neighbour_table(faces: np.ndarray, vertex_count: int) -> np.ndarray:
+    """[V, K] the vertices that share an edge with each; the vertex itself pads."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    counts = np.bincount(pairs[:, 0], minlength=vertex_count)
+    column = np.arange(len(pairs)) - (np.cumsum(counts) - counts)[pairs[:, 0]]
+    table = np.repeat(np.arange(vertex_count)[:, None], counts.max(), 1)
+    table[pairs[:, 0], column] = pairs[:, 1]
+    return table
