@@ -27,7 +27,7 @@ from livehand.backend.training.command import _CONFIGS
 from safetensors.torch import load_file, save_file
 
 SMALL = AvatarConfig(
-    FieldConfig(width=4, planes=((8, 2, 2),)),
+    FieldConfig(width=4, planes=((8, 2, 2),), relief=8),
     SuperResConfig(width=4, depth=1),
     SamplerConfig(samples_per_ray=3, shell_m=0.002),
 )
@@ -188,7 +188,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_weights_that_do_not_fit_their_configuration_are_refused(avatar, path, monkeypatch):
     """With a right checksum: written by a program that is out of step."""
-    save_avatar(replace(avatar, config=replace(SMALL, field=FieldConfig(width=8, planes=((8, 2, 2),)))), path)
+    save_avatar(replace(avatar, config=replace(SMALL, field=FieldConfig(width=8, planes=((8, 2, 2),), relief=8))), path)
     with pytest.raises(LiveHandError, match="must fit the configuration"):
         load_avatar(path)
 

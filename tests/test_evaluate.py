@@ -24,7 +24,7 @@ from livehand.backend.superres import SuperResConfig
 from PIL import Image
 
 SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),)), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )
 
 

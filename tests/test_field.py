@@ -12,13 +12,15 @@ from livehand.backend.field.conditions import (
     view_features,
 )
 from livehand.backend.field.field import CHANNELS, FieldConfig, build_field
+from livehand.backend.geometry.local_rotation import local_rotations
 from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import project_to_surface
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.superres import PaperSuperRes
 from torch.nn.functional import normalize
 
-PAPER, PLANES = FieldConfig(kind="paper"), FieldConfig(planes=((64, 6, 8), (128, 3, 8), (256, 1, 4)))
+PAPER, PLANES = FieldConfig(kind="paper"), FieldConfig(planes=((64, 6, 8), (128, 3, 8), (256, 1, 4)), relief=64)
 
 
 def inputs_of(count, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
@@ -31,6 +33,7 @@ def inputs_of(count, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
         uv=rand(count, 2),
         height=rand(count) * 2 - 1,
         normal=normalize(rand(count, 3) - 0.5, dim=-1),
+        rotation=axis_angle_to_matrix(rand(count, 3)),
         local_pose=rand(count, LOCAL_POSE_CHANNELS) - 0.5,
         exposure=rand(count, exposure),
         view=normalize(rand(count, 3) - 0.5, dim=-1),
@@ -116,7 +119,7 @@ def test_the_papers_field_sees_the_whole_pose_and_the_planes_the_local_one():
 def test_planes_finer_than_half_a_pixel_fade():
     """A plane counts in full while two of its texels span a pixel, then in inverse proportion to the pixel's size."""
     torch.manual_seed(3)
-    field = build_field(FieldConfig(planes=((100, 1, 4), (400, 1, 4)), atlas_m=0.2))
+    field = build_field(FieldConfig(planes=((100, 1, 4), (400, 1, 4)), relief=8, atlas_m=0.2))
     texel_m = 0.2 / 400
 
     def read(footprint_m):
@@ -127,6 +130,28 @@ def test_planes_finer_than_half_a_pixel_fade():
         coarse, fine = read(footprint_m)
         torch.testing.assert_close(fine, near[1] * share)
         torch.testing.assert_close(coarse, near[0] * min(1.0, 4 * share))
+
+
+def test_relief_tilts_the_normal_in_the_canonical_hands_axes():
+    torch.manual_seed(5)
+    field = build_field(PLANES)
+    inputs = inputs_of(30)
+    with torch.no_grad():
+        field.relief.table.zero_()
+        torch.testing.assert_close(field._relief_normal(inputs), inputs.normal)
+        field.relief.table[:] = torch.tensor([0.4, -0.8, 1.2])
+        expected = inputs.normal + inputs.rotation @ torch.tensor([0.1, -0.2, 0.3])
+        torch.testing.assert_close(field._relief_normal(inputs), normalize(expected, dim=-1))
+        far = inputs._replace(footprint_m=torch.full((30,), 1e3))
+        torch.testing.assert_close(field._relief_normal(far), inputs.normal, atol=1e-4, rtol=0)
+
+
+def test_turning_hand_and_relief_together_turns_the_tilted_normal():
+    torch.manual_seed(6)
+    field, inputs = build_field(PLANES), inputs_of(30)
+    turn = axis_angle_to_matrix(torch.tensor([0.4, -1.0, 0.3]))
+    turned = inputs._replace(normal=inputs.normal @ turn.T, rotation=turn @ inputs.rotation)
+    torch.testing.assert_close(field._relief_normal(turned), field._relief_normal(inputs) @ turn.T)
 
 
 def test_the_reflected_ray_obeys_the_law_of_reflection():
@@ -174,6 +199,9 @@ def test_inputs_are_gathered_on_the_surface():
     torch.testing.assert_close(inputs.height, samples.height_m / 0.002)
     torch.testing.assert_close(inputs.normal.norm(dim=-1), torch.ones(count))
     assert ((inputs.normal * mesh.normals[::10]).sum(-1) > 0.9).double().mean() > 0.98
+    rest = local_rotations(mesh.vertices, mesh.normals, topology.frames)
+    torch.testing.assert_close(rest, torch.eye(3).expand_as(rest), atol=1e-3, rtol=0)
+    torch.testing.assert_close(inputs.rotation, torch.eye(3).expand(count, 3, 3), atol=1e-3, rtol=0)
     near = (mesh.vertices[topology.faces[samples.face]] - mesh.vertices[::10][:, None]).norm(dim=-1).amin(1)
     assert near.max() < 1e-3
     corner = topology.faces[samples.face].gather(1, samples.barycentric.argmax(1, keepdim=True))[:, 0]

@@ -25,7 +25,7 @@ def test_a_hand_model():
 
 
 def test_an_avatar(tmp_path):
-    config = AvatarConfig(FieldConfig(width=4, planes=((8, 1, 1),)), SuperResConfig(width=4, depth=1))
+    config = AvatarConfig(FieldConfig(width=4, planes=((8, 1, 1),), relief=8), SuperResConfig(width=4, depth=1))
     save_avatar(new_avatar("ada", "hand", "ab" * 32, config), tmp_path / "ada.safetensors")
     facts = inspect(tmp_path / "ada.safetensors")
     assert (facts["kind"], facts["name"], facts["hand_sha256"]) == ("avatar", "ada", "ab" * 32)

@@ -22,7 +22,9 @@ from livehand.backend.window import Window
 
 SIZE = (66, 88)
 SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 3, 4), (128, 1, 4))), SuperResConfig(width=8, depth=4), SamplerConfig(6, 0.003)
+    FieldConfig(width=16, planes=((32, 3, 4), (128, 1, 4)), relief=8),
+    SuperResConfig(width=8, depth=4),
+    SamplerConfig(6, 0.003),
 )
 
 

@@ -31,6 +31,7 @@ def spheres(*places):
         edge_length_m=mean_edge_length(vertices, edges),
         lbs_weights=torch.zeros(len(vertices), 16),
         parents=torch.zeros(16, dtype=torch.long),
+        frames=None,
     )
     return posed_mesh(topology, vertices), topology
 

@@ -26,7 +26,7 @@ from livehand.backend.training.views import TrainingViews
 from safetensors import safe_open
 
 SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),)), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )
 CPU = torch.device("cpu")
 SHORT = TrainConfig(steps=60, warmup_steps=5, checkpoint_every=20, learning_rate=1e-2, plane_learning_rate=3e-2)
@@ -248,9 +248,9 @@ def test_planes_have_a_rate_of_their_own(hand):
     avatar = new_avatar("a", hand.name, hand.sha256, SMALL)
     networks = torch.nn.ModuleList([avatar.field, avatar.superres])
     others, planes = loop._optimiser(networks, SHORT).param_groups
-    assert [p.shape for p in planes["params"]] == [avatar.field.planes[0].table.shape]
+    assert {id(p) for p in planes["params"]} == {id(avatar.field.planes[0].table), id(avatar.field.relief.table)}
     assert (others["initial_lr"], planes["initial_lr"]) == (SHORT.learning_rate, SHORT.plane_learning_rate)
-    assert len(others["params"]) + 1 == len(list(networks.parameters()))
+    assert len(others["params"]) + 2 == len(list(networks.parameters()))
     paper = new_avatar("a", hand.name, hand.sha256, replace(SMALL, field=FieldConfig(kind="paper")))
     assert len(loop._optimiser(paper.field, SHORT).param_groups) == 1
 
