@@ -136,3 +136,9 @@ def test_bad_weights_are_told(tmp_path):
     save_file({**weights, "7.weight": torch.zeros(3, 3)}, tmp_path / "shape.safetensors")
     with pytest.raises(LiveHandError, match=r"shape\.safetensors"):
         load_perceptual_loss(tmp_path / "shape.safetensors")
+
+
+def test_features_that_are_all_zero_are_no_division_by_zero():
+    silent = PerceptualLoss({key: torch.zeros_like(value) for key, value in vgg_weights().items()})
+    image, target = pictures()
+    assert float(silent(image, target)) == 0

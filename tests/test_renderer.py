@@ -180,7 +180,10 @@ def test_a_larger_world_looks_the_same_and_is_farther(renderer, shot, frame):
 def test_the_left_hand_is_the_right_hands_mirror_image(hand):
     """With the paper's field, whose density depends on nothing but (u, v, h) and the pose as the right hand has it."""
     config = replace(SMALL, field=FieldConfig(kind="paper"))
-    renderer = Renderer(new_avatar("untrained", hand.name, hand.sha256, config), hand, "cpu")
+    avatar = new_avatar("untrained", hand.name, hand.sha256, config)
+    with torch.no_grad():
+        avatar.field.pose.weight *= 30  # so that a wrong pose shows
+    renderer = Renderer(avatar, hand, "cpu")
     shot = a_shot(hand)
     mirror = np.diag([*MIRROR_POINT, 1])
     K = shot.camera.K.copy()
@@ -193,7 +196,7 @@ def test_the_left_hand_is_the_right_hands_mirror_image(hand):
     assert iou(np.fliplr(other.alpha) > 0.5, one.alpha > 0.5) > 0.995
     # The mirrored pose must reach the field mirrored back.
     wrong = renderer.render(replace(left, pose=replace(left.pose, theta=left.pose.theta * MIRROR_AXIS_ANGLE)))
-    assert np.abs(wrong.alpha - other.alpha).max() > 1e-5
+    assert (np.abs(wrong.alpha - other.alpha) > 5e-3).mean() > 0.01
 
 
 def test_an_avatar_of_a_left_hand_takes_left_poses_as_they_are(hand):

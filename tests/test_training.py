@@ -22,7 +22,7 @@ from livehand.backend.training.checkpoint import checkpoint_path, load_checkpoin
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.loop import rate_at, train, view_of_step
 from livehand.backend.training.perceptual import PerceptualLoss
-from livehand.backend.training.views import TrainingViews
+from livehand.backend.training.views import TrainingViews, _packed, _unpacked
 from safetensors import safe_open
 
 SMALL = AvatarConfig(
@@ -229,6 +229,14 @@ def test_kept_rays_are_traced_ones_to_a_few_micrometres(views):
     moved = (view.rays.samples.barycentric - traced.samples.barycentric)[:, :, None] * corners
     assert moved.sum(1).norm(dim=-1).max() < 5e-6
     torch.testing.assert_close(view.rays.samples.barycentric.sum(1), torch.ones(len(corners)))
+
+
+@pytest.mark.parametrize("face", [0, 2**15 - 1, 2**15, 10**6])
+def test_faces_of_dense_hands_are_kept_too(views, face):
+    view = views.get(0, 0)
+    samples = view.rays.samples
+    dense = view.rays._replace(samples=samples._replace(face=torch.full_like(samples.face, face)))
+    assert (_unpacked(_packed(dense), view.view).samples.face == face).all()
 
 
 def test_jitters_differ_and_stay(views):

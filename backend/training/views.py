@@ -133,7 +133,8 @@ def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
     """12 bytes a sample; half precision moves a sample by less than 3 micrometres on the surface."""
     samples = rays.samples
     barycentric = samples.barycentric[:, 1:].half()
-    return rays.pixel.int(), rays.t, rays.dt, samples.face.short(), barycentric, (samples.height_m * 1000).half()
+    face = samples.face.int() if (samples.face >= 2**15).any() else samples.face.short()
+    return rays.pixel.int(), rays.t, rays.dt, face, barycentric, (samples.height_m * 1000).half()
 
 
 def _unpacked(packed: tuple[Tensor, ...], view: View) -> SurfaceRays:
