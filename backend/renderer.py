@@ -41,12 +41,13 @@ class RenderStopped(Exception):
 
 
 class SurfaceRays(NamedTuple):
-    """R rays with their N samples laid on the surface: pixel [R], directions [R, 3], t [R, N], dt [R] (m), samples."""
+    """R rays as in `RaySamples`, their N samples laid on the surface."""
 
     pixel: Tensor
     directions: Tensor
     t: Tensor
     dt: Tensor
+    is_stopped: Tensor
     samples: SurfaceSamples
 
 
@@ -188,13 +189,13 @@ def trace(
     """Sample the rays that meet the shell and lay the samples on the surface."""
     rays = sample_rays(mesh, topology, view, config, generator, scene_depth)
     samples = project_to_surface(rays.points.reshape(-1, 3), topology, mesh)
-    return SurfaceRays(rays.pixel, rays.directions, rays.t, rays.dt, samples)
+    return SurfaceRays(rays.pixel, rays.directions, rays.t, rays.dt, rays.is_stopped, samples)
 
 
 def split_rays(rays: SurfaceRays, at_once: int) -> list[SurfaceRays]:
     """The same rays in chunks; at least one chunk, also of no rays."""
     per_ray = rays.t.shape[1]
-    by_ray = zip(*(values.split(at_once) for values in rays[:4]), strict=True)
+    by_ray = zip(*(values.split(at_once) for values in rays[:5]), strict=True)
     by_sample = zip(*(values.split(at_once * per_ray) for values in rays.samples), strict=True)
     return [SurfaceRays(*r, samples=SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]
 
@@ -217,7 +218,8 @@ def shade(
     inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)
     sigma, channels = field(inputs)
     step_mm = rays.dt * length / scale * 1000
-    return composite(sigma.reshape(-1, per_ray), channels.reshape(-1, per_ray, CHANNELS), rays.t, step_mm)
+    sigma, channels = sigma.reshape(-1, per_ray), channels.reshape(-1, per_ray, CHANNELS)
+    return composite(sigma, channels, rays.t, step_mm, rays.is_stopped)
 
 
 def image_of(

@@ -1,9 +1,10 @@
 """Mesh-guided sampling: where along each ray the radiance field is asked (paper section 3.3).
 
 The field lives in a shell of `shell_m` on both sides of the posed surface. A ray is sampled where it is inside the
-mesh inflated by the shell, up to where it first enters the mesh deflated by the shell: there the hand is opaque, and
-nothing behind that is seen. So a ray past a fingertip over the palm gets one interval on each and no samples in the
-gap, and one that only grazes the finger goes on to what lies behind it.
+mesh inflated by the shell, up to where it first enters the mesh deflated by the shell. There the hand is opaque
+whatever the field says: where two parts of the skin touch, a sample inside the one lies just outside the other, which
+looks like air. Nothing behind that is seen. So a ray past a fingertip over the palm gets one interval on each and no
+samples in the gap, and one that only grazes the finger goes on to what lies behind it.
 
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
 """
@@ -50,6 +51,7 @@ class RaySamples(NamedTuple):
         t: [R, N] depth of each sample, m.
         dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
         points: [R, N, 3] world, m.
+        is_stopped: [R] whether the ray ends at the deflated mesh, behind which all is opaque.
     """
 
     pixel: Tensor
@@ -57,14 +59,23 @@ class RaySamples(NamedTuple):
     t: Tensor
     dt: Tensor
     points: Tensor
+    is_stopped: Tensor
 
 
 class Intervals(NamedTuple):
-    """Disjoint intervals in order, per ray: start and end [R, M] m; an empty one has end = start. pixel [R]."""
+    """Disjoint intervals in order, per ray.
+
+    Attributes:
+        pixel: [R].
+        start: [R, M] m.
+        end: [R, M] m; an empty interval has end = start.
+        is_stopped: [R] whether the last interval ends at the deflated mesh.
+    """
 
     pixel: Tensor
     start: Tensor
     end: Tensor
+    is_stopped: Tensor
 
 
 def sample_rays(
@@ -87,11 +98,13 @@ def sample_rays(
     """
     intervals = shell_intervals(mesh, topology, view, config)
     if scene_depth is not None:
-        intervals = _without_empty(_stop_at(intervals, scene_depth.reshape(-1)[intervals.pixel]))
+        scene = scene_depth.reshape(-1)[intervals.pixel]
+        intervals = _without_empty(_stop_at(intervals, scene, is_opaque=False))
     directions = ray_directions(view, intervals.pixel)
     t, dt = _place_samples(intervals, config.samples_per_ray, generator)
     origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
-    return RaySamples(intervals.pixel, directions, t, dt, origin + t[..., None] * directions[:, None, :])
+    points = origin + t[..., None] * directions[:, None, :]
+    return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped)
 
 
 def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: SamplerConfig) -> Intervals:
@@ -100,7 +113,8 @@ def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: Sam
     outer = _fragments_of(mesh.vertices + shell, topology, view)
     inner = _fragments_of(mesh.vertices - shell, topology, view)
     pixel, depth, is_front = _by_ray(outer, config.max_layers)
-    return _without_empty(_stop_at(_inside_intervals(pixel, depth, is_front), _first_hit(inner, view)[pixel]))
+    inside = _inside_intervals(pixel, depth, is_front)
+    return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel], is_opaque=True))
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, view: View) -> Fragments:
@@ -159,12 +173,16 @@ def _inside_intervals(pixel: Tensor, depth: Tensor, is_front: Tensor) -> Interva
     exits = torch.where(is_hit, exits, last.expand_as(exits))
     next_exit = exits.flip(1).cummin(1).values.flip(1)
     start = torch.where(opens, depth, torch.zeros_like(depth))
-    return Intervals(pixel, start, torch.where(opens, torch.maximum(next_exit, start), start))
+    end = torch.where(opens, torch.maximum(next_exit, start), start)
+    return Intervals(pixel, start, end, torch.zeros_like(pixel, dtype=torch.bool))
 
 
-def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
+def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"], is_opaque: bool) -> Intervals:
+    """End the intervals at a depth; a ray that this cuts short is stopped by something opaque of the hand, or not."""
     end = torch.minimum(intervals.end, depth[:, None])
-    return Intervals(intervals.pixel, torch.minimum(intervals.start, end), end)
+    is_cut = depth < intervals.end.amax(1)
+    is_stopped = torch.where(is_cut, is_opaque, intervals.is_stopped)
+    return Intervals(intervals.pixel, torch.minimum(intervals.start, end), end, is_stopped)
 
 
 def _without_empty(intervals: Intervals) -> Intervals:

@@ -27,7 +27,7 @@ class LossConfig:
 class TrainConfig:
     """The optimisation; one image per step, the whole of it that holds the hand."""
 
-    steps: int = 12000
+    steps: int = 10000
     """Optimiser steps."""
     seed: int = 0
     """Of weights, order of images, and jitter."""

@@ -138,8 +138,8 @@ def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
 
 
 def _unpacked(packed: tuple[Tensor, ...], view: View) -> SurfaceRays:
-    pixel, t, dt, face, barycentric, height_mm = packed
+    pixel, t, dt, is_stopped, face, barycentric, height_mm = packed
     pixel, barycentric = pixel.long(), barycentric.float()
     barycentric = torch.cat([1 - barycentric.sum(1, keepdim=True), barycentric], 1)
     samples = SurfaceSamples(face.long(), barycentric, height_mm.float() / 1000)
-    return SurfaceRays(pixel, ray_directions(view, pixel), t, dt, samples)
+    return SurfaceRays(pixel, ray_directions(view, pixel), t, dt, is_stopped, samples)
