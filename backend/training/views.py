@@ -134,7 +134,7 @@ def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
     samples = rays.samples
     barycentric = samples.barycentric[:, 1:].half()
     face = samples.face.int() if (samples.face >= 2**15).any() else samples.face.short()
-    return rays.pixel.int(), rays.t, rays.dt, face, barycentric, (samples.height_m * 1000).half()
+    return rays.pixel.int(), rays.t, rays.dt, rays.is_stopped, face, barycentric, (samples.height_m * 1000).half()
 
 
 def _unpacked(packed: tuple[Tensor, ...], view: View) -> SurfaceRays:
