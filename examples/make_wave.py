@@ -14,8 +14,7 @@ import bpy
 import livehand
 import numpy as np
 from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, axis_angle, rotation_matrix, theta_of
-from livehand.backend.hand.model import load_default_hand
-from livehand.livehand_blender.capture.plan import UPRIGHT
+from livehand.backend.hand.model import UPRIGHT, load_default_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 
 FRAMES = range(1, 25)
@@ -93,6 +92,7 @@ def build_wave() -> bpy.types.Scene:
     scene.render.image_settings.file_format = "PNG"
     bpy.ops.livehand.set_engine()
     bpy.ops.livehand.add_hand(side="right")
+    bpy.context.active_object.rotation_euler = (0, 0, 0)  # its wrist holds the hand upright, keyed
     animate_hand(bpy.context.active_object)
     add_camera(scene)
     scene.frame_set(FRAMES[0])

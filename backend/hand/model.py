@@ -26,6 +26,10 @@ JOINT_NAMES = (
 )
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 
+# Stands the template upright in a world whose Z points up: fingers up, the back of the hand to the front (-Y), a right
+# hand's thumb to the left (-X). It is how captures hold the hand, and so where the avatars' light comes from.
+UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
+
 # What a file must hold beside an atlas (vt, ft), which is made where it is missing.
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 

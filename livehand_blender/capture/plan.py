@@ -13,11 +13,8 @@ import numpy as np
 from ...backend.camera import Camera, look_at
 from ...backend.capture import Capture, CaptureView, Split
 from ...backend.hand.gestures import FingerAxes, axis_angle, rotation_matrix, sample_angles_deg, theta_of
-from ...backend.hand.model import HandModel
+from ...backend.hand.model import UPRIGHT, HandModel
 from ...backend.shot import HandPose
-
-# The template's fingers point along -X and its back along +Y; this stands it upright, its back to the front (-Y).
-UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 DISTANCE_M = 0.75
 WHOLE_HAND_M = 0.25  # height of the field of view at the hand: the whole of it, in any pose

@@ -3,9 +3,10 @@
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, StringProperty
+from mathutils import Matrix
 
 from ...backend.errors import LiveHandError
-from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
+from ...backend.hand.model import UPRIGHT, HandModel, load_default_hand, load_hand_model
 from ..dependencies import install_command, missing_requirements
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl
@@ -44,13 +45,14 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         return True
 
     def execute(self, context):
-        """Add the hand at the 3D cursor."""
+        """Add the hand at the 3D cursor, upright, as the avatars' light is meant for."""
         try:
             armature = add_hand(context, _load(self.model_path).for_side(self.side), self.model_path)
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         armature.location = context.scene.cursor.location
+        armature.rotation_euler = Matrix(UPRIGHT.tolist()).to_euler()
         return {"FINISHED"}
 
 

@@ -33,6 +33,13 @@ def test_add_hand_operator_makes_what_the_function_makes(side):
     assert sum(not bone.name.startswith(("DEF-", "MCH-")) for bone in by_operator.data.bones) == 16
 
 
+def test_add_hand_stands_upright():
+    bpy.ops.livehand.add_hand()
+    turned = np.array(bpy.context.active_object.matrix_basis)[:3, :3]
+    np.testing.assert_allclose(turned @ [-1, 0, 0], [0, 0, 1], atol=1e-6)  # fingers up
+    np.testing.assert_allclose(turned @ [0, 1, 0], [0, -1, 0], atol=1e-6)  # back of the hand to the front
+
+
 def test_add_hand_lands_on_the_cursor_and_reads_a_file(tmp_path):
     model = load_default_hand()
     arrays = {name: getattr(model, name) for name in ("v_template", "f", "J_regressor", "shapedirs", "posedirs")}
