@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..command import Command
 
 if TYPE_CHECKING:
+    from ..avatar import Avatar
     from ..capture import Capture, CaptureView
     from .evaluate import ViewScore
 
@@ -28,12 +30,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="test: held-out poses from held-out cameras (default); all: a figure for every split",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for contact_sheet.png and scores.csv")
+    parser.add_argument("--record", action="store_true", help="write the figures into the avatar's own header")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..avatar import load_avatar
+    from ..avatar import load_avatar, shipped_avatar_path
     from ..capture import load_capture
     from ..hand.model import load_default_hand, load_hand_model
     from ..renderer import Renderer
@@ -45,20 +48,23 @@ def _run(args: argparse.Namespace) -> dict:
     scores = score_views(renderer, capture, _views_of(capture, args.split))
     if args.output:
         _write_results(scores, args.output)
+    by_split = {split: summary([s for s in scores if s.split == split]) for split in sorted({s.split for s in scores})}
+    if args.record:
+        _record(renderer.avatar, by_split, args.avatar or shipped_avatar_path())
     result = summary(scores)
-    table = _table(scores) if args.split == "all" else ""
+    lines = by_split if args.split == "all" else {}
+    table = "".join(_line(name, figures) + "\n" for name, figures in lines.items())
     return {**result, "summary": table + _line(args.split, result)}
+
+
+def _record(avatar: Avatar, by_split: dict[str, dict[str, float | int]], path: Path) -> None:
+    from ..avatar import save_avatar
+
+    save_avatar(replace(avatar, metrics={**avatar.metrics, **by_split}), path)
 
 
 def _views_of(capture: Capture, split: str) -> tuple[CaptureView, ...]:
     return capture.views if split == "all" else capture.of_split(split)  # type: ignore[arg-type]
-
-
-def _table(scores: list[ViewScore]) -> str:
-    from .evaluate import summary
-
-    splits = sorted({score.split for score in scores})
-    return "".join(_line(name, summary([s for s in scores if s.split == name])) + "\n" for name in splits)
 
 
 def _line(name: str, figures: dict[str, float | int]) -> str:

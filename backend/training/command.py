@@ -25,6 +25,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hand", type=Path, help="the capture's hand model (default: the built-in hand)")
     parser.add_argument("--steps", type=_positive, default=config.steps, help="one image each (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=config.seed)
+    parser.add_argument("--licence", default=config.licence, help="of the avatar, kept in its header")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the output")
     parser.add_argument(
         "--perceptual", type=float, default=config.loss.perceptual, help="weight of the perceptual loss; 0: without it"
@@ -46,7 +47,7 @@ def _run(args: argparse.Namespace) -> dict:
     from .loop import train
     from .perceptual import load_perceptual_loss
 
-    config = TrainConfig(steps=args.steps, seed=args.seed)
+    config = TrainConfig(steps=args.steps, seed=args.seed, licence=args.licence)
     config = replace(config, loss=replace(config.loss, perceptual=args.perceptual))
     output = _checked_output(args.output)
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()

@@ -43,5 +43,7 @@ class TrainConfig:
     """How many different jitters of its samples each image is seen with; each is traced once and kept."""
     checkpoint_every: int = 500
     """Steps between checkpoints."""
+    licence: str = "not stated"
+    """Of the avatar, kept in its header."""
     loss: LossConfig = LossConfig()
     """The loss's weights."""

@@ -136,5 +136,5 @@ def _provenance(capture: Capture, config: TrainConfig, precision: Precision) -> 
         "training": asdict(config),
         "precision": precision,
         "capture": capture.provenance,
-        "licence": "GPL-3.0-or-later",
+        "licence": config.licence,
     }
