@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend.avatar import AvatarConfig, new_avatar, save_avatar
+from livehand.backend.avatar import AvatarConfig, load_avatar, new_avatar, save_avatar
 from livehand.backend.capture import save_capture_index
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
@@ -160,6 +160,17 @@ def test_the_command_writes_figures_and_a_sheet(own_capture, avatar_path, tmp_pa
         rows = list(csv.DictReader(file))
     assert [row["file"] for row in rows] == [view.file for view in own_capture.of_split("test")]
     assert np.mean([float(row["psnr_full"]) for row in rows]) == pytest.approx(figures["psnr_full"], abs=1e-3)
+
+
+def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture, avatar_path, capsys):
+    before = load_avatar(avatar_path)
+    assert evaluate(own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--json", "--record") == 0
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    after = load_avatar(avatar_path)
+    assert after.metrics == {**before.metrics, "test": figures}
+    assert after.provenance == before.provenance
+    for name, weights in before.superres.state_dict().items():
+        assert after.superres.state_dict()[name].equal(weights)
 
 
 def test_the_command_knows_splits(own_capture, avatar_path, capsys):
