@@ -238,3 +238,22 @@ def test_the_camera_within_the_shell_is_no_error():
     rays = sample_rays(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0)), CONFIG)
     assert rays.t.isfinite().all()
     assert rays.points.isfinite().all()
+
+
+def test_a_ray_is_stopped_by_the_deflated_mesh_only():
+    """Not where it grazes the shell, and not by the scene in front of the hand."""
+    mesh, topology = spheres(((0, 0, 0), RADIUS_M))
+    view = a_view()
+    rays = sample_rays(mesh, topology, view, CONFIG)
+    surely = ~crossings(view, (0, 0, 0), RADIUS_M - SHELL_M - 3 * FACET_M)[0].isnan()[rays.pixel]
+    never = crossings(view, (0, 0, 0), RADIUS_M - SHELL_M + 3 * FACET_M)[0].isnan()[rays.pixel]
+    assert rays.is_stopped[surely].all()
+    assert not rays.is_stopped[never].any()
+    assert int(surely.sum()) > 300
+    assert int(never.sum()) > 50
+    wall = float(rays.t[:, 0].median())
+    cut = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), wall))
+    whole = dict(zip(rays.pixel.tolist(), (rays.t[:, -1] + rays.dt / 2).tolist(), strict=True))
+    ends_at_wall = torch.tensor([whole[pixel] > wall + 1e-5 for pixel in cut.pixel.tolist()])
+    assert ends_at_wall.any()
+    assert not cut.is_stopped[ends_at_wall].any()

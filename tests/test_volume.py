@@ -118,3 +118,17 @@ def test_half_precision_channels_are_summed_in_single():
     channels = torch.full((1, 8, 2), 0.7).bfloat16()
     out = composite(sigma, channels, torch.ones(1, 8), torch.ones(1))
     assert out.channels.dtype == torch.float32
+
+
+def test_a_stopped_ray_is_opaque_and_ends_in_its_last_sample():
+    sigma, channels = torch.full((3, 4), 0.2), torch.randn(3, 4, 2, generator=torch.Generator().manual_seed(5))
+    t, step_mm = torch.linspace(0.4, 0.5, 4).expand(3, 4), torch.ones(3)
+    free = composite(sigma, channels, t, step_mm)
+    stopped = composite(sigma, channels, t, step_mm, torch.tensor([True, False, True]))
+    torch.testing.assert_close(stopped.alpha, torch.stack([torch.tensor(1.0), free.alpha[1], torch.tensor(1.0)]))
+    torch.testing.assert_close(stopped.channels[1], free.channels[1])
+    let_through = math.exp(-0.2 * 3)  # by the samples before the last
+    first = free.channels[0] - let_through * (1 - math.exp(-0.2)) * channels[0, 3]
+    torch.testing.assert_close(stopped.channels[0], first + let_through * channels[0, 3])
+    none = composite(sigma, channels, t, step_mm, torch.zeros(3, dtype=torch.bool))
+    torch.testing.assert_close(none.channels, free.channels)
