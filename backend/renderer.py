@@ -32,6 +32,8 @@ from .window import Window, hand_window
 
 Precision = Literal["fp32", "bf16"]
 
+# Alpha under half a level of 8 bits is none: super-resolution is never exactly 0 beside the hand.
+_NOTHING = 0.5 / 255
 # Samples the field is asked for at once: bounds memory, and is how often a render can be stopped.
 _SAMPLES_AT_ONCE = 65536
 
@@ -248,6 +250,7 @@ def develop(
 ) -> Frame:
     """RGBA as the network has it (sRGB-encoded colour times alpha) -> scene-linear premultiplied frame, whole size."""
     alpha = image[3].clamp(0, 1)
+    alpha = torch.where(alpha < _NOTHING, torch.zeros_like(alpha), alpha)
     encoded = torch.minimum(image[:3].clamp(min=0), alpha)
     straight = encoded / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
     linear = srgb_to_linear(straight) * alpha
