@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import trimesh
-import xatlas
 
 from ..errors import LiveHandError
 from .cap import flat_cap
+
+if TYPE_CHECKING:
+    import xatlas
 
 _RESOLUTION_PX = 1024  # for which the padding is meant
 _PADDING_PX = 4
@@ -27,6 +30,15 @@ def unwrap(v_template: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def unwrap_millimetres(vertices: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`unwrap` for vertices in mm. xatlas has absolute tolerances, which a hand in metres comes close to."""
+    # Here, because a hand that brings its own atlas, as the built-in one does, is loaded where these may be missing.
+    try:
+        import trimesh
+        import xatlas
+    except ImportError as error:
+        raise LiveHandError(
+            f"a hand without an atlas (vt, ft) needs trimesh and xatlas to make one, one is missing ({error}); "
+            "install them with pip, or give a hand model with an atlas"
+        ) from error
     normals = trimesh.Trimesh(vertices, f, process=False).vertex_normals
     atlas = xatlas.Atlas()
     atlas.add_mesh(vertices.astype(np.float32), f.astype(np.uint32), normals.astype(np.float32))
@@ -96,6 +108,8 @@ def _largest_free_square(occupied: np.ndarray) -> tuple[int, int, int]:
 
 
 def _chart_options() -> xatlas.ChartOptions:
+    import xatlas
+
     options = xatlas.ChartOptions()
     options.max_cost = 8.0  # fewer, larger charts than xatlas' own 2
     options.max_iterations = 4
@@ -103,6 +117,8 @@ def _chart_options() -> xatlas.ChartOptions:
 
 
 def _pack_options() -> xatlas.PackOptions:
+    import xatlas
+
     options = xatlas.PackOptions()
     options.resolution = _RESOLUTION_PX
     options.padding = _PADDING_PX
