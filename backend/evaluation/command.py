@@ -25,9 +25,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
     parser.add_argument(
         "--split",
-        choices=("test", "train", "all"),
+        choices=("test", "novel_pose", "novel_camera", "train", "all"),
         default="test",
-        help="test: held-out poses from held-out cameras (default); all: a figure for every split",
+        help="test: held-out poses from held-out cameras (default); all: every split, a figure for each",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for contact_sheet.png and scores.csv")
     parser.add_argument("--record", action="store_true", help="write the figures into the avatar's own header")
