@@ -50,7 +50,7 @@ def train(
         raise LiveHandError(f"capture {capture.folder} must have training images that show the hand, got none")
     optimiser = _optimiser(networks, config)
     perceptual = perceptual.to(device) if perceptual is not None else None
-    run = json.dumps([asdict(config), asdict(avatar_config), capture.provenance, len(views)])
+    run = json.dumps([asdict(config), asdict(avatar_config), capture.provenance, len(views), precision])
     checkpoint = checkpoint_path(output)
     first = load_checkpoint(checkpoint, networks, optimiser, run) if resume and checkpoint.is_file() else 0
     with tqdm(total=config.steps, initial=first, unit="step", desc="train") as progress:
