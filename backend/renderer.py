@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from .avatar import Avatar
 from .camera import Camera
 from .colour import srgb_to_linear
+from .device import torch_device
 from .errors import LiveHandError
 from .field.conditions import FrameConditions, field_inputs
 from .field.field import CHANNELS, PaperField, PlaneField
@@ -96,7 +97,7 @@ class Renderer:
         """
         topology = self._topology_of(shot)
         mesh = posed_mesh(topology, self._tensor(shot.vertices))
-        window = self._window(mesh, shot.camera)
+        window = window_of(mesh, shot.camera, self.avatar.config.sampler)
         if window is None:
             return empty_frame(shot.camera.size_px)
         view = view_of(window.camera_of(shot.camera), self.torch_device)
@@ -110,13 +111,7 @@ class Renderer:
     @cached_property
     def torch_device(self) -> torch.device:
         """The device in use."""
-        if self.device == "auto":
-            return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        if self.device == "cuda" and not torch.cuda.is_available():
-            raise LiveHandError(
-                "device 'cuda' needs a CUDA GPU and a CUDA build of torch, got neither; use 'auto' or 'cpu'"
-            )
-        return torch.device(self.device)
+        return torch_device(self.device)
 
     @cached_property
     def _topologies(self) -> dict[Side, Topology]:
@@ -135,13 +130,6 @@ class Renderer:
     def _canonical_theta(self, shot: Shot) -> np.ndarray:
         """The pose as the avatar's own side would have it."""
         return shot.pose.theta if shot.pose.side == self.hand.side else shot.pose.theta * MIRROR_AXIS_ANGLE
-
-    def _window(self, mesh: PosedMesh, camera: Camera) -> Window | None:
-        view = view_of(camera, self.torch_device)
-        margin_m = self.avatar.config.sampler.shell_m * mesh.scale
-        positions_px, depth = project(view, mesh.vertices)
-        reach_px = view.K[0, 0].abs() * margin_m / depth
-        return hand_window(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)
 
     def _scene_depth(self, shot: Shot, window: Window) -> Tensor | None:
         if shot.scene_depth is None:
@@ -178,6 +166,14 @@ def view_of(camera: Camera, device: torch.device | str) -> View:
     K = torch.as_tensor(camera.K, dtype=torch.float32, device=device)
     world2cam = torch.as_tensor(np.linalg.inv(camera.cam2world), dtype=torch.float32, device=device)
     return View(K, world2cam, camera.size_px)
+
+
+def window_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Window | None:
+    """The window of a posed hand and its shell; None where nothing of it is in view."""
+    view = view_of(camera, mesh.vertices.device)
+    positions_px, depth = project(view, mesh.vertices)
+    reach_px = view.K[0, 0].abs() * config.shell_m * mesh.scale / depth
+    return hand_window(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)
 
 
 def trace(

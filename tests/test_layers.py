@@ -30,6 +30,7 @@ ROWS = [
     (
         "backend.camera",
         "backend.colour",
+        "backend.device",
         "backend.command",
         "backend.geometry.rotation",
         "backend.hand.atlas",

@@ -5,14 +5,10 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..command import Command
 from ..errors import LiveHandError
 from .config import TrainConfig
-
-if TYPE_CHECKING:
-    import torch
 
 _CONFIGS = ("default", "paper")  # the names of `avatar.PRESETS`, which needs torch
 
@@ -43,6 +39,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from ..avatar import PRESETS
     from ..capture import load_capture
+    from ..device import torch_device
     from ..hand.model import load_default_hand, load_hand_model
     from .loop import train
     from .perceptual import load_perceptual_loss
@@ -53,7 +50,7 @@ def _run(args: argparse.Namespace) -> dict:
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)
     perceptual = load_perceptual_loss(args.perceptual_weights) if args.perceptual > 0 else None
-    device = _device(args.device)
+    device = torch_device(args.device)
     train(capture, hand, output, config, PRESETS[args.config], perceptual, device, args.precision, args.resume)
     return {"avatar": str(output), "steps": config.steps, "megabytes": round(output.stat().st_size / 1e6, 2)}
 
@@ -75,17 +72,6 @@ def _checked_output(path: Path) -> Path:
     except OSError as error:
         raise LiveHandError(f"the avatar's folder {path.parent} must be writable ({error})") from error
     return path
-
-
-def _device(name: str) -> torch.device:
-    import torch
-
-    is_available = torch.cuda.is_available()
-    if name == "cuda" and not is_available:
-        raise LiveHandError(
-            "device 'cuda' needs a CUDA GPU and a CUDA build of torch, got neither; use 'auto' or 'cpu'"
-        )
-    return torch.device("cuda" if is_available and name != "cpu" else "cpu")
 
 
 COMMAND = Command("train", "fit an avatar to a capture", _add_arguments, _run)

@@ -19,9 +19,9 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
-from ..renderer import SurfaceRays, trace, view_of
-from ..sampler import SamplerConfig, View, project, ray_directions
-from ..window import Window, hand_window
+from ..renderer import SurfaceRays, trace, view_of, window_of
+from ..sampler import SamplerConfig, View, ray_directions
+from ..window import Window
 
 
 class TrainingView(NamedTuple):
@@ -105,10 +105,7 @@ class TrainingViews:
 
     def _window(self, view: CaptureView) -> Window | None:
         mesh, _ = self._poses[view.pose_index]
-        image_view = view_of(view.camera, self.device)
-        positions_px, depth = project(image_view, mesh.vertices)
-        reach_px = image_view.K[0, 0] * self.sampler.shell_m * mesh.scale / depth
-        return hand_window(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), view.camera.size_px)
+        return window_of(mesh, view.camera, self.sampler)
 
     def _target(self, index: int, window: Window) -> Float[Tensor, "4 H W"]:
         if index not in self._targets:
