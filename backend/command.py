@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -52,6 +53,16 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
         return INTERRUPTED
     _print_result(result, args.json)
     return OK
+
+
+def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
+    """`334x512` -> (width, height), as an argument's type; 4 and 65536 are Blender's own limits of a side."""
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
+    if not match or not all(smallest <= int(side) <= 65536 for side in match.groups()):
+        raise argparse.ArgumentTypeError(
+            f"must be WIDTHxHEIGHT in px ({smallest} to 65536), such as 334x512, got {text!r}"
+        )
+    return int(match[1]), int(match[2])
 
 
 def say(text: str) -> None:

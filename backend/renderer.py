@@ -27,7 +27,7 @@ from .geometry.mesh import PosedMesh, Topology, posed_mesh
 from .geometry.uvh import SurfaceSamples, project_to_surface
 from .hand.model import MIRROR_AXIS_ANGLE, HandModel
 from .sampler import SamplerConfig, View, project, sample_rays
-from .shot import DEPTH_BACKGROUND, Frame, Shot, Side
+from .shot import DEPTH_BACKGROUND, Frame, Shot, Side, empty_frame
 from .volume import Composite, composite
 from .window import Window, hand_window
 
@@ -256,10 +256,3 @@ def develop(
     window.paste(alpha.cpu().numpy(), frame.alpha)
     window.paste(solid_depth.cpu().numpy(), frame.depth)
     return frame
-
-
-def empty_frame(size_px: tuple[int, int]) -> Frame:
-    """A frame without a hand."""
-    width, height = size_px
-    depth = np.full((height, width), DEPTH_BACKGROUND, np.float32)
-    return Frame(np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32), depth)

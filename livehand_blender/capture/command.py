@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
+from ...backend.command import parse_size_px
 from .plan import CapturePlan
+
+_SMALLEST_PX = 16  # of an image's sides: one bucket of the renderer's window
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=plan.seed, help="of poses and cameras (default: %(default)s)")
     parser.add_argument("--poses", type=int, default=plan.poses, help="how many, held-out ones included")
     parser.add_argument("--cameras", type=int, default=plan.cameras, help="how many, held-out ones included")
-    parser.add_argument("--size", type=_size_px, default=plan.size_px, metavar="WxH", help="image size, px")
+    parser.add_argument(
+        "--size",
+        type=partial(parse_size_px, smallest=_SMALLEST_PX),
+        default=plan.size_px,
+        metavar="WxH",
+        help="image size, px",
+    )
     parser.add_argument("--samples", type=int, default=plan.samples, help="Cycles samples per pixel, training views")
     parser.add_argument("--eval-samples", type=int, default=plan.eval_samples, help="the same, held-out views")
     parser.add_argument("--eval-views", type=int, default=plan.eval_views, help="views per held-out split, at most")
@@ -40,13 +50,3 @@ def run(args: argparse.Namespace) -> dict:
     capture = render_capture(args.output, plan, {"made_by": "livehand capture", "plan": asdict(plan)}, args.threads)
     counts = {split: len(capture.of_split(split)) for split in ("train", "novel_pose", "novel_camera", "test")}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
-
-
-def _size_px(text: str) -> tuple[int, int]:
-    try:
-        width, height = (int(number) for number in text.lower().split("x"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT in px, such as 334x512, got {text!r}") from None
-    if min(width, height) < 16:
-        raise argparse.ArgumentTypeError(f"must be at least 16x16 px, got {text!r}")
-    return width, height

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...backend.command import say
+from ...backend.command import parse_size_px, say
 
 if TYPE_CHECKING:
     from .sequence import FrameProgress
@@ -100,15 +100,6 @@ def parse_frames(text: str) -> tuple[int, ...]:
             raise argparse.ArgumentTypeError(f"a range must run forwards and hold a frame, got {part.strip()!r}")
         frames.update(dict.fromkeys(range(first, last + 1)))
     return tuple(frames)
-
-
-def parse_size_px(text: str) -> tuple[int, int]:
-    """`334x512` -> (width, height)."""
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
-    # Blender's own smallest and largest image sides.
-    if not match or not all(4 <= int(side) <= 65536 for side in match.groups()):
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT in px (4 to 65536), such as 334x512, got {text!r}")
-    return int(match[1]), int(match[2])
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

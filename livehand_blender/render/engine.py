@@ -15,7 +15,7 @@ import numpy as np
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
-from ...backend.shot import DEPTH_BACKGROUND, Frame, Shot
+from ...backend.shot import Frame, Shot, empty_frame
 from ..rig.hand import find_hands
 from ..scene.camera import Eye, Region, read_camera, render_region
 from ..scene.colour import combined_buffer, depth_buffer
@@ -103,7 +103,7 @@ class LiveHandRender(bpy.types.RenderEngine):
         scene = depsgraph.scene
         is_layer_of_hand_scene = len(scene.view_layers) > 1 and find_hands(scene)
         if is_layer_of_hand_scene and not visible_hands(depsgraph):
-            return _empty_frame(camera)
+            return empty_frame(camera.size_px)
         session = self._require_session()
         armature = find_hand(depsgraph)
         source = hand_source(armature)
@@ -151,12 +151,6 @@ def _fill(render_pass: bpy.types.RenderPass, buffer: np.ndarray) -> None:
     if buffer.size != expected:
         raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the frame {buffer.size}")
     render_pass.rect.foreach_set(buffer)
-
-
-def _empty_frame(camera: Camera) -> Frame:
-    width, height = camera.size_px
-    rgba = np.zeros((height, width, 4), np.float32)
-    return Frame(rgba[..., :3], rgba[..., 3], np.full((height, width), DEPTH_BACKGROUND, np.float32))
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_passes)
