@@ -32,6 +32,7 @@ from .volume import Composite, composite
 from .window import Window, hand_window
 
 Precision = Literal["fp32", "bf16"]
+Stage = Literal["pose", "rasterise", "sample", "field", "volume", "superres", "develop"]
 
 # Alpha under half a level of 8 bits is none: super-resolution is never exactly 0 beside the hand.
 _NOTHING = 0.5 / 255
@@ -84,17 +85,24 @@ class Renderer:
             network.to(self.torch_device).eval()
 
     @torch.inference_mode()
-    def render(self, shot: Shot, should_stop: Callable[[], bool] = lambda: False) -> Frame:
+    def render(
+        self,
+        shot: Shot,
+        should_stop: Callable[[], bool] = lambda: False,
+        on_stage: Callable[[Stage], None] = lambda stage: None,
+    ) -> Frame:
         """Render one frame of the shot's size.
 
         Args:
             shot: the posed hand and its view.
             should_stop: asked between chunks of rays.
+            on_stage: told each stage as it begins; the last one ends with the call.
 
         Raises:
             LiveHandError: the shot's mesh is not of this hand model.
             RenderStopped: `should_stop` said so.
         """
+        on_stage("pose")
         topology = self._topology_of(shot)
         mesh = posed_mesh(topology, self._tensor(shot.vertices))
         window = window_of(mesh, shot.camera, self.avatar.config.sampler)
@@ -102,10 +110,14 @@ class Renderer:
             return empty_frame(shot.camera.size_px)
         view = view_of(window.camera_of(shot.camera), self.torch_device)
         conditions = FrameConditions.of(self._tensor(self._canonical_theta(shot)), topology, mesh)
+        on_stage("sample")
         rays = trace(mesh, topology, view, self.avatar.config.sampler, None, self._scene_depth(shot, window))
+        on_stage("field")
         with self._autocast():
             low = self._shade_in_chunks(rays, topology, conditions, mesh, view, should_stop)
+            on_stage("superres")
             image, depth = image_of(self.avatar.superres, low, rays.pixel, view.size_px)
+        on_stage("develop")
         return develop(image.float(), depth, window, shot.camera.size_px)
 
     @cached_property
