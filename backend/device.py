@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 import torch
 
 from .errors import LiveHandError
@@ -21,3 +23,8 @@ def torch_device(name: str) -> torch.device:
             "device 'cuda' needs a CUDA GPU and a CUDA build of torch, got neither; use 'auto' or 'cpu'"
         )
     return torch.device(name)
+
+
+def has_kernels(device: torch.device) -> bool:
+    """Whether the CPU's kernels can be used: numba is installed and the tensors are on the CPU."""
+    return device.type == "cpu" and importlib.util.find_spec("numba") is not None

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from .geometry.mesh import PosedMesh, Topology
 from .geometry.rasterise import Fragments, rasterise
+from .rays import View, project, ray_directions, ray_origin
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,6 @@ class SamplerConfig:
     """Surface crossings (front and back) kept per ray; the farthest are dropped."""
 
 
-class View(NamedTuple):
-    """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px."""
-
-    K: Tensor
-    world2cam: Tensor
-    size_px: tuple[int, int]
-
-
 class RaySamples(NamedTuple):
     """R rays of N samples.
 
@@ -52,6 +45,8 @@ class RaySamples(NamedTuple):
         dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
         points: [R, N, 3] world, m.
         is_stopped: [R] whether the ray ends at the deflated mesh, behind which all is opaque.
+        entry_face: [R, L] faces whose inflated fronts the ray crosses, nearest first.
+        is_open: [R, N, L] which of the crossings lie before each sample, in the sample's own interval.
     """
 
     pixel: Tensor
@@ -60,6 +55,8 @@ class RaySamples(NamedTuple):
     dt: Tensor
     points: Tensor
     is_stopped: Tensor
+    entry_face: Tensor
+    is_open: Tensor
 
 
 class Intervals(NamedTuple):
@@ -70,12 +67,32 @@ class Intervals(NamedTuple):
         start: [R, M] m.
         end: [R, M] m; an empty interval has end = start.
         is_stopped: [R] whether the last interval ends at the deflated mesh.
+        entry: [R, L] depths of the inflated mesh's fronts, nearest first, infinite where there is none, m.
+        entry_face: [R, L] the faces of those fronts.
     """
 
     pixel: Tensor
     start: Tensor
     end: Tensor
     is_stopped: Tensor
+    entry: Tensor
+    entry_face: Tensor
+
+
+class Layers(NamedTuple):
+    """Crossings of the inflated mesh, one row per ray that has any, nearest first.
+
+    Attributes:
+        pixel: [R].
+        depth: [R, L] m, padded with infinite depth.
+        face: [R, L].
+        is_front: [R, L].
+    """
+
+    pixel: Tensor
+    depth: Tensor
+    face: Tensor
+    is_front: Tensor
 
 
 def sample_rays(
@@ -101,10 +118,11 @@ def sample_rays(
         scene = scene_depth.reshape(-1)[intervals.pixel]
         intervals = _without_empty(_stop_at(intervals, scene, is_opaque=False))
     directions = ray_directions(view, intervals.pixel)
-    t, dt = _place_samples(intervals, config.samples_per_ray, generator)
-    origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
-    points = origin + t[..., None] * directions[:, None, :]
-    return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped)
+    t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
+    points = ray_origin(view) + t[..., None] * directions[:, None, :]
+    entry = intervals.entry[:, None, :]
+    is_open = (entry <= t[..., None]) & (entry >= since[..., None])
+    return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped, intervals.entry_face, is_open)
 
 
 def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: SamplerConfig) -> Intervals:
@@ -112,8 +130,8 @@ def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: Sam
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, view)
     inner = _fragments_of(mesh.vertices - shell, topology, view)
-    pixel, depth, is_front = _by_ray(outer, config.max_layers)
-    inside = _inside_intervals(pixel, depth, is_front)
+    layers = _by_ray(outer, config.max_layers)
+    inside, pixel = _inside_intervals(layers), layers.pixel
     return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel], is_opaque=True))
 
 
@@ -130,23 +148,8 @@ def _first_hit(fragments: Fragments, view: View) -> Float[Tensor, " P"]:
     return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
 
 
-def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
-    """World points -> (px, depth m)."""
-    in_camera = points @ view.world2cam[:3, :3].T + view.world2cam[:3, 3]
-    homogeneous = in_camera @ view.K.T
-    return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
-
-
-def ray_directions(view: View, pixel: Tensor) -> Float[Tensor, "R 3"]:
-    """World directions of depth 1 through pixel centres."""
-    width = view.size_px[0]
-    ones = torch.ones_like(pixel, dtype=view.K.dtype)
-    centre = torch.stack([pixel % width + 0.5, pixel // width + 0.5, ones], -1).to(view.K.dtype)
-    return centre @ torch.linalg.inv(view.K).T @ view.world2cam[:3, :3]
-
-
-def _by_ray(fragments: Fragments, max_layers: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Fragments as tables of one row per ray, sorted by depth and padded with infinite depth: pixel, depth, front."""
+def _by_ray(fragments: Fragments, max_layers: int) -> Layers:
+    """Fragments as tables of one row per ray, sorted by depth."""
     order = torch.argsort(fragments.depth)
     order = order[torch.argsort(fragments.pixel[order], stable=True)]
     pixel, row, count = torch.unique_consecutive(fragments.pixel[order], return_inverse=True, return_counts=True)
@@ -155,15 +158,17 @@ def _by_ray(fragments: Fragments, max_layers: int) -> tuple[Tensor, Tensor, Tens
     at, order = (row[fits], column[fits]), order[fits]
     shape = (len(pixel), max_layers)
     depth = fragments.depth.new_full(shape, torch.inf).index_put(at, fragments.depth[order])
+    face = torch.zeros(shape, dtype=torch.long, device=row.device).index_put(at, fragments.face[order])
     is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(at, fragments.is_front[order])
-    return pixel, depth, is_front
+    return Layers(pixel, depth, face, is_front)
 
 
-def _inside_intervals(pixel: Tensor, depth: Tensor, is_front: Tensor) -> Intervals:
+def _inside_intervals(layers: Layers) -> Intervals:
     """Where each ray is inside: from the crossing that takes its nesting from 0 to 1, to the one that takes it back.
 
     A ray whose last exit is missing (clipped, or beyond the kept layers) ends at its last crossing.
     """
+    depth, is_front = layers.depth, layers.is_front
     is_hit = depth.isfinite()
     step = torch.where(is_hit, torch.where(is_front, 1, -1), 0)
     nesting = step.cumsum(1)
@@ -174,7 +179,8 @@ def _inside_intervals(pixel: Tensor, depth: Tensor, is_front: Tensor) -> Interva
     next_exit = exits.flip(1).cummin(1).values.flip(1)
     start = torch.where(opens, depth, torch.zeros_like(depth))
     end = torch.where(opens, torch.maximum(next_exit, start), start)
-    return Intervals(pixel, start, end, torch.zeros_like(pixel, dtype=torch.bool))
+    entry = torch.where(is_front, depth, torch.full_like(depth, torch.inf))
+    return Intervals(layers.pixel, start, end, torch.zeros_like(layers.pixel, dtype=torch.bool), entry, layers.face)
 
 
 def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"], is_opaque: bool) -> Intervals:
@@ -182,7 +188,7 @@ def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"], is_opaque: bool) 
     end = torch.minimum(intervals.end, depth[:, None])
     is_cut = depth < intervals.end.amax(1)
     is_stopped = torch.where(is_cut, is_opaque, intervals.is_stopped)
-    return Intervals(intervals.pixel, torch.minimum(intervals.start, end), end, is_stopped)
+    return intervals._replace(start=torch.minimum(intervals.start, end), end=end, is_stopped=is_stopped)
 
 
 def _without_empty(intervals: Intervals) -> Intervals:
@@ -192,18 +198,20 @@ def _without_empty(intervals: Intervals) -> Intervals:
 
 def _place_samples(
     intervals: Intervals, count: int, generator: torch.Generator | None
-) -> tuple[Float[Tensor, "R N"], Float[Tensor, " R"]]:
-    """Equal strata over the union of each ray's intervals: sample depths and their common step."""
+) -> tuple[Float[Tensor, "R N"], Float[Tensor, " R"], Float[Tensor, "R N"]]:
+    """Equal strata over the union of each ray's intervals: depths, their common step, and their intervals' starts."""
     length = intervals.end - intervals.start
     filled = length.cumsum(1)
     total = filled[:, -1]
-    offset = _strata(len(total), count, length, generator) * total[:, None]
+    offset = strata(len(total), count, length, generator) * total[:, None]
     index = torch.searchsorted(filled, offset.contiguous()).clamp(max=length.shape[1] - 1)
     before = (filled - length).gather(1, index)
-    return intervals.start.gather(1, index) + offset - before, total / count
+    start = intervals.start.gather(1, index)
+    return start + offset - before, total / count, start
 
 
-def _strata(rays: int, count: int, like: Tensor, generator: torch.Generator | None) -> Float[Tensor, "R N"]:
+def strata(rays: int, count: int, like: Tensor, generator: torch.Generator | None) -> Float[Tensor, "R N"]:
+    """One point in each of `count` equal parts of (0, 1) per ray: jittered, or their centres."""
     if generator is None:
         jitter = like.new_full((rays, count), 0.5)
     else:

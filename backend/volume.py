@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 
@@ -23,24 +23,29 @@ _MIN_ALPHA = 1e-6
 _OPAQUE = 30.0
 
 
-def composite(
-    sigma_per_mm: Float[Tensor, "R N"],
-    channels: Float[Tensor, "R N C"],
-    t: Float[Tensor, "R N"],
-    step_mm: Float[Tensor, " R"],
-    is_stopped: Bool[Tensor, " R"] | None = None,
-) -> Composite:
-    """Composite front to back; densities per millimetre, so that the network's outputs are of order one.
+class Steps(NamedTuple):
+    """Where R rays of N samples are asked.
 
-    The last sample of a ray that `is_stopped` is opaque; None stops no ray.
+    Attributes:
+        t: [R, N] depth of each sample, m.
+        step_mm: [R] length of a step along the ray, mm of the template.
+        is_stopped: [R] whether the last sample is opaque whatever the field says.
     """
-    optical_depth = sigma_per_mm * step_mm[:, None]
-    if is_stopped is not None:
-        last = torch.where(is_stopped, optical_depth[:, -1] + _OPAQUE, optical_depth[:, -1])
-        optical_depth = torch.cat([optical_depth[:, :-1], last[:, None]], 1)
+
+    t: Tensor
+    step_mm: Tensor
+    is_stopped: Tensor
+
+
+def composite(sigma_per_mm: Float[Tensor, " S"], channels: Float[Tensor, "S C"], steps: Steps) -> Composite:
+    """Composite S = R * N samples front to back; densities per millimetre."""
+    rays, count = steps.t.shape
+    optical_depth = sigma_per_mm.reshape(rays, count) * steps.step_mm[:, None]
+    last = torch.where(steps.is_stopped, optical_depth[:, -1] + _OPAQUE, optical_depth[:, -1])
+    optical_depth = torch.cat([optical_depth[:, :-1], last[:, None]], 1)
     through = torch.exp(-optical_depth)
     before = torch.exp(-(optical_depth.cumsum(1) - optical_depth))
     weights = before * (1 - through)
     alpha = weights.sum(1)
-    summed = torch.bmm(weights[:, None, :], channels.to(weights.dtype))[:, 0]
-    return Composite(summed, alpha, (weights * t).sum(1) / alpha.clamp(min=_MIN_ALPHA))
+    summed = torch.bmm(weights[:, None, :], channels.to(weights.dtype).reshape(rays, count, channels.shape[1]))[:, 0]
+    return Composite(summed, alpha, (weights * steps.t).sum(1) / alpha.clamp(min=_MIN_ALPHA))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .camera import Camera
-from .geometry.rasterise import NEAR_M
+from .kernels.tolerances import NEAR_M
 
 MARGIN_PX = 6
 """Low-resolution pixels around the hand: the reach of the super-resolution's convolutions."""

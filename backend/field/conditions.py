@@ -18,7 +18,7 @@ EXPOSURE_CHANNELS = 8
 
 
 class FieldInputs(NamedTuple):
-    """S samples as the field sees them.
+    """S = R * N samples of R rays as the field sees them.
 
     Attributes:
         uv: [S, 2] in [0, 1].
@@ -27,7 +27,7 @@ class FieldInputs(NamedTuple):
         rotation: [S, 3, 3] how the surface has turned there, canonical hand -> world.
         local_pose: [S, 9] skin-weighted axis-angle, rad, of the joints that move the point, their parents and children.
         exposure: [S, 8] light the point gets, self-shadowing included, in a learnt code.
-        view: [S, 3] unit direction of the ray, world.
+        view: [R, 3] unit direction of each ray, world.
         theta: [48] the whole hand's axis-angle pose, rad.
         footprint_m: [S] width of a pixel at the sample, in the template's metres.
     """
@@ -83,7 +83,7 @@ def field_inputs(
     topology: Topology,
     frame: FrameConditions,
     vertex_exposure: Float[Tensor, "V E"],
-    view: Float[Tensor, "S 3"],
+    view: Float[Tensor, "R 3"],
     footprint_m: Float[Tensor, " S"],
     shell_m: float,
 ) -> FieldInputs:
@@ -105,7 +105,7 @@ def field_inputs(
     )
 
 
-def view_features(normal: Float[Tensor, "S 3"], view: Float[Tensor, "S 3"]) -> Float[Tensor, "S 5"]:
+def view_features(normal: Float[Tensor, "R 3"], view: Float[Tensor, "R 3"]) -> Float[Tensor, "R 5"]:
     """Reflected ray, n.v, and Schlick's Fresnel factor.
 
     A raw view direction lets the field learn the training cameras by heart (2.6 dB worse from new cameras).

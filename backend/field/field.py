@@ -1,6 +1,7 @@
 """The radiance field H(u, v, h, view, pose) -> (density, colour, features): the paper's, and one of feature planes.
 
-Both return density per millimetre and 32 channels: colour (sRGB-encoded, [0, 1]) and 29 features for super-resolution.
+Both volume-render 32 channels: colour (sRGB-encoded, [0, 1]) and 29 features for super-resolution. Densities are per
+millimetre, so that the networks' outputs are of order one.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn.functional import relu, softplus
 
 from ..geometry.visibility import DIRECTIONS
+from ..volume import Composite, Steps, composite
 from .conditions import EXPOSURE_CHANNELS, LOCAL_POSE_CHANNELS, FieldInputs, view_features
 from .encoding import FeaturePlane, positional_encoding
 
@@ -22,8 +24,10 @@ CHANNELS = 3 + FEATURE_CHANNELS
 
 # Density before anything is learnt: solid inside the surface, clear outside, half-way at the surface.
 _PRIOR_SLOPE, _PRIOR_OFFSET = -6.0, -1.0
+# Keeps the mean finite where a ray meets next to nothing.
+_MIN_ALPHA = 1e-4
 # Slows the relief plane's learning against the others': its useful values are a few tenths.
-_RELIEF_GAIN = 0.25
+RELIEF_GAIN = 0.25
 
 
 @dataclass(frozen=True)
@@ -32,8 +36,10 @@ class FieldConfig:
 
     kind: Literal["paper", "planes"] = "planes"
     """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes."""
-    width: int = 64
-    """Of the planes' decoder."""
+    width: int = 192
+    """Of the planes' decoder, asked once a ray."""
+    density_width: int = 32
+    """Of the layer that turns features into density, asked at every sample."""
     planes: tuple[tuple[int, int, int], ...] = ((64, 6, 8), (128, 3, 8), (256, 3, 8), (512, 1, 4))
     """(resolution, heights, channels) of each plane."""
     relief: int = 384
@@ -70,19 +76,23 @@ class PaperField(nn.Module):
         """Nothing: the paper's field is told nothing of self-shadowing."""
         return visibility[:, :0]
 
-    def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
-        """Density per mm, and channels."""
+    def forward(self, inputs: FieldInputs, steps: Steps) -> Composite:
+        """Volume-rendered channels [R, 32], premultiplied."""
         uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
         hidden = relu(self.position(positional_encoding(uvh, self.POSITION_OCTAVES)) + self.pose(inputs.theta))
         for layer in self.trunk:
             hidden = relu(layer(hidden))
         sigma = _density(self.density(hidden)[:, 0], inputs.height)
-        seen = torch.cat([self.bottleneck(hidden), positional_encoding(inputs.view, self.VIEW_OCTAVES)], -1)
-        return sigma, _channels(self.channels(relu(self.view(seen))))
+        view = positional_encoding(inputs.view, self.VIEW_OCTAVES).repeat_interleave(steps.t.shape[1], 0)
+        seen = torch.cat([self.bottleneck(hidden), view], -1)
+        return composite(sigma, _channels(self.channels(relu(self.view(seen)))), steps)
 
 
 class PlaneField(nn.Module):
-    """Feature planes on the atlas, read by a small decoder that also sees local pose, normals, exposure and view.
+    """Feature planes on the atlas. Samples only give density; what colours a ray is decoded once, from their mean.
+
+    Along each ray the samples' features are composited, and a decoder turns their mean into colour: its cost does not
+    grow with the samples (deferred shading, as Hedman et al. 2021, "Baking Neural Radiance Fields").
 
     One plane holds relief: offsets of the surface's normal in the canonical hand's axes, which the surface's rotation
     turns into the world before the decoder sees them. So tendons, creases and nails are lit right however the hand is
@@ -96,32 +106,40 @@ class PlaneField(nn.Module):
         self.config = config
         self.planes = nn.ModuleList(FeaturePlane(*size) for size in config.planes)
         self.relief = FeaturePlane(config.relief, 1, 3)
-        read = sum(channels for _, _, channels in config.planes) + 2 + 3 + 3 + LOCAL_POSE_CHANNELS + EXPOSURE_CHANNELS
         self.light = nn.Linear(DIRECTIONS, EXPOSURE_CHANNELS)
-        self.trunk = nn.ModuleList([nn.Linear(read, config.width), nn.Linear(config.width, config.width)])
-        self.density = nn.Linear(config.width, 1)
-        self.view = nn.Linear(config.width + self.VIEW_CHANNELS, config.width)
+        near = sum(channels for _, _, channels in config.planes) + 2 + LOCAL_POSE_CHANNELS
+        self.near = nn.Linear(near, config.density_width)
+        self.density = nn.Linear(config.density_width, 1)
+        self.normal_slice = slice(near + 3, near + 6)
+        self.told_channels = near + 3 + 3 + EXPOSURE_CHANNELS
+        decoded = self.told_channels + self.VIEW_CHANNELS
+        self.trunk = nn.ModuleList([nn.Linear(decoded, config.width), nn.Linear(config.width, config.width)])
         self.channels = nn.Linear(config.width, CHANNELS)
 
     def exposure(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
         """Light each vertex gets in the training's light, as a code learnt along with everything else."""
         return self.light(visibility)
 
-    def forward(self, inputs: FieldInputs) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
-        """Density per mm, and channels."""
+    def forward(self, inputs: FieldInputs, steps: Steps) -> Composite:
+        """Volume-rendered channels [R, 32], premultiplied."""
         height = inputs.height[:, None]
-        relief = self._relief_normal(inputs)
-        told = (height, height**2, inputs.normal, relief, inputs.local_pose, inputs.exposure)
-        hidden = torch.cat([*self._read(inputs), *told], -1)
+        near = torch.cat([*self._read(inputs), height, height**2, inputs.local_pose], -1)
+        sigma = _density(self.density(relu(self.near(near)))[:, 0], inputs.height)
+        told = torch.cat([near, inputs.normal, self._relief_normal(inputs), inputs.exposure], -1)
+        return self.decode(composite(sigma, told, steps), inputs.view)
+
+    def decode(self, told: Composite, view: Float[Tensor, "R 3"]) -> Composite:
+        """Colour and features of rays, from what was composited along each and its unit direction, world."""
+        mean = told.channels / told.alpha.clamp(min=_MIN_ALPHA)[:, None]
+        normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
+        hidden = torch.cat([mean, view_features(normal, view)], -1)
         for layer in self.trunk:
             hidden = relu(layer(hidden))
-        sigma = _density(self.density(hidden)[:, 0], inputs.height)
-        seen = torch.cat([hidden, view_features(relief, inputs.view).to(hidden.dtype)], -1)
-        return sigma, _channels(self.channels(relu(self.view(seen))))
+        return told._replace(channels=_channels(self.channels(hidden)) * told.alpha[:, None])
 
     def _relief_normal(self, inputs: FieldInputs) -> Float[Tensor, "S 3"]:
         """The posed normal with the relief's offset, unit length, world."""
-        offset = _RELIEF_GAIN * self.relief(inputs.uv, inputs.height) * self._fade(self.relief, inputs)
+        offset = RELIEF_GAIN * self.relief(inputs.uv, inputs.height) * self._fade(self.relief, inputs)
         turned = (inputs.rotation * offset[:, None, :]).sum(-1)
         return torch.nn.functional.normalize(inputs.normal + turned, dim=-1)
 

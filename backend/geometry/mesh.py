@@ -23,7 +23,7 @@ class Topology(NamedTuple):
     Attributes:
         faces: [F, 3] vertex indices.
         corner_uv: [F, 3, 2] atlas coordinates of each face's corners.
-        ring: [V, K] faces around each vertex, the first of them repeated up to K.
+        neighbours: [F, K] the faces that share a vertex with each face: itself first, and again up to K.
         edges: [E, 2] vertex indices, for the scale.
         edge_length_m: [] mean edge length of the template.
         lbs_weights: [V, 16].
@@ -33,7 +33,7 @@ class Topology(NamedTuple):
 
     faces: Tensor
     corner_uv: Tensor
-    ring: Tensor
+    neighbours: Tensor
     edges: Tensor
     edge_length_m: Tensor
     lbs_weights: Tensor
@@ -50,7 +50,7 @@ class Topology(NamedTuple):
         return cls(
             faces=faces,
             corner_uv=torch.as_tensor(model.vt[model.ft], dtype=torch.float32, device=device),
-            ring=vertex_rings(faces, len(template)),
+            neighbours=face_neighbours(faces),
             edges=edges,
             edge_length_m=mean_edge_length(template, edges),
             lbs_weights=torch.as_tensor(model.lbs_weights, dtype=torch.float32, device=device),
@@ -89,13 +89,17 @@ def mean_edge_length(vertices: Float[Tensor, "V 3"], edges: Int[Tensor, "E 2"]) 
     return (ends[:, 0] - ends[:, 1]).norm(dim=-1).mean()
 
 
-def vertex_rings(faces: Int[Tensor, "F 3"], vertex_count: int) -> Int[Tensor, "V K"]:
-    """Faces around every vertex, padded with the vertex's own first face; a vertex without a face gets face 0."""
-    owners = faces.reshape(-1)
-    order = torch.argsort(owners, stable=True)
-    counts = torch.bincount(owners, minlength=vertex_count)
-    starts = torch.cumsum(counts, 0) - counts
-    slots = torch.arange(int(counts.max()), device=faces.device)
-    slots = torch.where(slots < counts[:, None], slots, torch.zeros_like(slots))
-    position = (starts[:, None] + slots).clamp(max=len(owners) - 1)
-    return torch.where(counts[:, None] > 0, order[position] // 3, torch.zeros_like(position))
+def face_neighbours(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F K"]:
+    """The faces that share a vertex with each face: itself first, then the others, then itself again up to K."""
+    corner_of = faces.reshape(-1)
+    order = torch.argsort(corner_of, stable=True)
+    count = torch.bincount(corner_of)
+    first = torch.cumsum(count, 0) - count
+    around = [(order[first[v] : first[v] + count[v]] // 3).tolist() for v in range(len(count))]
+    rows = []
+    for face, corners in enumerate(faces.tolist()):
+        others = {other for corner in corners for other in around[corner]} - {face}
+        rows.append([face, *sorted(others)])
+    width = max(len(row) for row in rows)
+    padded = [row + [row[0]] * (width - len(row)) for row in rows]
+    return torch.tensor(padded, dtype=torch.long, device=faces.device)

@@ -12,10 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-# Faces that reach closer to the camera's plane than this are left out: their projection is not a triangle.
-NEAR_M = 1e-3
-# Twice the area, px^2, under which a projected face is edge-on and covers no pixel centre.
-_MIN_AREA_PX2 = 1e-9
+from ..kernels.tolerances import MIN_AREA_PX2, NEAR_M
 
 
 class Fragments(NamedTuple):
@@ -43,7 +40,7 @@ def rasterise(
     """
     corners, corner_depth = positions_px[faces], depth[faces]  # [F, 3, 2], [F, 3]
     area = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_drawn = (corner_depth.amin(1) > NEAR_M) & (area.abs() > _MIN_AREA_PX2)
+    is_drawn = (corner_depth.amin(1) > NEAR_M) & (area.abs() > MIN_AREA_PX2)
     face, column, row = _candidate_pixels(corners, is_drawn, size_px)
     centre = torch.stack([column, row], -1).to(corners.dtype) + 0.5
     weights = _barycentric(corners[face], area[face], centre)

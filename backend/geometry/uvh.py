@@ -8,7 +8,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .closest_point import SurfacePoint, closest_points
 from .mesh import PosedMesh, Topology
 
 
@@ -20,21 +19,21 @@ class SurfaceSamples(NamedTuple):
     height_m: Tensor
 
 
-def project_to_surface(points: Float[Tensor, "S 3"], topology: Topology, mesh: PosedMesh) -> SurfaceSamples:
-    """Closest surface point and signed height of world points.
+def signed_height(
+    points: Float[Tensor, "S 3"], nearest: SurfaceSamples, topology: Topology, mesh: PosedMesh
+) -> Float[Tensor, " S"]:
+    """Height in the world's metres of points over their nearest surface points, whose distances are given unsigned.
 
     The sign is that of the offset against the interpolated vertex normal, which, unlike a face's own normal, is right
     at edges and vertices too.
     """
-    nearest = closest_points(points, mesh.vertices, topology.faces, topology.ring)
     offset = points - interpolate(mesh.vertices, topology, nearest)
     normal = interpolate(mesh.normals, topology, nearest)
-    sign = torch.where((offset * normal).sum(-1) < 0, -1.0, 1.0)
-    return SurfaceSamples(nearest.face, nearest.barycentric, sign * nearest.distance / mesh.scale)
+    return torch.where((offset * normal).sum(-1) < 0, -nearest.height_m, nearest.height_m)
 
 
 def interpolate(
-    vertex_values: Float[Tensor, "V C"], topology: Topology, samples: SurfaceSamples | SurfacePoint
+    vertex_values: Float[Tensor, "V C"], topology: Topology, samples: SurfaceSamples
 ) -> Float[Tensor, "S C"]:
     """Per-vertex values at the samples' surface points."""
     return _blend(vertex_values[topology.faces[samples.face]], samples.barycentric)

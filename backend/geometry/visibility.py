@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ..device import has_kernels
 from .mesh import PosedMesh, Topology
 from .rasterise import rasterise
 
@@ -29,9 +31,10 @@ def visibility_transfer(mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V
     centre = mesh.vertices.mean(0)
     bias = _BIAS_M * mesh.scale
     radius = (mesh.vertices - centre).norm(dim=-1).amax() + 2 * bias
-    maps = _depth_maps(_in_frames(mesh.vertices - centre, frames) / radius, topology)
+    positions = _in_frames(mesh.vertices - centre, frames) / radius
     lifted = _in_frames(mesh.vertices + bias * mesh.normals - centre, frames) / radius
-    seen = _lit_share(maps, lifted, bias / radius)
+    share = _lit_share_by_kernel if has_kernels(mesh.vertices.device) else _lit_share
+    seen = share(positions, lifted, bias / radius, topology)
     cosine = (mesh.normals @ frames[:, 2].T).clamp(min=0)
     return cosine * seen.T
 
@@ -53,7 +56,7 @@ def _in_frames(offsets: Float[Tensor, "V 3"], frames: Float[Tensor, "K 3 3"]) ->
 
 
 def _depth_maps(positions: Float[Tensor, "K V 3"], topology: Topology) -> Float[Tensor, "K P"]:
-    """Depth of the first surface in every map, infinite where there is none; the maps are stacked into one image."""
+    """The maps stacked into one image."""
     count, vertex_count = positions.shape[:2]
     rows = torch.arange(count, device=positions.device)[:, None] * _MAP_PX
     pixels = _map_px(positions)
@@ -64,8 +67,11 @@ def _depth_maps(positions: Float[Tensor, "K V 3"], topology: Topology) -> Float[
     return maps.scatter_reduce(0, fragments.pixel, fragments.depth, "amin").reshape(count, -1)
 
 
-def _lit_share(maps: Float[Tensor, "K P"], lifted: Float[Tensor, "K V 3"], bias: Tensor) -> Float[Tensor, "K V"]:
-    """Bilinear mean of the four nearest map pixels' verdicts."""
+def _lit_share(
+    positions: Float[Tensor, "K V 3"], lifted: Float[Tensor, "K V 3"], bias: Float[Tensor, ""], topology: Topology
+) -> Float[Tensor, "K V"]:
+    """Share of the nearest map pixels that lie no nearer to the light than each lifted vertex, weighted bilinearly."""
+    maps = _depth_maps(positions, topology)
     position = (_map_px(lifted) - 0.5).clamp(0, _MAP_PX - 1.001)
     first = position.floor()
     share = position - first
@@ -75,6 +81,20 @@ def _lit_share(maps: Float[Tensor, "K P"], lifted: Float[Tensor, "K V 3"], bias:
         for dx, weight_x in ((0, 1 - share[..., 0]), (1, share[..., 0])):
             blocker = maps.gather(1, (row + dy) * _MAP_PX + column + dx)
             lit = lit + weight_x * weight_y * (depth - bias <= blocker)
+    return lit
+
+
+def _lit_share_by_kernel(
+    positions: Float[Tensor, "K V 3"], lifted: Float[Tensor, "K V 3"], bias: Float[Tensor, ""], topology: Topology
+) -> Float[Tensor, "K V"]:
+    from ..kernels.compiled import in_parallel
+    from ..kernels.shadow import lit_share
+
+    inputs = [values.numpy() for values in (_map_px(positions), _depth(positions), _map_px(lifted), _depth(lifted))]
+    inputs += [np.float32(bias), topology.faces.numpy(), _MAP_PX]
+    lit = torch.empty(lifted.shape[:2])
+    out = lit.numpy()
+    in_parallel(lambda first, last: lit_share(*inputs, first, last, out), len(lit), torch.get_num_threads())
     return lit
 
 

@@ -17,7 +17,9 @@ from ..capture import Capture
 from ..errors import LiveHandError
 from ..field.encoding import FeaturePlane
 from ..hand.model import HandModel
-from ..renderer import Precision, image_of, low_resolution_maps, shade
+from ..image import image_of, low_resolution_maps
+from ..renderer import Precision
+from ..shading import shade
 from .checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from .config import TrainConfig
 from .losses import window_loss

@@ -19,8 +19,10 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
-from ..renderer import SurfaceRays, trace, view_of, window_of
-from ..sampler import SamplerConfig, View, ray_directions
+from ..rays import SurfaceRays, View, ray_directions, view_of
+from ..renderer import window_of
+from ..sampler import SamplerConfig
+from ..tracing import trace
 from ..window import Window
 
 

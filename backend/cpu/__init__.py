@@ -1,0 +1,1 @@
+"""The road from mesh to low-resolution maps on the CPU, by the kernels."""

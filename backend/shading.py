@@ -1,0 +1,54 @@
+"""Asks the field along traced rays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from .field.conditions import FrameConditions, field_inputs
+from .field.field import PaperField, PlaneField
+from .geometry.mesh import PosedMesh, Topology
+from .rays import SurfaceRays, View, split_rays
+from .volume import Composite, Steps
+
+# Samples the field is asked for at once: bounds memory.
+_SAMPLES_AT_ONCE = 65536
+
+
+def shade_in_chunks(
+    field: PaperField | PlaneField,
+    rays: SurfaceRays,
+    topology: Topology,
+    conditions: FrameConditions,
+    mesh: PosedMesh,
+    view: View,
+    shell_m: float,
+    before_chunk: Callable[[], None],
+) -> Composite:
+    """`shade`, in bounded memory; what `before_chunk` raises ends it."""
+    parts = []
+    for chunk in split_rays(rays, max(1, _SAMPLES_AT_ONCE // rays.t.shape[1])):
+        before_chunk()
+        parts.append(shade(field, chunk, topology, conditions, mesh.scale, view, shell_m))
+    return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
+
+
+def shade(
+    field: PaperField | PlaneField,
+    rays: SurfaceRays,
+    topology: Topology,
+    conditions: FrameConditions,
+    scale: Float[Tensor, ""],
+    view: View,
+    shell_m: float,
+) -> Composite:
+    """Ask the field at the samples and composite each ray."""
+    length = rays.directions.norm(dim=-1)
+    footprint_m = (rays.t / (view.K[0, 0] * scale)).flatten()
+    exposure = field.exposure(conditions.visibility)
+    unit = rays.directions / length[:, None]
+    inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)
+    return field(inputs, Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped))
