@@ -9,7 +9,7 @@ import torch
 from livehand.backend.avatar import PRESETS, new_avatar
 from livehand.backend.benchmark import counts as counts_module
 from livehand.backend.benchmark import machine
-from livehand.backend.benchmark.cases import WRITE, frame_cost, write_png
+from livehand.backend.benchmark.cases import SYNC, WRITE, frame_cost, write_png
 from livehand.backend.benchmark.counts import (
     CHANNELS,
     Counts,
@@ -78,8 +78,8 @@ def test_a_stopwatch_sums_stages_in_order_and_waits_for_the_device():
     assert stopwatch.stop() == {}
 
 
-def test_the_files_writing_is_no_part_of_a_frame():
-    stages = {"pose": Cost(1, 0.1), "field": Cost(2, 0.2), WRITE: Cost(100, 9)}
+def test_writing_the_file_and_synchronising_are_no_part_of_a_frame():
+    stages = {"pose": Cost(1, 0.1), "field": Cost(2, 0.2), WRITE: Cost(100, 9), SYNC: Cost(1000, 90)}
     assert frame_cost(stages) == pytest.approx(Cost(3, 0.3))
 
 
@@ -308,8 +308,10 @@ def test_a_plot_draws_every_panel_and_curve(tmp_path):
     pixels = np.asarray(Image.open(tmp_path / "new" / "plot.png")).astype(int)
     width = pixels.shape[1] // 2
     coloured = np.ptp(pixels, axis=-1) > 60
+    middle = 70 + round((440 - 70 - 24) * 0.75)  # x = 1.5 of 2: between the curve's points
+    assert coloured[80:, middle].any()
     assert coloured[:, :width].sum() > 300
-    assert coloured[:, width:].sum() > coloured[:, :width].sum()
+    assert coloured[:, width + 80 : width + 180].sum() > coloured[:, 80:180].sum()  # two names instead of one
     (tmp_path / "file").write_text("")
     with pytest.raises(LiveHandError, match="could not be written"):
         save_plot([Panel("one", "hands", [curve])], tmp_path / "file" / "plot.png")

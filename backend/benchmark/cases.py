@@ -21,6 +21,7 @@ from .published import PublishedRenderer
 from .stopwatch import Cost, Stages, Stopwatch, total
 
 WRITE = "write"
+SYNC = "sync"
 PUBLISHED = "published"
 PRECISIONS: tuple[Precision, ...] = ("bf16", "fp32")
 
@@ -105,8 +106,8 @@ def write_png(frame: Frame, path: Path) -> None:
 
 
 def frame_cost(stages: Stages) -> Cost:
-    """Pose to RGBA: all stages but the file's writing."""
-    return total({stage: cost for stage, cost in stages.items() if stage != WRITE})
+    """Pose to RGBA: all stages but the file's writing and what Cycles needs to synchronise with its scene."""
+    return total({stage: cost for stage, cost in stages.items() if stage not in (WRITE, SYNC)})
 
 
 def _of_renderer(

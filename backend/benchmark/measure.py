@@ -119,9 +119,12 @@ class Bench:
         moments = motion.moments(plan.frames)
         chosen = [c for c in self.configurations if size_px in self._sizes(plan, c)]
         cases = [self.case_of(c, motion, plan.budget_s) for c in chosen]
+        cycles_cases = self._cycles_cases(plan, size_px)
         for case in cases:
             case.measure(moments[0])
-        taken = measure_rounds([*cases, *self._cycles_cases(plan, size_px)], moments)
+        if cycles_cases and self.cycles:
+            self.cycles(moments[0], 1)
+        taken = measure_rounds([*cases, *cycles_cases], moments)
         probes = motion.moments(min(_PROBES, plan.frames))
         works = {c.name: [self._works(c, motion, moment) for moment in probes] for c in chosen if c.name != PUBLISHED}
         coverage = float(np.mean([motion.covered(moment) for moment in probes]))

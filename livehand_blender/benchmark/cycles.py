@@ -1,7 +1,7 @@
 """Cycles on the benchmark's frames: the built-in hand's detailed surface, as captures render it.
 
-What is timed is one still render. Its stage `sync` ends when Cycles reports its first sample: until then it copies the
-scene, builds the acceleration structure and loads the textures. The denoiser belongs to `render`.
+What is timed is one still render. Its stage `sync`, which is not counted as Cycles' time, ends when Cycles reports its
+first sample: until then it copies the scene and builds the acceleration structure. The denoiser belongs to `render`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import bpy
 
+from ...backend.benchmark.cases import SYNC
 from ...backend.benchmark.motion import Moment
 from ...backend.benchmark.stopwatch import Stages, Stopwatch
 from ...backend.hand.builtin.beauty import detailed_surface
@@ -53,7 +54,7 @@ class CyclesHand:
         self.scene.cycles.samples = samples
         stopwatch = Stopwatch()
         with blender_silenced(), _first_sample(stopwatch):
-            stopwatch.begin("sync")
+            stopwatch.begin(SYNC)
             bpy.ops.render.render()
             return stopwatch.stop()
 
