@@ -1,6 +1,6 @@
 """The `livehand` program: the table of its commands.
 
-Only `render` and `capture` need Blender as a module, and import it when they run.
+Only `render` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when they run.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 from ..backend.cli import COMMANDS as BACKEND_COMMANDS
 from ..backend.command import Command, run_commands
 from ..backend.errors import LiveHandError
+from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
 from .render import command as render
 from .stdout import blender_silenced
@@ -52,6 +53,7 @@ COMMANDS: dict[str, Command] = {
         _in_blender(_silent_capture),
     ),
     **BACKEND_COMMANDS,
+    BENCHMARK.name: BENCHMARK,
 }
 
 

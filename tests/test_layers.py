@@ -46,19 +46,24 @@ ROWS = [
     ("backend.avatar", "backend.capture"),
     ("backend.renderer",),
     ("backend.training", "backend.evaluation.metrics"),
-    ("backend.training.loop", "backend.evaluation.benchmark"),
-    ("backend.evaluation",),
-    ("backend.training.command", "backend.evaluation.command", "backend.inspect_command"),
+    ("backend.training.loop",),
+    ("backend.evaluation", "backend.benchmark"),
+    (
+        "backend.training.command",
+        "backend.evaluation.command",
+        "backend.benchmark.command",
+        "backend.inspect_command",
+    ),
     ("backend.cli",),
     ("backend",),
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
     ("livehand_blender.render", "livehand_blender.capture"),
-    ("livehand_blender.ui",),
+    ("livehand_blender.ui", "livehand_blender.benchmark"),
     ("livehand_blender.registration",),
     ("livehand_blender",),
     ("",),  # the repository's root, the package `livehand`
-    ("livehand_blender.render.command", "livehand_blender.capture.command"),
+    ("livehand_blender.render.command", "livehand_blender.capture.command", "livehand_blender.benchmark.command"),
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -70,6 +75,8 @@ DOORS = ("errors", "shot", "camera", "capture", "hand.model", "avatar", "rendere
 MORE_DOORS = {
     # Captures are rendered from the built-in hand's detailed surface, not from what an avatar sees.
     "livehand_blender.capture": ("hand.builtin", "hand.gestures", "hand.lbs", "geometry.rotation"),
+    # Cycles on the benchmark's own frames, timed by its stopwatch.
+    "livehand_blender.benchmark": ("benchmark", "hand.builtin", "command"),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command"),
     "livehand_blender.capture.command": ("command",),

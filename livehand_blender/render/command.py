@@ -33,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Render the sequence; returns what was done."""
-    from .sequence import SequencePlan, write_sequence
+    from .plan import SequencePlan
+    from .sequence import write_sequence
 
     plan = SequencePlan(
         shot=args.shot,

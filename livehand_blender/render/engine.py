@@ -6,6 +6,7 @@ Blender goes on as if nothing had happened after an exception in `render`, and s
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable, Iterator
 from typing import ClassVar
@@ -15,16 +16,18 @@ import numpy as np
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
-from ...backend.shot import Frame, Shot, empty_frame
+from ...backend.shot import Frame, empty_frame
 from ..rig.hand import find_hands
 from ..scene.camera import Eye, Region, read_camera, render_region
 from ..scene.colour import combined_buffer, depth_buffer
 from ..scene.settings import ENGINE
 from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
+from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .session import Device, HandRenderer, Session
+from .session import Device, Session
+from .task import Task
 
 LOGGER = logging.getLogger(__name__)
 
@@ -52,6 +55,17 @@ class LiveHandRender(bpy.types.RenderEngine):
             cls.session.free()
         cls.session = None
 
+    @classmethod
+    def required_session(cls) -> Session:
+        """The session.
+
+        Raises:
+            LiveHandError: the class is not registered.
+        """
+        if cls.session is None:
+            raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
+        return cls.session
+
     def update_render_passes(self, scene, renderlayer):
         """Tell Blender's compositor which sockets a view layer has."""
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
@@ -64,6 +78,8 @@ class LiveHandRender(bpy.types.RenderEngine):
             self._render(depsgraph)
         except LiveHandError as error:
             self.report({"ERROR"}, f"LiveHand: {error}")
+        except KeyboardInterrupt:
+            self.report({"ERROR"}, "LiveHand was interrupted")
         except BaseException as error:
             LOGGER.exception("The render failed")
             self.report({"ERROR"}, f"LiveHand stopped on an unexpected {type(error).__name__}: {error}")
@@ -72,8 +88,7 @@ class LiveHandRender(bpy.types.RenderEngine):
         render = depsgraph.scene.render
         region = render_region(render)
         for view in self._views(render):
-            camera = self._camera(depsgraph, stereo=bool(view))
-            frame = self._frame(depsgraph, camera.cropped(region.x0_px, region.y0_px, region.size_px))
+            frame = self._frame(depsgraph, region, stereo=bool(view))
             if frame is None:
                 return
             self._write(frame, region, depsgraph.view_layer.name, view)
@@ -98,27 +113,49 @@ class LiveHandRender(bpy.types.RenderEngine):
         eye = Eye(matrix_world, self.camera_shift_x(evaluated))
         return read_camera(evaluated, depsgraph.scene.render, eye)
 
-    def _frame(self, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Frame | None:
-        """The hand from `camera`, an empty frame in a view layer that shows none on purpose, or None if stopped."""
+    def _frame(self, depsgraph: bpy.types.Depsgraph, region: Region, stereo: bool) -> Frame | None:
+        """The hand as it stands, an empty frame in a view layer that shows none on purpose, or None if stopped."""
+        task = self._task(depsgraph, region, stereo)
+        if task is None:
+            return empty_frame(region.size_px)
+        queue = self.required_session().queue
+        if queue is None:
+            return _run(task, self.test_break)
+        result = queue.ask(task)
+        if queue.foreseen_frame is not None:
+            self._foresee(depsgraph, queue, queue.foreseen_frame)
+        try:
+            return result.result()
+        finally:
+            del result  # an error's traceback holds this frame: together they would keep Blender's objects alive
+
+    def _foresee(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
+        """Queue a later frame's task. It is read from this very depsgraph, which is then set back."""
+        now = depsgraph.scene.frame_current
+        try:
+            self.frame_set(frame, 0.0)
+            with contextlib.suppress(LiveHandError):  # what is wrong there stops that frame when its turn has come
+                task = self._task(depsgraph, render_region(depsgraph.scene.render), stereo=False)
+                if task:
+                    queue.foresee(task)
+        finally:
+            self.frame_set(now, 0.0)
+
+    def _task(self, depsgraph: bpy.types.Depsgraph, region: Region, stereo: bool) -> Task | None:
+        """What is to be rendered as the depsgraph stands; None in a view layer that shows no hand on purpose."""
         scene = depsgraph.scene
+        camera = self._camera(depsgraph, stereo).cropped(region.x0_px, region.y0_px, region.size_px)
         is_layer_of_hand_scene = len(scene.view_layers) > 1 and find_hands(scene)
         if is_layer_of_hand_scene and not visible_hands(depsgraph):
-            return empty_frame(camera.size_px)
-        session = self._require_session()
+            return None
+        session = self.required_session()
         armature = find_hand(depsgraph)
         source = hand_source(armature)
         self.update_stats("", f"LiveHand | {armature.name} | loading the avatar")
         hand = session.hand(source.model_path)
         renderer = session.renderer(source.avatar_path, hand, _device(scene))
         self.update_stats("", f"LiveHand | {armature.name} | rendering")
-        shot = read_shot(armature, depsgraph, camera, len(hand.v_template))
-        return _rendered(renderer, shot, self.test_break)
-
-    def _require_session(self) -> Session:
-        session = type(self).session
-        if session is None:
-            raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
-        return session
+        return Task(renderer, read_shot(armature, depsgraph, camera, len(hand.v_template)))
 
     def _write(self, frame: Frame, region: Region, layer: str, view: str) -> None:
         """Hand a frame to Blender; a result that is begun must be ended, or Blender crashes when it saves."""
@@ -133,11 +170,11 @@ class LiveHandRender(bpy.types.RenderEngine):
             self.end_result(result)
 
 
-def _rendered(renderer: HandRenderer, shot: Shot, should_stop: Callable[[], bool]) -> Frame | None:
+def _run(task: Task, should_stop: Callable[[], bool]) -> Frame | None:
     from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
 
     try:
-        return renderer.render(shot, should_stop)
+        return task.run(should_stop)
     except RenderStopped:
         return None
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import bpy
+
+# Since then Blender reads {name} in an output path as a variable.
+_PATH_TEMPLATES = (4, 5, 0)
 
 
 @dataclass(frozen=True)
@@ -43,3 +47,9 @@ class OutputSettings:
         settings.color_depth = self.exr_depth if is_exr else self.png_depth
         if is_exr:
             settings.exr_codec = "ZIP"  # lossless, and the frame check can unpack it
+
+
+def literal_path(path: Path) -> str:
+    """An absolute path for Blender's output settings, with braces that stand for themselves."""
+    text = str(path)
+    return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= _PATH_TEMPLATES else text

@@ -3,12 +3,13 @@
 Blender's own animation render keeps broken frames for ever and says FINISHED when it failed. Here each frame is
 rendered once, saved under a temporary name in the output folder, decoded, and renamed; a frame that is there and
 decodes is skipped. Whatever stops the run, no half-written frame carries a frame's name.
+
+While Blender evaluates, composites and saves one frame, a thread of `frame_queue.py` renders the next.
 """
 
 from __future__ import annotations
 
 import contextlib
-import signal
 import statistics
 import tempfile
 import time
@@ -19,39 +20,22 @@ from pathlib import Path
 import bpy
 
 from ...backend.errors import LiveHandError
-from ..rig.hand import find_hands
 from ..scene.camera import output_size_px, read_camera
-from ..scene.settings import ENGINE
 from ..stdout import blender_silenced
+from .engine import LiveHandRender
 from .frame_file import BrokenFrameError, check_frame, is_finished
-from .output import OutputSettings
+from .interruption import Interruption
+from .output import OutputSettings, literal_path
+from .plan import SequencePlan, apply_plan, blender_message, frame_path, open_shot
 
 
 @dataclass(frozen=True)
-class SequencePlan:
-    """What to render. None leaves a setting as it is in the .blend.
+class FrameJob:
+    """The `number`th frame of a sequence, and its files that are not there yet."""
 
-    Attributes:
-        shot: the .blend; it is not changed.
-        folder: of the frames; made if missing.
-        frames: frame numbers; None takes the scene's range and step.
-        formats: of each frame, `exr` (multilayer) and `png`; all come from one render.
-        overwrite: render finished frames too.
-        avatar: for every hand of the scene.
-        size_px: (width, height) at 100 %.
-        device: `auto`, `cpu` or `cuda`.
-        precision: `fp32` or `bf16`.
-    """
-
-    shot: Path
-    folder: Path
-    frames: Sequence[int] | None = None
-    formats: Sequence[str] = ("exr",)
-    overwrite: bool = False
-    avatar: Path | None = None
-    size_px: tuple[int, int] | None = None
-    device: str | None = None
-    precision: str | None = None
+    frame: int
+    number: int
+    missing: Sequence[Path]
 
 
 @dataclass(frozen=True)
@@ -86,71 +70,34 @@ def write_sequence(plan: SequencePlan, on_frame: Callable[[FrameProgress], None]
         KeyboardInterrupt: Ctrl-C; finished frames stay.
     """
     seconds: list[float | None] = []
-    with _writable_folder(plan.folder), _Interruption() as interruption:
+    session = LiveHandRender.required_session()
+    with _writable_folder(plan.folder), Interruption() as interruption, session.queueing() as queue:
         with blender_silenced():
             scene = open_shot(plan.shot)
         apply_plan(scene, plan)
         output = OutputSettings.of_scene(scene)
         frames = plan.frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        for number, frame in enumerate(frames, 1):
+        for job, following in _jobs(plan, scene, frames):
             interruption.check()
-            missing = _missing_files(plan, scene, frame)
-            seconds.append(_write_frame(scene, frame, missing, output, interruption) if missing else None)
-            on_frame(FrameProgress(frame, number, len(frames), seconds[-1]))
+            queue.begin(job.frame, following.frame if following and following.missing else None)
+            seconds.append(_write_frame(scene, job, output, interruption) if job.missing else None)
+            on_frame(FrameProgress(job.frame, job.number, len(frames), seconds[-1]))
     written = [s for s in seconds if s is not None]
     return SequenceReport(
         plan.folder, len(written), len(seconds) - len(written), statistics.median(written) if written else 0.0
     )
 
 
-def open_shot(path: Path) -> bpy.types.Scene:
-    """Open a .blend file in this process; returns its active scene.
-
-    Raises:
-        LiveHandError: there is no such file, or it is no .blend.
-    """
-    if not path.is_file():
-        raise LiveHandError(f"no file at {path}; give the path of a .blend")
-    try:
-        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
-    except RuntimeError as error:
-        raise LiveHandError(
-            f"{path} must be a .blend file that this Blender can read; {_blender_message(error)}"
-        ) from error
-    return bpy.context.scene
-
-
-def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
-    """Set the engine and the plan's choices in the open scene, in memory only.
-
-    Raises:
-        LiveHandError: the scene is stereo.
-    """
-    render = scene.render
-    if render.use_multiview:
-        raise LiveHandError(
-            "livehand render writes one image per frame, the scene is stereo; turn Stereoscopy off, or render it with "
-            "blender -b SHOT.blend -E LIVEHAND -a"
-        )
-    render.engine = ENGINE
-    if plan.size_px:
-        render.resolution_x, render.resolution_y = plan.size_px
-        render.resolution_percentage = 100
-    if plan.device:
-        scene.livehand.device = plan.device
-    if plan.precision:
-        scene.livehand.precision = plan.precision
-    if plan.avatar:
-        for hand in find_hands(scene):
-            hand.livehand.avatar_path = str(plan.avatar.resolve())
-    if "exr" in plan.formats:
-        for view_layer in scene.view_layers:
-            view_layer.use_pass_z = True
-
-
-def frame_path(plan: SequencePlan, frame: int, file_format: str) -> Path:
-    """Where a frame lies: `wave_0001.exr` for frame 1 of `wave.blend`."""
-    return plan.folder / f"{plan.shot.stem}_{frame:04d}.{file_format}"
+def _jobs(
+    plan: SequencePlan, scene: bpy.types.Scene, frames: Sequence[int]
+) -> Iterator[tuple[FrameJob, FrameJob | None]]:
+    """Each frame's job with the one that follows it; files are looked for no earlier than that."""
+    jobs = (FrameJob(frame, number, _missing_files(plan, scene, frame)) for number, frame in enumerate(frames, 1))
+    job = next(jobs, None)
+    while job:
+        following = next(jobs, None)
+        yield job, following
+        job = following
 
 
 def _missing_files(plan: SequencePlan, scene: bpy.types.Scene, frame: int) -> list[Path]:
@@ -159,48 +106,49 @@ def _missing_files(plan: SequencePlan, scene: bpy.types.Scene, frame: int) -> li
     return [path for path in paths if plan.overwrite or not is_finished(path, size_px)]
 
 
-def _write_frame(
-    scene: bpy.types.Scene, frame: int, paths: Sequence[Path], output: OutputSettings, interruption: _Interruption
-) -> float:
-    """Render a frame once and save it to every path; returns the seconds it took."""
+def _write_frame(scene: bpy.types.Scene, job: FrameJob, output: OutputSettings, interruption: Interruption) -> float:
+    """Render a frame once and save it to every path it lacks; returns the seconds it took."""
     start = time.perf_counter()
+    first, *others = job.missing
     with blender_silenced():
-        scene.frame_set(frame)
-        _render(scene, frame)
-        for path in paths:
+        scene.frame_set(job.frame)
+        with _whole_or_untouched(first, output_size_px(scene.render)) as part:
+            output.use(scene, first.suffix[1:])
+            _render(scene, job.frame, part, interruption)
             interruption.check()
-            _save(scene, path, output)
+        for path in others:
+            with _whole_or_untouched(path, output_size_px(scene.render)) as part:
+                output.use(scene, path.suffix[1:])
+                bpy.data.images["Render Result"].save_render(str(part), scene=scene)
+                interruption.check()
     return time.perf_counter() - start
 
 
-def _render(scene: bpy.types.Scene, frame: int) -> None:
+def _render(scene: bpy.types.Scene, frame: int, path: Path, interruption: Interruption) -> None:
+    """Render and save by one operator: it lets the queue's thread have Python meanwhile, `save_render` does not."""
+    scene.render.filepath = literal_path(path)
     try:
         read_camera(scene.camera, scene.render)  # Blender's own message on a missing camera tells no remedy
-        result = bpy.ops.render.render(scene=scene.name)
+        result = bpy.ops.render.render(scene=scene.name, write_still=True)
     except (RuntimeError, LiveHandError) as error:
-        raise LiveHandError(f"frame {frame}: {_blender_message(error)}") from error
+        interruption.check()  # a second Ctrl-C, pressed while the engine waits, ends the operator as an error does
+        raise LiveHandError(f"frame {frame}: {blender_message(error)}") from error
     if "FINISHED" not in result:
         raise LiveHandError(f"frame {frame}: Blender did not render it ({', '.join(result)})")
 
 
-def _save(scene: bpy.types.Scene, path: Path, output: OutputSettings) -> None:
-    """Save Blender's render result so that `path` is either whole or untouched."""
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
+@contextlib.contextmanager
+def _whole_or_untouched(path: Path, size_px: tuple[int, int]) -> Iterator[Path]:
+    """A temporary name to save under: what is saved is decoded and takes the name `path`, or is removed."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}").absolute()
     try:
-        output.use(scene, path.suffix[1:])
-        bpy.data.images["Render Result"].save_render(str(part.resolve()), scene=scene)
-        check_frame(part, output_size_px(scene.render))
+        yield part
+        check_frame(part, size_px)
         part.replace(path)
     except (RuntimeError, OSError, BrokenFrameError) as error:
-        raise LiveHandError(f"{path} could not be written: {_blender_message(error)}; is the disk full?") from error
+        raise LiveHandError(f"{path} could not be written: {blender_message(error)}; is the disk full?") from error
     finally:
         part.unlink(missing_ok=True)
-
-
-def _blender_message(error: Exception) -> str:
-    """An operator's reports as one line, without Blender's and our own prefixes."""
-    lines = [line.removeprefix("Error: ").removeprefix("LiveHand: ").strip() for line in str(error).splitlines()]
-    return "; ".join(dict.fromkeys(line for line in lines if line))
 
 
 @contextlib.contextmanager
@@ -224,29 +172,3 @@ def _writable_folder(folder: Path) -> Iterator[None]:
     finally:
         if is_new and not any(folder.iterdir()):
             folder.rmdir()
-
-
-class _Interruption:
-    """Ctrl-C as a flag: an exception inside Blender's render would be swallowed, and the next frame begun.
-
-    A second Ctrl-C raises KeyboardInterrupt at once, wherever Python is.
-    """
-
-    def __init__(self):
-        self._is_asked = False
-
-    def __enter__(self) -> _Interruption:
-        self._previous = signal.signal(signal.SIGINT, self._ask)
-        return self
-
-    def __exit__(self, *_):
-        signal.signal(signal.SIGINT, self._previous)
-
-    def check(self) -> None:
-        """Raise KeyboardInterrupt if Ctrl-C was pressed."""
-        if self._is_asked:
-            raise KeyboardInterrupt
-
-    def _ask(self, *_):
-        self._is_asked = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -5,22 +5,16 @@ torch is imported on the first render, not before. One session belongs to the re
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
-from ...backend.shot import Frame, Shot
-
-
-class HandRenderer(Protocol):
-    """The part of the backend's renderer that Blender needs."""
-
-    def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
-        """One hand from one view; raises the backend's RenderStopped soon after `should_stop` says so."""
-        ...
+from .frame_queue import FrameQueue
+from .task import HandRenderer
 
 
 @dataclass(frozen=True)
@@ -63,9 +57,14 @@ def _missing_packages(error: ImportError) -> str:
 
 
 class Session:
-    """Loads each hand model and renderer once, and again when its file changes."""
+    """Loads each hand model and renderer once, and again when its file changes.
+
+    Attributes:
+        queue: renders the frames of the sequence that is being written; None at any other time.
+    """
 
     def __init__(self, make_renderer: RendererFactory = load_renderer):
+        self.queue: FrameQueue | None = None
         self._make_renderer = make_renderer
         self._hands: dict[Any, HandModel] = {}
         self._renderers: dict[Any, HandRenderer] = {}
@@ -85,6 +84,15 @@ class Session:
             _forget_old(self._renderers, key)
             self._renderers[key] = self._make_renderer(avatar_path, hand, device)
         return self._renderers[key]
+
+    @contextlib.contextmanager
+    def queueing(self) -> Iterator[FrameQueue]:
+        """Within, the engine renders through a queue, the next frame included."""
+        with FrameQueue() as self.queue:
+            try:
+                yield self.queue
+            finally:
+                self.queue = None
 
     def free(self) -> None:
         """Give the memory of all renderers and hands back."""

@@ -13,7 +13,8 @@ import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.livehand_blender.render import sequence
 from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
-from livehand.livehand_blender.render.sequence import SequencePlan, write_sequence
+from livehand.livehand_blender.render.plan import SequencePlan
+from livehand.livehand_blender.render.sequence import write_sequence
 from PIL import Image
 
 SIZE_PX = (48, 64)

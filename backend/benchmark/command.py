@@ -1,0 +1,151 @@
+"""`livehand benchmark`: arguments, and the call. What needs torch is imported when it runs, so that --help is quick."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..command import Command, parse_size_px, say
+from ..errors import LiveHandError
+
+if TYPE_CHECKING:
+    from .machine import Peaks
+    from .measure import Bench, BenchmarkPlan, CyclesRender, Size, SizeResult
+
+_NAMED_SIZES = {"1080p": (1920, 1080), "2160p": (3840, 2160)}
+_SMALLEST_PX = 16
+_REFERENCE_PX = (334, 512)
+_HELP = "Measure where a frame's time goes, beside the machine's floor, the paper's renderer and Cycles."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--avatar", type=Path, metavar="FILE", help="an avatar file (default: the shipped one)")
+    parser.add_argument("--paper-avatar", type=Path, metavar="FILE", help="of --config paper (default: untrained)")
+    parser.add_argument(
+        "--sizes", type=parse_sizes, default="167x256,334x512,1080p,2160p", help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--paper-sizes", type=parse_sizes, default="167x256,334x512,1080p", help="where the paper runs too"
+    )
+    parser.add_argument("--cycles-sizes", type=parse_sizes, default="334x512", help="where Cycles does (%(default)s)")
+    parser.add_argument(
+        "--frames", type=int, default=24, help="of the moving hand, at each size (default: %(default)s)"
+    )
+    parser.add_argument("--coverage", type=float, help="the hand's share of the image, 0 to 1 (default: the example's)")
+    parser.add_argument(
+        "--budget", type=float, default=60.0, metavar="SECONDS", help="of one configuration at one size"
+    )
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    parser.add_argument("--threads", type=int, help="of torch, numba and Cycles (default: their own choice)")
+    parser.add_argument("--no-cycles", action="store_true", help="leave Cycles out")
+    parser.add_argument("--cycles-samples", type=parse_counts, default="16,64", help="per pixel (default: %(default)s)")
+    parser.add_argument("--cycles-frames", type=int, default=2, help="that Cycles renders (default: %(default)s)")
+    parser.add_argument("--cycles-skin", type=Path, metavar="DIR", help="baked maps of a capture (default: bake them)")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw cost over coverage, size and hands")
+
+
+def run(
+    args: argparse.Namespace, make_cycles: Callable[[argparse.Namespace], CyclesRender] | None = None
+) -> dict[str, Any]:
+    """Measure; returns the figures. `make_cycles` gives the renderer that needs Blender, None where there is none."""
+    from ..device import torch_device
+    from ..hand.model import load_default_hand
+    from .cases import load_configurations
+    from .machine import describe, set_threads
+    from .measure import Bench
+
+    plan = plan_of(args)
+    set_threads(args.threads)
+    device, hand = torch_device(args.device), load_default_hand()
+    configurations = load_configurations(hand, device, args.avatar, args.paper_avatar)
+    bench = Bench(configurations, hand, device, make_cycles(args) if make_cycles else None)
+    sizes, peaks = bench.run(plan, lambda what: say(f"measuring {what}"))
+    growth = _growth(bench, plan, sizes, args.plot) if args.plot else {}
+    return _result(describe(device), peaks, sizes, growth)
+
+
+def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
+    """The arguments as a plan.
+
+    Raises:
+        LiveHandError: a number is out of its range, or the plot is no PNG.
+    """
+    from .measure import BenchmarkPlan
+
+    for name, least in (("frames", 1), ("cycles_frames", 1), ("threads", 1), ("budget", 0)):
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise LiveHandError(f"--{name.replace('_', '-')} must be {least} or more, got {value}")
+    if args.coverage is not None and not 0 < args.coverage <= 1:
+        raise LiveHandError(f"--coverage must be a share of the image above 0 and up to 1, got {args.coverage}")
+    if args.plot and args.plot.suffix.lower() != ".png":
+        raise LiveHandError(f"--plot must name a .png file, got {args.plot.name}")
+    return BenchmarkPlan(
+        args.sizes,
+        args.paper_sizes,
+        () if args.no_cycles else args.cycles_sizes,
+        args.frames,
+        args.cycles_samples,
+        args.cycles_frames,
+        args.coverage,
+        args.budget,
+    )
+
+
+def parse_sizes(text: str) -> tuple[Size, ...]:
+    """`167x256,1080p` -> sizes in px, each once.
+
+    Raises:
+        argparse.ArgumentTypeError: malformed, or too small.
+    """
+    parts = [part.strip().lower() for part in text.split(",")]
+    return tuple(dict.fromkeys(_NAMED_SIZES.get(part) or parse_size_px(part, _SMALLEST_PX) for part in parts))
+
+
+def parse_counts(text: str) -> tuple[int, ...]:
+    """`16,64` -> numbers above 0, each once.
+
+    Raises:
+        argparse.ArgumentTypeError: malformed.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(f"must be whole numbers above 0, such as 16,64, got {text!r}")
+    return tuple(dict.fromkeys(int(part) for part in parts))
+
+
+def _result(machine: dict[str, Any], peaks: Peaks, sizes: list[SizeResult], growth: dict[str, Any]) -> dict[str, Any]:
+    from .report import machine_lines, peaks_document, size_document, size_lines
+
+    measured = peaks_document(peaks)
+    documents = {_size_name(result.size_px): size_document(result, peaks) for result in sizes}
+    lines = machine_lines(machine, measured)
+    for name, document in documents.items():
+        lines += ["", *size_lines(name, document)]
+    return {"machine": machine | {"peaks": measured}, "sizes": documents, **growth, "summary": "\n".join(lines)}
+
+
+def _growth(bench: Bench, plan: BenchmarkPlan, sizes: list[SizeResult], path: Path) -> dict[str, Any]:
+    """Measure the curves, draw them; the curves as JSON."""
+    from .growth import grow_with_coverage, grow_with_hands
+    from .growth_plot import growth_panels
+    from .plot import save_plot
+    from .report import growth_document
+
+    size_px = _REFERENCE_PX if _REFERENCE_PX in plan.sizes_px else plan.sizes_px[0]
+    say("measuring how cost grows")
+    coverage = grow_with_coverage(bench, plan, size_px)
+    hands = grow_with_hands(bench, plan, size_px)
+    save_plot(growth_panels(coverage, sizes, hands, _size_name(size_px)), path)
+    curves = {"coverage": growth_document(coverage, "coverage"), "hands": growth_document(hands, "hands")}
+    return {"growth": curves | {"size": _size_name(size_px)}, "plot": str(path)}
+
+
+def _size_name(size_px: Size) -> str:
+    return f"{size_px[0]}x{size_px[1]}"
+
+
+COMMAND = Command("benchmark", _HELP, add_arguments, run)

@@ -1,0 +1,112 @@
+"""The machine a benchmark ran on: what it is, and what it can do at best, measured.
+
+The peaks are the roof of every floor: the fastest of several large matrix products and copies through torch, on as many
+threads as the benchmark uses.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+# Large, and as tall and narrow as a small network over a chunk of samples: CPUs run the one or the other faster.
+_PRODUCTS = {"cpu": ((2048, 2048, 2048), (4096, 256, 256)), "cuda": ((8192, 8192, 8192),)}
+_COPY_MB = {"cpu": 256, "cuda": 2048}
+_REPEATS = 7
+
+
+class Peaks(NamedTuple):
+    """FLOP/s of large matrix products in single precision and bfloat16, and bytes/s read plus written by a copy."""
+
+    fp32_flops: float
+    bf16_flops: float
+    bytes_per_s: float
+
+    def or_better(self, other: Peaks) -> Peaks:
+        """The higher of each: a busy machine only ever lowers a peak."""
+        return Peaks(*(max(pair) for pair in zip(self, other, strict=True)))
+
+
+def set_threads(count: int | None) -> None:
+    """Let torch, and numba where it is there, use this many threads; None leaves them alone."""
+    if count is None:
+        return
+    torch.set_num_threads(count)
+    if find_spec("numba") is not None:
+        import numba
+
+        numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+
+
+def describe(device: torch.device) -> dict[str, str | int | bool | None]:
+    """What a reader must know to judge the figures; `amx` and `avx512_bf16` are None where the system does not say."""
+    flags = _cpu_flags()
+    return {
+        "cpu": _cpu_name(),
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads(),
+        "gpu": torch.cuda.get_device_name(device) if device.type == "cuda" else None,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "numba": find_spec("numba") is not None,
+        "amx": None if flags is None else "amx_bf16" in flags,
+        "avx512_bf16": None if flags is None else "avx512_bf16" in flags,
+    }
+
+
+@torch.inference_mode()
+def measure_peaks(device: torch.device, wall_s: Callable[[], float] = time.perf_counter) -> Peaks:
+    """A second or so of products and copies."""
+
+    def fastest(work: Callable[[], object]) -> float:
+        return min(_took_s(work, device, wall_s) for _ in range(_REPEATS))
+
+    def product_flops(dtype: torch.dtype, m: int, k: int, n: int) -> float:
+        a, b = torch.ones(m, k, dtype=dtype, device=device), torch.ones(k, n, dtype=dtype, device=device)
+        return 2 * m * k * n / fastest(lambda: a @ b)
+
+    fp32, bf16 = (
+        max(product_flops(dtype, *shape) for shape in _PRODUCTS[device.type])
+        for dtype in (torch.float32, torch.bfloat16)
+    )
+    source = torch.zeros(_COPY_MB[device.type] * 2**18, device=device)
+    target = torch.zeros_like(source)
+    copied = 2 * source.numel() * source.element_size()
+    return Peaks(fp32, bf16, copied / fastest(lambda: target.copy_(source)))
+
+
+def _took_s(work: Callable[[], object], device: torch.device, wall_s: Callable[[], float]) -> float:
+    _synchronise(device)
+    began = wall_s()
+    work()
+    _synchronise(device)
+    return wall_s() - began
+
+
+def _synchronise(device: torch.device) -> None:
+    if device.type == "cuda":
+        torch.cuda.synchronize()
+
+
+def _cpu_name() -> str:
+    lines = _cpu_info()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown"
+
+
+def _cpu_flags() -> set[str] | None:
+    lines = [line for line in _cpu_info() if line.startswith("flags")]
+    return set(lines[0].partition(":")[2].split()) if lines else None
+
+
+def _cpu_info() -> list[str]:
+    path = Path("/proc/cpuinfo")
+    return path.read_text().splitlines() if path.is_file() else []

@@ -1,0 +1,127 @@
+"""The benchmark's moving hand: a closed loop of poses and views, after the motion and framing of `examples/wave.blend`.
+
+World: Z up, metres; the hand stands upright with its back to the front (-Y), the camera turns about it on an arm. The
+hand fills the image's height as it does in the example, so its share of a wide image is smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw
+
+from ..camera import Camera, look_at
+from ..hand.gestures import GESTURES, FingerAxes, axis_angle, rotation_matrix, theta_of
+from ..hand.lbs import SkinTensors, pose_hand
+from ..hand.model import UPRIGHT, HandModel
+from ..shot import HandPose, Shot
+
+# One turn of the loop, evenly in time.
+_GESTURES = ("open", "pinch", "point", "fist")
+# How the wrist nods, leans and turns there: deg about X, Y and Z of the upright hand.
+_WRIST_DEG = np.array([[5.0, -4, -6], [-5, 4, 14], [5, 3, 10], [-4, 1, 24]])
+# The camera's arm there: target x, y, z and distance, m; yaw and pitch, deg.
+_ARM = np.array(
+    [
+        [-0.020, 0.0, -0.027, 0.77, -16, 3],
+        [-0.018, 0.0, -0.031, 0.76, -22, 5],
+        [-0.017, 0.0, -0.036, 0.75, -29, 6],
+        [-0.012, 0.0, -0.052, 0.69, -40, 11],
+    ]
+)
+_FIELD_OF_VIEW_M = 0.272  # height of the image, this far away:
+_FIELD_DISTANCE_M = 0.75
+# Moments of the loop over which the natural coverage is taken.
+_PROBES = 8
+
+
+class Moment(NamedTuple):
+    """One moment of the motion: the pose and the view, before anything is posed."""
+
+    pose: HandPose
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class MovingHand:
+    """The motion of a hand at one image size.
+
+    Attributes:
+        hand: the model.
+        size_px: (width, height).
+        coverage: the share of the image that the hand shall cover, on average; None keeps the example's framing.
+    """
+
+    hand: HandModel
+    size_px: tuple[int, int]
+    coverage: float | None = None
+
+    def moments(self, count: int) -> list[Moment]:
+        """`count` moments, evenly over the loop."""
+        zoom = 1.0 if self.coverage is None else sqrt(self.coverage / self._natural_coverage)
+        return [self._moment(k / count, zoom) for k in range(count)]
+
+    def shot(self, moment: Moment) -> Shot:
+        """The posed shot: what the stage `pose` begins with."""
+        pose = moment.pose
+        parameters = (torch.as_tensor(v, dtype=torch.float32) for v in (pose.theta, pose.beta, pose.transl))
+        return Shot(pose, pose_hand(self._skin, *parameters).vertices.numpy(), moment.camera)
+
+    def covered(self, moment: Moment) -> float:
+        """The share of the image that the mesh covers."""
+        shot = self.shot(moment)
+        return silhouette_px(shot.vertices, self.hand.f, shot.camera) / (self.size_px[0] * self.size_px[1])
+
+    @cached_property
+    def _skin(self) -> SkinTensors:
+        return SkinTensors.of(self.hand)
+
+    @cached_property
+    def _axes(self) -> FingerAxes:
+        return FingerAxes.of_default_hand()
+
+    @cached_property
+    def _natural_coverage(self) -> float:
+        return float(np.mean([self.covered(self._moment(k / _PROBES, 1.0)) for k in range(_PROBES)]))
+
+    def _moment(self, phase: float, zoom: float) -> Moment:
+        angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])
+        nod, lean, turn = np.deg2rad(_eased(phase, _WRIST_DEG))
+        x, y, z = np.eye(3)
+        root = rotation_matrix(turn * z) @ rotation_matrix(lean * y) @ rotation_matrix(nod * x) @ UPRIGHT
+        theta = theta_of(_eased(phase, angles), self._axes, axis_angle(root))
+        joints = self.hand.joints
+        knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
+        return Moment(HandPose(theta, np.zeros(10), -knuckles, self.hand.side), self._camera(phase, zoom))
+
+    def _camera(self, phase: float, zoom: float) -> Camera:
+        arm = _eased(phase, _ARM)
+        yaw, pitch = np.deg2rad(arm[4:])
+        towards = np.array([np.sin(yaw) * np.cos(pitch), -np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
+        width, height = self.size_px
+        focal_px = zoom * height * _FIELD_DISTANCE_M / _FIELD_OF_VIEW_M
+        K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+        return Camera(K, look_at(arm[:3] + arm[3] * towards, arm[:3], np.array([0, 0, 1.0])), self.size_px)
+
+
+def silhouette_px(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> int:
+    """Pixels of the image that the mesh covers; all of it must lie in front of the camera."""
+    positions_px, _ = camera.project(vertices)
+    image = Image.new("1", camera.size_px)
+    draw = ImageDraw.Draw(image)
+    for corners in positions_px[faces]:
+        draw.polygon([tuple(corner) for corner in (corners - 0.5).tolist()], fill=1)
+    return int(np.count_nonzero(np.asarray(image)))
+
+
+def _eased(phase: float, values: np.ndarray) -> np.ndarray:
+    """Between the keys' values, starting and stopping gently (minimum jerk); the last key leads back to the first."""
+    first = int(phase * len(values)) % len(values)
+    share = phase * len(values) % 1
+    share = share**3 * (10 - 15 * share + 6 * share**2)
+    return (1 - share) * values[first] + share * values[(first + 1) % len(values)]

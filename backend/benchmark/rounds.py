@@ -1,0 +1,82 @@
+"""Configurations taken in turns, frame by frame, so that a noisy neighbour hits all of them alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from .cases import frame_cost
+from .motion import Moment
+from .stopwatch import Spread, Stages, spread
+
+# A configuration that has used up its time still takes this many frames: fewer say nothing of a spread.
+_LEAST_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing that is measured in every round.
+
+    Attributes:
+        name: of it.
+        measure: renders a moment; what each stage took.
+        frames: in how many rounds it takes part, spread evenly; None: in all.
+        budget_s: it sits out once its frames have taken longer than this.
+    """
+
+    name: str
+    measure: Callable[[Moment], Stages]
+    frames: int | None = None
+    budget_s: float = float("inf")
+
+    def takes_part(self, number: int, rounds: int, taken: Sequence[Stages]) -> bool:
+        """Whether it renders in round `number` of `rounds`, having taken some frames already."""
+        if self.frames is not None and not _is_chosen(number, rounds, self.frames):
+            return False
+        spent_s = sum(frame_cost(stages).wall_ms for stages in taken) / 1000
+        return len(taken) < _LEAST_FRAMES or spent_s < self.budget_s
+
+
+Results = dict[str, dict[int, Stages]]
+"""Per case: round -> stages."""
+
+
+def measure_rounds(cases: Sequence[Case], moments: Sequence[Moment]) -> Results:
+    """Every case renders each moment; who begins changes from round to round."""
+    results: Results = {case.name: {} for case in cases}
+    for number, moment in enumerate(moments):
+        begin = number % len(cases)
+        for case in (*cases[begin:], *cases[:begin]):
+            taken = results[case.name]
+            if case.takes_part(number, len(moments), list(taken.values())):
+                taken[number] = case.measure(moment)
+    return results
+
+
+def frame_spread(taken: dict[int, Stages]) -> tuple[Spread, Spread]:
+    """Wall ms and core-seconds of whole frames."""
+    costs = [frame_cost(stages) for stages in taken.values()]
+    return spread([cost.wall_ms for cost in costs]), spread([cost.core_s for cost in costs])
+
+
+def stage_spreads(taken: dict[int, Stages]) -> dict[str, tuple[Spread, Spread]]:
+    """Wall ms and core-seconds of every stage."""
+    names = dict.fromkeys(name for stages in taken.values() for name in stages)
+    by_stage = {name: [stages[name] for stages in taken.values() if name in stages] for name in names}
+    return {
+        name: (spread([cost.wall_ms for cost in costs]), spread([cost.core_s for cost in costs]))
+        for name, costs in by_stage.items()
+    }
+
+
+def paired_ratio(slow: dict[int, Stages], fast: dict[int, Stages]) -> float | None:
+    """Median over the rounds both took part in of how many times longer `slow` took; None where there is none."""
+    both = slow.keys() & fast.keys()
+    if not both:
+        return None
+    return spread([frame_cost(slow[k]).wall_ms / frame_cost(fast[k]).wall_ms for k in both]).median
+
+
+def _is_chosen(number: int, rounds: int, count: int) -> bool:
+    """`count` of the rounds, evenly: whether this is one."""
+    return number * count // rounds != (number - 1) * count // rounds

@@ -1,0 +1,1 @@
+"""The part of `livehand benchmark` that needs Blender: Cycles on the same frames."""

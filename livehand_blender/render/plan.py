@@ -1,0 +1,96 @@
+"""What a sequence is to be, and the opened scene made to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ...backend.errors import LiveHandError
+from ..rig.hand import find_hands
+from ..scene.settings import ENGINE
+
+
+@dataclass(frozen=True)
+class SequencePlan:
+    """What to render. None leaves a setting as it is in the .blend.
+
+    Attributes:
+        shot: the .blend; it is not changed.
+        folder: of the frames; made if missing.
+        frames: frame numbers; None takes the scene's range and step.
+        formats: of each frame, `exr` (multilayer) and `png`; all come from one render.
+        overwrite: render finished frames too.
+        avatar: for every hand of the scene.
+        size_px: (width, height) at 100 %.
+        device: `auto`, `cpu` or `cuda`.
+        precision: `fp32` or `bf16`.
+    """
+
+    shot: Path
+    folder: Path
+    frames: Sequence[int] | None = None
+    formats: Sequence[str] = ("exr",)
+    overwrite: bool = False
+    avatar: Path | None = None
+    size_px: tuple[int, int] | None = None
+    device: str | None = None
+    precision: str | None = None
+
+
+def open_shot(path: Path) -> bpy.types.Scene:
+    """Open a .blend file in this process; returns its active scene.
+
+    Raises:
+        LiveHandError: there is no such file, or it is no .blend.
+    """
+    if not path.is_file():
+        raise LiveHandError(f"no file at {path}; give the path of a .blend")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+    except RuntimeError as error:
+        raise LiveHandError(
+            f"{path} must be a .blend file that this Blender can read; {blender_message(error)}"
+        ) from error
+    return bpy.context.scene
+
+
+def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
+    """Set the engine and the plan's choices in the open scene, in memory only.
+
+    Raises:
+        LiveHandError: the scene is stereo.
+    """
+    render = scene.render
+    if render.use_multiview:
+        raise LiveHandError(
+            "livehand render writes one image per frame, the scene is stereo; turn Stereoscopy off, or render it with "
+            "blender -b SHOT.blend -E LIVEHAND -a"
+        )
+    render.engine = ENGINE
+    if plan.size_px:
+        render.resolution_x, render.resolution_y = plan.size_px
+        render.resolution_percentage = 100
+    if plan.device:
+        scene.livehand.device = plan.device
+    if plan.precision:
+        scene.livehand.precision = plan.precision
+    if plan.avatar:
+        for hand in find_hands(scene):
+            hand.livehand.avatar_path = str(plan.avatar.resolve())
+    if "exr" in plan.formats:
+        for view_layer in scene.view_layers:
+            view_layer.use_pass_z = True
+
+
+def frame_path(plan: SequencePlan, frame: int, file_format: str) -> Path:
+    """Where a frame lies: `wave_0001.exr` for frame 1 of `wave.blend`."""
+    return plan.folder / f"{plan.shot.stem}_{frame:04d}.{file_format}"
+
+
+def blender_message(error: Exception) -> str:
+    """An operator's reports as one line, without Blender's and our own prefixes."""
+    lines = [line.removeprefix("Error: ").removeprefix("LiveHand: ").strip() for line in str(error).splitlines()]
+    return "; ".join(dict.fromkeys(line for line in lines if line))
