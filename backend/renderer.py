@@ -113,9 +113,9 @@ class Renderer:
         conditions = FrameConditions.of(self._tensor(self._canonical_theta(shot)), topology, mesh)
         scene = Scene(topology, mesh, conditions, view, self._scene_depth(shot, window))
         draw = self._march if self._marcher else self._trace
+        pixel, low = draw(scene, _stopping(should_stop), on_stage)
+        on_stage("superres")
         with self._autocast():
-            pixel, low = draw(scene, _stopping(should_stop), on_stage)
-            on_stage("superres")
             image, depth = image_of(self.avatar.superres, low, pixel, view.size_px)
         on_stage("develop")
         return develop(image.float(), depth, window, shot.camera.size_px)
@@ -131,7 +131,8 @@ class Renderer:
         on_stage("sample")
         pixel, direction, told = self._marcher.march(layers, *geometry, scene.conditions, scene.view, check)
         on_stage("field")
-        return pixel, self._marcher.field.decode(told, direction)
+        with self._autocast():
+            return pixel, self._marcher.field.decode(told, direction)
 
     def _trace(self, scene: Scene, check: Callable[[], None], on_stage: OnStage) -> tuple[Tensor, Composite]:
         """Low-resolution rays by torch: pixel [R], and what is seen along each."""
@@ -140,7 +141,8 @@ class Renderer:
         rays = trace(scene.mesh, scene.topology, scene.view, config, None, scene.depth)
         on_stage("field")
         surroundings = (scene.topology, scene.conditions, scene.mesh, scene.view, config.shell_m)
-        return rays.pixel, shade_in_chunks(self.avatar.field, rays, *surroundings, check)
+        with self._autocast():
+            return rays.pixel, shade_in_chunks(self.avatar.field, rays, *surroundings, check)
 
     @cached_property
     def _marcher(self) -> Marcher | None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..field.conditions import LOCAL_POSE_CHANNELS, FrameConditions
-from ..field.field import RELIEF_GAIN, PlaneField
+from ..field.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
 from ..geometry.mesh import PosedMesh, Topology
 from ..kernels.compiled import in_parallel
 from ..kernels.march import march
+from ..kernels.planes import BLOCK
 from ..rays import View, ray_directions, ray_origin
 from ..sampler import SamplerConfig
 from ..volume import Composite
@@ -22,6 +24,66 @@ from .shell import Layers, live_pixels, surface_arrays
 
 # Rays marched between two looks at `should_stop`.
 _RAYS_AT_ONCE = 1 << 15
+
+
+class PackedField(NamedTuple):
+    """A field's tables and weights as the kernel takes them; indexed by position in `kernels.march`.
+
+    Attributes:
+        table: flat texels of all planes, the relief's last, channels padded to whole blocks.
+        layout: [planes, 4] start in the table, resolution, heights, channels.
+        texels_m: [planes] size of a texel on the skin.
+        relief_gain: factor of the relief.
+        pose_channels: of the local pose.
+        near_bias: [hidden].
+        near_weight: [inputs, hidden], inputs padded with zeros to a multiple of 4.
+        density_weight: [hidden].
+        density_bias: of the density.
+        slope: of the density's prior over height.
+        prior: its offset.
+    """
+
+    table: np.ndarray
+    layout: np.ndarray
+    texels_m: np.ndarray
+    relief_gain: np.float32
+    pose_channels: int
+    near_bias: np.ndarray
+    near_weight: np.ndarray
+    density_weight: np.ndarray
+    density_bias: np.float32
+    slope: np.float32
+    prior: np.float32
+
+    @classmethod
+    def of(cls, field: PlaneField) -> PackedField:
+        """Pack a field."""
+        planes = [*field.planes, field.relief]
+        tables = [_padded(plane.table, BLOCK) for plane in planes]
+        starts = np.cumsum([0, *(table.size for table in tables)])
+        sizes = [(plane.resolution, plane.heights, table.shape[1]) for plane, table in zip(planes, tables, strict=True)]
+        return cls(
+            table=np.concatenate([table.ravel() for table in tables]),
+            layout=np.array([(start, *size) for start, size in zip(starts, sizes, strict=False)]),
+            texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
+            relief_gain=np.float32(RELIEF_GAIN),
+            pose_channels=LOCAL_POSE_CHANNELS,
+            near_bias=_array(field.near.bias),
+            near_weight=np.ascontiguousarray(_padded(field.near.weight, 4).T),
+            density_weight=_array(field.density.weight)[0].copy(),
+            density_bias=np.float32(_array(field.density.bias)[0]),
+            slope=np.float32(PRIOR_SLOPE),
+            prior=np.float32(PRIOR_OFFSET),
+        )
+
+
+def _array(values: Tensor) -> np.ndarray:
+    return values.detach().cpu().numpy().astype(np.float32)
+
+
+def _padded(values: Tensor, block: int) -> np.ndarray:
+    """[rows, columns] with columns of zeros added up to a whole number of blocks."""
+    return np.pad(_array(values), ((0, 0), (0, -values.shape[1] % block)))
 
 
 @dataclass(frozen=True)
@@ -53,17 +115,15 @@ class Marcher:
         pixel = torch.as_tensor(live_pixels(layers))
         directions = ray_directions(view, pixel)
         exposure = self.field.exposure(conditions.visibility)
-        vertex_channels = torch.cat([conditions.vertex_channels, exposure], -1).numpy()
+        channels = torch.cat([conditions.vertex_channels, exposure], -1)
+        units = (np.float32(value) for value in (self.config.shell_m, view.K[0, 0], mesh.scale))
         inputs = (
             *(values.numpy() for values in (pixel, directions, ray_origin(view))),
-            self.config.samples_per_ray,
-            *(np.float32(value) for value in (self.config.shell_m, view.K[0, 0], mesh.scale)),
             tuple(layers),
             surface_arrays(mesh, topology),
-            topology.corner_uv.numpy(),
-            vertex_channels,
-            LOCAL_POSE_CHANNELS,
-            *self._packed,
+            (topology.corner_uv.numpy(), channels.numpy()),
+            self._packed,
+            (self.config.samples_per_ray, *units),
         )
         told = Composite(*(torch.zeros(len(pixel), *size) for size in ((self.field.told_channels,), (), ())))
         out = [values.numpy() for values in told]
@@ -76,30 +136,5 @@ class Marcher:
         return pixel, directions / directions.norm(dim=-1, keepdim=True), told
 
     @cached_property
-    def _packed(self) -> tuple:
-        """Tables and weights as the kernel takes them: `march`'s arguments from `table` to `density_bias`."""
-        planes = [*self.field.planes, self.field.relief]
-        tables = [plane.table.detach().cpu().numpy() for plane in planes]
-        starts = np.cumsum([0, *(table.size for table in tables)])[:-1]
-        layout = [
-            (start, p.resolution, p.heights, t.shape[1]) for start, p, t in zip(starts, planes, tables, strict=True)
-        ]
-        near, density = (
-            [value.detach().cpu().numpy() for value in (layer.weight, layer.bias)]
-            for layer in (self.field.near, self.field.density)
-        )
-        return (
-            np.concatenate([table.ravel() for table in tables]),
-            np.array(layout, np.int64),
-            np.array([self.field.config.atlas_m / plane.resolution for plane in planes], np.float32),
-            np.float32(RELIEF_GAIN),
-            _padded(near[0]),
-            near[1],
-            density[0][0].copy(),
-            np.float32(density[1][0]),
-        )
-
-
-def _padded(weight: np.ndarray) -> np.ndarray:
-    """[inputs, hidden] of a layer's weight, rows of zeros added to a multiple of 4."""
-    return np.pad(weight.T, ((0, -weight.shape[1] % 4), (0, 0)))
+    def _packed(self) -> PackedField:
+        return PackedField.of(self.field)

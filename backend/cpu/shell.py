@@ -68,7 +68,9 @@ def rasterise_shell(
 def live_pixels(layers: Layers) -> np.ndarray:
     """[R] the pixels whose rays have anything to sample."""
     is_live = np.zeros(len(layers.crossings), np.bool_)
-    in_parallel(lambda first, last: find_live(*layers, first, last, is_live), len(is_live), torch.get_num_threads())
+    in_parallel(
+        lambda first, last: find_live(tuple(layers), first, last, is_live), len(is_live), torch.get_num_threads()
+    )
     return is_live.nonzero()[0]
 
 

@@ -31,7 +31,7 @@ def trace(
     dt, is_stopped = torch.empty(shape[0]), torch.empty(shape[0], dtype=torch.bool)
     face = torch.empty(shape, dtype=torch.long)
     rays = (pixel, directions, ray_origin(view), strata(*shape, directions, generator))
-    inputs = (*(values.numpy() for values in rays), *layers, *surface_arrays(mesh, topology))
+    inputs = (*(values.numpy() for values in rays), tuple(layers), surface_arrays(mesh, topology))
     out = [values.numpy() for values in (t, dt, is_stopped, face, barycentric, height)]
     in_parallel(lambda first, last: lay_samples(*inputs, first, last, *out), len(pixel), torch.get_num_threads())
     samples = SurfaceSamples(face.flatten(), barycentric.flatten(0, 1), height.flatten() / mesh.scale)

@@ -23,7 +23,7 @@ FEATURE_CHANNELS = 29
 CHANNELS = 3 + FEATURE_CHANNELS
 
 # Density before anything is learnt: solid inside the surface, clear outside, half-way at the surface.
-_PRIOR_SLOPE, _PRIOR_OFFSET = -6.0, -1.0
+PRIOR_SLOPE, PRIOR_OFFSET = -6.0, -1.0
 # Keeps the mean finite where a ray meets next to nothing.
 _MIN_ALPHA = 1e-4
 # Slows the relief plane's learning against the others': its useful values are a few tenths.
@@ -154,7 +154,7 @@ class PlaneField(nn.Module):
 
 
 def _density(logit: Tensor, height: Tensor) -> Tensor:
-    return softplus(logit.float() + _PRIOR_SLOPE * height + _PRIOR_OFFSET)
+    return softplus(logit.float() + PRIOR_SLOPE * height + PRIOR_OFFSET)
 
 
 def _channels(raw: Tensor) -> Tensor:

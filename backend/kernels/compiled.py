@@ -42,7 +42,7 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callab
     config.CACHE_DIR = str(_cache_folder(previous))
     try:
         plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath)(plain)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=True)(plain)
     finally:
         config.CACHE_DIR = previous
 

@@ -7,19 +7,17 @@ import numpy as np
 from .compiled import compiled
 from .surface import closest_on_part, signed_height
 
-_1 = np.float32(1)
+_0, _1 = np.float32(0), np.float32(1)
 
 
 @compiled
-def find_live(layer_depth, layer_face, count, inner, scene, first, last, is_live):
+def find_live(layers, first, last, is_live):
     """Mark the pixels in [first, last) whose rays have anything to sample."""
-    layers = layer_depth.shape[1]
-    start, end = np.empty(layers, np.float32), np.empty(layers, np.float32)
+    start, end, part = ray_buffers(layers)
     for pixel in range(first, last):
-        if count[pixel] > 0:
-            depths, marks = layer_depth[pixel], layer_face[pixel]
-            _, total, _ = interval_list(depths, marks, count[pixel], inner[pixel], scene[pixel], start, end)
-            is_live[pixel] = total > 0
+        if layers[2][pixel] > 0:
+            _, total, _ = begin_ray(pixel, layers, start, end, part)
+            is_live[pixel] = total > _0
 
 
 @compiled
@@ -28,17 +26,8 @@ def lay_samples(
     directions,  # [R, 3]
     origin,  # [3]
     offsets,  # [R, N] in (0, 1): where in the union of a ray's intervals its samples lie
-    layer_depth,
-    layer_face,
-    count,
-    inner,
-    scene,
-    shapes,
-    spheres,
-    neighbours,
-    faces,
-    vertices,
-    normals,
+    layers,  # `cpu.shell.Layers`
+    surface,  # `cpu.shell.surface_arrays`
     first,
     last,
     t,  # [R, N] out, m
@@ -49,36 +38,68 @@ def lay_samples(
     height,  # [R, N] out, m of the world
 ):
     """Place the samples of rays [first, last) and lay each on the part of the surface that holds it deepest."""
-    layers, samples = layer_depth.shape[1], offsets.shape[1]
-    start, end = np.empty(layers, np.float32), np.empty(layers, np.float32)
-    part = np.empty(layers, np.int64)
+    samples = offsets.shape[1]
+    start, end, part = ray_buffers(layers)
     for ray in range(first, last):
-        pixel = pixels[ray]
-        depths, marks, crossings = layer_depth[pixel], layer_face[pixel], count[pixel]
-        intervals, total, stopped = interval_list(depths, marks, crossings, inner[pixel], scene[pixel], start, end)
-        dt[ray], is_stopped[ray] = total / np.float32(samples), stopped
-        for crossing in range(crossings):
-            part[crossing] = marks[crossing]
+        intervals, total, is_stopped[ray] = begin_ray(pixels[ray], layers, start, end, part)
+        dt[ray] = total / np.float32(samples)
         for index in range(samples):
             since, depth = placed(offsets[ray, index] * total, start, end, intervals)
             t[ray, index] = depth
-            x = origin[0] + depth * directions[ray, 0]
-            y = origin[1] + depth * directions[ray, 1]
-            z = origin[2] + depth * directions[ray, 2]
-            deepest = np.float32(np.inf)
-            for crossing in range(crossings):
-                if depths[crossing] > depth:
-                    break
-                if marks[crossing] < 0 or depths[crossing] < since:
-                    continue
-                found, wb, wc, squared = closest_on_part(x, y, z, part[crossing], shapes, spheres, neighbours)
-                part[crossing] = found
-                h = signed_height(x, y, z, found, wb, wc, squared, faces, vertices, normals)
-                if h < deepest:
-                    deepest = h
-                    face[ray, index], height[ray, index] = found, h
-                    barycentric[ray, index, 0] = _1 - wb - wc
-                    barycentric[ray, index, 1], barycentric[ray, index, 2] = wb, wc
+            x, y, z = point_at(origin, directions, ray, depth)
+            found, wb, wc, h = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part)
+            face[ray, index], height[ray, index] = found, h
+            barycentric[ray, index, 0] = _1 - wb - wc
+            barycentric[ray, index, 1], barycentric[ray, index, 2] = wb, wc
+
+
+@compiled
+def ray_buffers(layers):
+    """Room for one ray: starts and ends of its intervals, and the face of each part that it follows."""
+    capacity = layers[0].shape[1]
+    return np.empty(capacity, np.float32), np.empty(capacity, np.float32), np.empty(capacity, np.int64)
+
+
+@compiled
+def begin_ray(pixel, layers, start, end, part):
+    """Fill a ray's buffers; returns (how many intervals, their total length, whether the hand itself stops it)."""
+    layer_depth, layer_face, crossings, inner, scene = layers
+    depths, marks, count = layer_depth[pixel], layer_face[pixel], crossings[pixel]
+    for crossing in range(count):
+        part[crossing] = marks[crossing]
+    return interval_list(depths, marks, count, inner[pixel], scene[pixel], start, end)
+
+
+@compiled
+def point_at(origin, directions, ray, depth):
+    """The point of a ray at a depth."""
+    x = origin[0] + depth * directions[ray, 0]
+    y = origin[1] + depth * directions[ray, 1]
+    z = origin[2] + depth * directions[ray, 2]
+    return x, y, z
+
+
+@compiled
+def deepest_part(x, y, z, depth, since, pixel, layers, surface, part):
+    """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
+
+    Every part entered since the interval's start is followed, from the face `part` has for it.
+    """
+    layer_depth, layer_face, crossings, _, _ = layers
+    shapes, spheres, neighbours, faces, vertices, normals = surface
+    deepest, face, wb, wc = np.float32(np.inf), np.int64(0), _0, _0
+    for crossing in range(crossings[pixel]):
+        entry = layer_depth[pixel, crossing]
+        if entry > depth:
+            break
+        if layer_face[pixel, crossing] < 0 or entry < since:
+            continue
+        found, b, c, squared = closest_on_part(x, y, z, part[crossing], shapes, spheres, neighbours)
+        part[crossing] = found
+        height = signed_height(x, y, z, found, b, c, squared, faces, vertices, normals)
+        if height < deepest:
+            deepest, face, wb, wc = height, found, b, c
+    return face, wb, wc, deepest
 
 
 @compiled
