@@ -1,20 +1,140 @@
-"""A small capture of the built-in hand, drawn by the rasteriser with colours painted on the skin."""
+"""What several test files share: posed hands, spheres, views, an exact search, and a small painted capture."""
 
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
+import trimesh
 from livehand.backend.camera import Camera, look_at
 from livehand.backend.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.field.conditions import FrameConditions
+from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model import MIRROR_POINT, load_default_hand
+from livehand.backend.rays import view_of
 from livehand.backend.shot import HandPose
 from PIL import Image
 
 SIZE = (24, 32)
+
+
+class PosedHand(NamedTuple):
+    """The built-in hand in a gesture: its topology, mesh and pose as the avatar's own (right) side has it."""
+
+    topology: Topology
+    mesh: PosedMesh
+    theta: torch.Tensor
+
+    def conditions(self):
+        return FrameConditions.of(self.theta, self.topology, self.mesh)
+
+
+@pytest.fixture(scope="session")
+def posed():
+    """A function (gesture, side="right") -> PosedHand; a left hand wears the right one's look."""
+    hand = load_default_hand()
+
+    @cache
+    def pose(gesture, side="right"):
+        theta = theta_of(GESTURES[gesture].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
+        theta = torch.as_tensor(theta, dtype=torch.float32)
+        vertices = pose_hand(SkinTensors.of(hand), theta, torch.zeros(10), torch.zeros(3)).vertices
+        if side == "left":
+            vertices = vertices * torch.as_tensor(MIRROR_POINT, dtype=torch.float32)
+        topology = Topology.of(hand.for_side(side), canonical_side="right")
+        return PosedHand(topology, posed_mesh(topology, vertices), theta)
+
+    return pose
+
+
+@pytest.fixture(scope="session")
+def seen_from():
+    """A function (mesh, direction, size_px, ...) -> view that holds the mesh's middle in its own."""
+
+    def view(mesh, direction, size_px=(48, 44), distance=0.6, field_m=0.25):
+        middle, direction = mesh.vertices.mean(0).double().numpy(), np.array(direction, np.float64)
+        focal_px = max(size_px) * distance / field_m
+        K = np.array([[focal_px, 0, size_px[0] / 2 + 0.3], [0, 1.02 * focal_px, size_px[1] / 2 - 0.2], [0, 0, 1]])
+        origin = middle + distance * direction / np.linalg.norm(direction)
+        up = np.eye(3)[np.abs(direction).argmin()]
+        return view_of(Camera(K, look_at(origin, middle, up), size_px), "cpu")
+
+    return view
+
+
+@pytest.fixture(scope="session")
+def spheres():
+    """A function (*(centre, radius), subdivisions=4) -> posed mesh and topology of spheres, m."""
+
+    def mesh_of(*places, subdivisions=4):
+        ball = trimesh.creation.icosphere
+        whole = trimesh.util.concatenate([ball(subdivisions, r).apply_translation(centre) for centre, r in places])
+        vertices = torch.as_tensor(np.asarray(whole.vertices), dtype=torch.float32)
+        faces = torch.as_tensor(np.asarray(whole.faces))
+        edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        topology = Topology(
+            faces=faces,
+            corner_uv=torch.zeros(len(faces), 3, 2),
+            neighbours=face_neighbours(faces),
+            edges=edges,
+            edge_length_m=mean_edge_length(vertices, edges),
+            lbs_weights=torch.zeros(len(vertices), 16),
+            parents=torch.zeros(16, dtype=torch.long),
+            frames=None,
+        )
+        return posed_mesh(topology, vertices), topology
+
+    return mesh_of
+
+
+@pytest.fixture(scope="session")
+def nearest_face():
+    """A function (points [S, 3], triangles [F, 3, 3]) -> nearest of all faces [S] and distance [S], in float64.
+
+    Every quantity is a matrix product; the triangle test is another than the backend's: the least of the distances to
+    the three edges, or to the plane where the point lies on the inner side of all three.
+    """
+
+    def search(points, triangles):
+        centre = triangles.double().reshape(-1, 3).mean(0)
+        found = [_nearest_of_all(part, triangles.double() - centre) for part in (points.double() - centre).split(256)]
+        return tuple(torch.cat(values) for values in zip(*found, strict=True))
+
+    return search
+
+
+def _nearest_of_all(points, triangles):
+    edges = triangles.roll(-1, 1) - triangles
+    normal = torch.nn.functional.normalize(torch.linalg.cross(edges[:, 0], edges[:, 1]), dim=-1)
+    inward = torch.linalg.cross(normal[:, None].expand(-1, 3, -1), edges, dim=-1)
+    squared = torch.full((len(points), len(triangles)), torch.inf, dtype=torch.float64)
+    is_over = torch.ones_like(squared, dtype=torch.bool)
+    for corner, edge, side in zip(triangles.unbind(1), edges.unbind(1), inward.unbind(1), strict=True):
+        length = (edge * edge).sum(1)
+        along = points @ edge.T - (corner * edge).sum(1)
+        share = (along / length).clamp(0, 1)
+        to_corner = (points * points).sum(1)[:, None] - 2 * points @ corner.T + (corner * corner).sum(1)
+        squared = torch.minimum(squared, to_corner - 2 * share * along + share * share * length)
+        is_over &= points @ side.T >= (corner * side).sum(1)
+    height = points @ normal.T - (triangles[:, 0] * normal).sum(1)
+    least, face = torch.where(is_over, height * height, squared).min(1)
+    return face, least.clamp(min=0).sqrt()
+
+
+@pytest.fixture(params=["torch", "kernels"])
+def road(request, monkeypatch):
+    """Both roads on the CPU, one after the other: with kernels, and as where numba is not installed."""
+    if request.param == "kernels" and find_spec("numba") is None:
+        pytest.skip("numba is not installed")
+    for module in ("tracing", "renderer", "geometry.visibility"):
+        monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: request.param == "kernels")
+    return request.param
 
 
 @pytest.fixture(scope="session")

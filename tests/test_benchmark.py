@@ -227,6 +227,20 @@ def test_the_papers_field_is_counted_as_torch_counts_it(hand):
     assert work.bytes == COUNTS.samples * (20 + 4 * 33) + 4 * weights
 
 
+def test_a_field_of_planes_decodes_rays_not_samples(hand):
+    """Near and density at samples, trunk and channels once a ray; the light is a vertex' own."""
+    field = new_avatar("a", hand.name, hand.sha256, PRESETS["default"]).field
+    config = field.config
+    features = sum(channels for _, _, channels in config.planes)
+    near, width = features + 2 + 9, config.width
+    of_samples = near * config.density_width + config.density_width
+    of_rays = (near + 3 + 3 + 8 + 5) * width + width * width + width * CHANNELS
+    work = field_work(COUNTS, field, 2)
+    assert work.flop == 2 * of_samples * 400 + 2 * of_rays * 50 + 2 * 4 * (features + 3) * 400
+    touched = 4 * 400 * (features + 3)  # far fewer samples than texels
+    assert work.bytes == 20 * 400 + 2 * (33 * 50 + of_samples + of_rays) + 4 * touched
+
+
 def test_the_papers_superres_by_hand(hand):
     superres = new_avatar("a", hand.name, hand.sha256, PRESETS["paper"]).superres
     low = 9 * CHANNELS * 128 + 9 * 128 * 128 + 128 * 4

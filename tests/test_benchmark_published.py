@@ -13,7 +13,8 @@ from livehand.backend.benchmark.published import PublishedRenderer, whole_rays
 from livehand.backend.geometry.closest_point import closest_on_triangles
 from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.hand.model import load_default_hand
-from livehand.backend.renderer import Renderer, view_of
+from livehand.backend.rays import view_of
+from livehand.backend.renderer import Renderer
 from livehand.backend.shot import DEPTH_BACKGROUND
 
 SIZE = (66, 100)
@@ -105,4 +106,4 @@ def test_the_picture_is_the_renderers(hand, shot, avatar):
 def test_it_tells_all_stages_in_order(hand, shot, avatar):
     told = []
     PublishedRenderer(avatar, hand, torch.device("cpu")).render(shot, told.append)
-    assert told == ["pose", "rasterise", "sample", "field", "volume", "superres", "develop"]
+    assert told == ["pose", "rasterise", "sample", "field", "superres", "develop"]

@@ -15,15 +15,21 @@ from livehand.backend.field.field import CHANNELS, FieldConfig, build_field
 from livehand.backend.geometry.local_rotation import local_rotations
 from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
-from livehand.backend.geometry.uvh import project_to_surface
+from livehand.backend.geometry.uvh import SurfaceSamples
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.superres import PaperSuperRes
+from livehand.backend.volume import Steps
 from torch.nn.functional import normalize
 
 PAPER, PLANES = FieldConfig(kind="paper"), FieldConfig(planes=((64, 6, 8), (128, 3, 8), (256, 1, 4)), relief=64)
 
 
-def inputs_of(count, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
+STEP_MM = 0.1
+
+
+def inputs_of(rays, samples=1, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
+    """Random inputs of so many rays and samples of each."""
+    count = rays * samples
     generator = torch.Generator().manual_seed(seed)
 
     def rand(*shape):
@@ -36,11 +42,24 @@ def inputs_of(count, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
         rotation=axis_angle_to_matrix(rand(count, 3)),
         local_pose=rand(count, LOCAL_POSE_CHANNELS) - 0.5,
         exposure=rand(count, exposure),
-        view=normalize(rand(count, 3) - 0.5, dim=-1),
+        view=normalize(rand(rays, 3) - 0.5, dim=-1),
         theta=rand(48) - 0.5,
         footprint_m=torch.full((count,), 5e-4),
     )
     return inputs._replace(**changes)
+
+
+def ask(field, inputs):
+    """What is seen along rays of equal steps."""
+    rays = len(inputs.view)
+    t = torch.linspace(0.4, 0.41, len(inputs.height) // rays if rays else 1).expand(rays, -1)
+    return field(inputs, Steps(t, torch.full((rays,), STEP_MM), torch.zeros(rays, dtype=torch.bool)))
+
+
+def density_and_channels(field, inputs):
+    """Density per mm and straight channels at samples that are rays of their own."""
+    seen = ask(field, inputs)
+    return -torch.log1p(-seen.alpha) / STEP_MM, seen.channels / seen.alpha[:, None]
 
 
 def parameters(network):
@@ -66,30 +85,35 @@ def test_the_papers_superresolution_has_the_papers_size_but_for_the_folded_modul
     assert 295_878 + affine_outputs * (45 + 1) + 4 == 320_906
 
 
-def test_shapes_ranges_and_no_samples(field):
-    sigma, channels = field(inputs_of(50))
-    assert (sigma.shape, channels.shape) == ((50,), (50, CHANNELS))
-    assert (sigma >= 0).all()
-    assert (channels[:, :3] > 0).all()
-    assert (channels[:, :3] < 1).all()
-    assert field(inputs_of(0))[1].shape == (0, CHANNELS)
+def test_shapes_ranges_and_no_rays(field):
+    seen = ask(field, inputs_of(50, 4))
+    assert (seen.alpha.shape, seen.channels.shape, seen.depth.shape) == ((50,), (50, CHANNELS), (50,))
+    assert (seen.alpha > 0).all()
+    assert (seen.alpha < 1).all()
+    assert (seen.channels[:, :3] > 0).all()
+    assert (seen.channels[:, :3] < seen.alpha[:, None]).all()
+    assert ask(field, inputs_of(0)).channels.shape == (0, CHANNELS)
 
 
 def test_before_training_the_hand_is_solid_within_and_clear_without(field):
-    within, _ = field(inputs_of(200, height=torch.full((200,), -1.0)))
-    without, _ = field(inputs_of(200, height=torch.full((200,), 1.0)))
+    within, _ = density_and_channels(field, inputs_of(200, height=torch.full((200,), -1.0)))
+    without, _ = density_and_channels(field, inputs_of(200, height=torch.full((200,), 1.0)))
     assert within.min() * 3 > 5  # over the shell's 3 mm: nothing shines through
     assert without.max() * 3 < 0.1
     heights = torch.linspace(-1, 1, 9)
-    means = [float(field(inputs_of(50, height=torch.full((50,), float(h))))[0].detach().mean()) for h in heights]
+    means = [
+        float(density_and_channels(field, inputs_of(50, height=torch.full((50,), float(h))))[0].detach().mean())
+        for h in heights
+    ]
     assert means == sorted(means, reverse=True)
 
 
 @pytest.mark.parametrize("height", [-1e3, 0.0, 1e3])
 def test_gradients_are_finite(field, height):
-    sigma, channels = field(inputs_of(20, height=torch.full((20,), height)))
-    (sigma.sum() + channels.sum()).backward()
-    assert sigma.isfinite().all()
+    seen = ask(field, inputs_of(10, 2, height=torch.full((20,), height)))
+    (seen.alpha.sum() + seen.channels.sum()).backward()
+    assert seen.alpha.isfinite().all()
+    assert seen.channels.isfinite().all()
     assert all(p.grad is None or p.grad.isfinite().all() for p in field.parameters())
 
 
@@ -97,9 +121,10 @@ def test_gradients_are_finite(field, height):
 def test_density_does_not_depend_on_the_view(kind):
     torch.manual_seed(1)
     field = build_field(kind)
-    one, other = inputs_of(20), inputs_of(20)._replace(view=inputs_of(20, seed=9).view)
-    assert torch.equal(field(one)[0], field(other)[0])
-    assert not torch.equal(field(one)[1], field(other)[1])
+    one, other = (ask(field, inputs_of(20, 3, view=inputs_of(20, seed=seed).view)) for seed in (0, 9))
+    assert torch.equal(one.alpha, other.alpha)
+    assert torch.equal(one.depth, other.depth)
+    assert not torch.equal(one.channels, other.channels)
 
 
 def test_the_papers_field_sees_the_whole_pose_and_the_planes_the_local_one():
@@ -107,13 +132,47 @@ def test_the_papers_field_sees_the_whole_pose_and_the_planes_the_local_one():
     paper, planes = build_field(PAPER), build_field(PLANES)
     one = inputs_of(20)
     other_theta, other_local = one._replace(theta=one.theta + 0.5), one._replace(local_pose=one.local_pose + 0.5)
-    assert not torch.equal(paper(one)[0], paper(other_theta)[0])
-    assert torch.equal(paper(one)[0], paper(other_local)[0])
-    assert torch.equal(planes(one)[0], planes(other_theta)[0])
-    assert not torch.equal(planes(one)[0], planes(other_local)[0])
+    assert not torch.equal(ask(paper, one).alpha, ask(paper, other_theta).alpha)
+    assert torch.equal(ask(paper, one).alpha, ask(paper, other_local).alpha)
+    assert torch.equal(ask(planes, one).alpha, ask(planes, other_theta).alpha)
+    assert not torch.equal(ask(planes, one).alpha, ask(planes, other_local).alpha)
     lit = one._replace(exposure=one.exposure + 0.5)
-    assert not torch.equal(planes(one)[1], planes(lit)[1])
-    assert torch.equal(paper(one)[1], paper(lit)[1])
+    assert not torch.equal(ask(planes, one).channels, ask(planes, lit).channels)
+    assert torch.equal(ask(paper, one).channels, ask(paper, lit).channels)
+
+
+def test_rays_know_nothing_of_one_another(field):
+    together = inputs_of(6, 4)
+    alone = together._replace(
+        **{name: getattr(together, name)[8:12] for name in ("uv", "height", "normal", "rotation")},
+        **{name: getattr(together, name)[8:12] for name in ("local_pose", "exposure", "footprint_m")},
+        view=together.view[2:3],
+    )
+    for one, whole in zip(ask(field, alone), ask(field, together), strict=True):
+        torch.testing.assert_close(one[0], whole[2])
+
+
+def test_planes_are_decoded_once_a_ray_from_the_mean_of_what_lies_along_it():
+    """A ray whose samples are all alike looks like one sample of it; colour and features are the mean's."""
+    torch.manual_seed(7)
+    field = build_field(PLANES)
+    decoded = []
+    field.trunk[0].register_forward_hook(lambda layer, inputs, output: decoded.append(len(output)))
+    one = inputs_of(5)
+    sigma, channels = density_and_channels(field, one)
+    per_sample = {name: getattr(one, name) for name in FieldInputs._fields if name not in ("view", "theta")}
+    alike = one._replace(**{name: values.repeat_interleave(4, 0) for name, values in per_sample.items()})
+    seen = ask(field, alike)
+    assert decoded == [5, 5]
+    torch.testing.assert_close(seen.alpha, 1 - torch.exp(-4 * STEP_MM * sigma), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(seen.channels / seen.alpha[:, None], channels, atol=1e-5, rtol=1e-3)
+
+
+def test_a_ray_that_meets_nothing_is_decoded_to_nothing():
+    field = build_field(PLANES)
+    seen = ask(field, inputs_of(5, 2, height=torch.full((10,), 1e3)))
+    assert (seen.alpha == 0).all()
+    assert (seen.channels == 0).all()
 
 
 def test_planes_finer_than_half_a_pixel_fade():
@@ -191,20 +250,24 @@ def test_inputs_are_gathered_on_the_surface():
     hand = load_default_hand()
     topology = Topology.of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
-    samples = project_to_surface(mesh.vertices[1::10] + 0.001 * mesh.normals[1::10], topology, mesh)
+    face = torch.arange(0, len(topology.faces), 20)
+    barycentric = torch.rand(len(face), 3, generator=torch.Generator().manual_seed(0)) ** 3 + 1e-4
+    barycentric[::2] = torch.tensor([0.0, 1.0, 0.0])
+    barycentric = barycentric / barycentric.sum(1, keepdim=True)
+    samples = SurfaceSamples(face, barycentric, torch.linspace(-0.002, 0.002, len(face)))
     frame = FrameConditions.of(torch.zeros(16, 3), topology, mesh)
     exposure = torch.arange(len(mesh.vertices), dtype=torch.float32)[:, None].expand(-1, EXPOSURE_CHANNELS)
-    count = len(samples.face)
-    inputs = field_inputs(samples, topology, frame, exposure, torch.zeros(count, 3), torch.ones(count), 0.002)
+    count = len(face)
+    view = torch.zeros(count // 2, 3)  # of rays, passed through
+    inputs = field_inputs(samples, topology, frame, exposure, view, torch.ones(count), 0.002)
+    assert inputs.view is view
     torch.testing.assert_close(inputs.height, samples.height_m / 0.002)
     torch.testing.assert_close(inputs.normal.norm(dim=-1), torch.ones(count))
-    assert ((inputs.normal * mesh.normals[1::10]).sum(-1) > 0.9).double().mean() > 0.98
+    corners = topology.faces[face]
+    torch.testing.assert_close(inputs.normal[::2], mesh.normals[corners[::2, 1]])
+    torch.testing.assert_close(inputs.exposure[::2, 3], corners[::2, 1].float())
+    torch.testing.assert_close(inputs.exposure[:, 0], (barycentric * corners).sum(1), rtol=1e-5, atol=1e-3)
+    torch.testing.assert_close(inputs.uv, (barycentric[..., None] * topology.corner_uv[face]).sum(1))
     rest = local_rotations(mesh.vertices, mesh.normals, topology.frames)
     torch.testing.assert_close(rest, torch.eye(3).expand_as(rest), atol=1e-3, rtol=0)
     torch.testing.assert_close(inputs.rotation, torch.eye(3).expand(count, 3, 3), atol=1e-3, rtol=0)
-    near = (mesh.vertices[topology.faces[samples.face]] - mesh.vertices[1::10][:, None]).norm(dim=-1).amin(1)
-    assert near.max() < 1e-3
-    corner = topology.faces[samples.face].gather(1, samples.barycentric.argmax(1, keepdim=True))[:, 0]
-    is_at_corner = samples.barycentric.amax(1) > 0.9999
-    assert is_at_corner.any()
-    torch.testing.assert_close(inputs.exposure[is_at_corner, 0], corner[is_at_corner].float(), atol=1.0, rtol=1e-3)

@@ -4,6 +4,7 @@ Read from the source (AST), imports inside functions included. The last tests pl
 """
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ BLENDER_MODULES = {
 # Rows from the bottom. The longest matching name counts; a module imports from rows below its own, or from its own
 # folder. Whoever adds a module at the top of a room, or a folder, gives it a row here.
 ROWS = [
-    ("backend.errors",),
+    ("backend.errors", "backend.kernels"),
     (
         "backend.camera",
         "backend.colour",
@@ -41,8 +42,10 @@ ROWS = [
     ("backend.shot",),
     ("backend.hand",),
     ("backend.hand.lbs", "backend.geometry"),
-    ("backend.hand.builtin", "backend.field", "backend.sampler", "backend.window"),
-    ("backend.superres",),
+    ("backend.hand.builtin", "backend.field", "backend.rays", "backend.window"),
+    ("backend.superres", "backend.sampler"),
+    ("backend.cpu", "backend.shading", "backend.image", "backend.develop"),
+    ("backend.tracing",),
     ("backend.avatar", "backend.capture"),
     ("backend.renderer",),
     ("backend.training", "backend.evaluation.metrics"),
@@ -67,6 +70,11 @@ ROWS = [
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
+# numba may be missing: only these rooms import it, and nobody else imports their modules but inside a function.
+NUMBA_ROOMS = ("backend.kernels", "backend.cpu")
+WITHOUT_NUMBA = {"backend.kernels", "backend.kernels.tolerances"}
+# Beside the interpreter's own modules.
+FOREIGN_OF_KERNELS = {"numba", "numpy"}
 # Names that stand for themselves only, not for all that lies below them.
 EXACT = {"", "backend", "livehand_blender"}
 
@@ -95,12 +103,13 @@ def name_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports(name, path, known):
-    """(names of our modules, names of foreign top-level modules) that a module imports."""
+def imports(name, path, known, only_at_once=False):
+    """(names of our modules, names of foreign top-level modules) that a module imports, or imports when imported."""
     ours, foreign = set(), set()
     parts = [part for part in name.split(".") if part]
     package = parts if path.name == "__init__.py" else parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text())):
+    tree = ast.parse(path.read_text())
+    for node in run_at_once(tree) if only_at_once else ast.walk(tree):
         if isinstance(node, ast.Import):
             foreign |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and not node.level:
@@ -112,6 +121,19 @@ def imports(name, path, known):
             found = {member for member in members if member in known}
             ours |= found | ({base} if len(found) < len(members) else set())
     return ours, foreign
+
+
+def run_at_once(node):
+    """All nodes but those in functions and behind `if TYPE_CHECKING`."""
+    yield node
+    is_typing = isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    if not (is_typing or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)):
+        for child in ast.iter_child_nodes(node):
+            yield from run_at_once(child)
+
+
+def is_in(name, rooms):
+    return any(name == room or name.startswith(f"{room}.") for room in rooms)
 
 
 def row_of(name):
@@ -143,6 +165,7 @@ def faults(root):
         ours, foreign = imports(name, path, known)
         graph[name] = ours & known.keys()
         found += foreign_faults(name, foreign)
+        found += numba_faults(name, *imports(name, path, known, only_at_once=True))
         found += [fault for imported in sorted(graph[name]) for fault in arrow_faults(name, imported)]
         found += [f"{name} has no row; add it to ROWS"] * (row_of(name) is None)
     return found + [f"cycle: {' -> '.join(cycle)}" for cycle in cycles(graph)]
@@ -152,7 +175,15 @@ def foreign_faults(name, foreign):
     is_backend = name.partition(".")[0] == "backend"
     blender = sorted(foreign & BLENDER_MODULES) if is_backend else []
     absolute = sorted(foreign & {"livehand", *ROOMS})
-    return [f"{name} imports {module}" for module in blender + absolute]
+    heavy = sorted(foreign - FOREIGN_OF_KERNELS - sys.stdlib_module_names) if is_in(name, NUMBA_ROOMS[:1]) else []
+    return [f"{name} imports {module}" for module in sorted({*blender, *absolute, *heavy})]
+
+
+def numba_faults(name, ours, foreign):
+    if is_in(name, NUMBA_ROOMS):
+        return []
+    theirs = {module for module in ours - WITHOUT_NUMBA if is_in(module, NUMBA_ROOMS)}
+    return [f"{name} imports {module} outside a function" for module in sorted(theirs | (foreign & {"numba"}))]
 
 
 def arrow_faults(name, imported):
@@ -201,7 +232,12 @@ SOUND = {
     "__init__.py": "def register():\n    from . import livehand_blender\n",
     "backend/__init__.py": "",
     "backend/errors.py": "import numpy",
-    "backend/shot.py": "from .errors import LiveHandError",
+    "backend/kernels/__init__.py": "",
+    "backend/kernels/planes.py": "import numba\nimport numpy\nfrom functools import cache",
+    "backend/kernels/tolerances.py": "",
+    "backend/shot.py": "from .errors import LiveHandError\nfrom .kernels.tolerances import NEAR_M\n"
+    "def draw():\n    from .kernels.planes import read_plane\n"
+    "if TYPE_CHECKING:\n    from .kernels import planes",
     "backend/hand/__init__.py": "",
     "backend/hand/model.py": "from ..shot import Side",
     "livehand_blender/__init__.py": "",
@@ -232,9 +268,14 @@ def test_a_sound_tree_has_no_faults(tmp_path):
         ("livehand_blender/rig/pose.py", "from ..ui.panels import draw", "imports livehand_blender.ui.panels"),
         ("livehand_blender/rig/pose.py", "from ...backend.volume import render", "backend.volume, which is no door"),
         ("backend/surprise.py", "", "backend.surprise has no row"),
+        ("backend/kernels/march.py", "from ..errors import LiveHandError", "backend.kernels.march imports backend.err"),
+        ("backend/kernels/march.py", "import torch", "backend.kernels.march imports torch"),
+        ("backend/shot.py", "from .kernels.march import march", "imports backend.kernels.march outside a function"),
+        ("backend/hand/model.py", "if True:\n    from numba import njit", "imports numba outside a function"),
     ],
 )
 def test_planted_faults_are_found(tmp_path, file, source, fault):
-    also = {"backend/volume.py": "", "livehand_blender/ui/__init__.py": "", "livehand_blender/ui/panels.py": ""}
+    also = ["backend/volume.py", "backend/kernels/march.py"]
+    also = dict.fromkeys([*also, "livehand_blender/ui/__init__.py", "livehand_blender/ui/panels.py"], "")
     found = faults(plant(tmp_path, {**SOUND, **also, file: source}))
     assert any(fault in line for line in found), found

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend import renderer as renderer_module
+from livehand.backend import image, shading
 from livehand.backend.avatar import PRESETS, AvatarConfig, new_avatar
 from livehand.backend.camera import Camera, look_at
 from livehand.backend.errors import LiveHandError
@@ -14,11 +14,10 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, load_default_hand
-from livehand.backend.renderer import Renderer, RenderStopped, develop, empty_frame, view_of
+from livehand.backend.renderer import Renderer, RenderStopped
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import DEPTH_BACKGROUND, HandPose, Shot
 from livehand.backend.superres import SuperResConfig
-from livehand.backend.window import Window
 
 SIZE = (66, 88)
 SMALL = AvatarConfig(
@@ -26,6 +25,12 @@ SMALL = AvatarConfig(
     SuperResConfig(width=8, depth=4),
     SamplerConfig(6, 0.003),
 )
+
+
+# A marched ray stops when less than 1/1024 still comes through; super-resolution may add to that a little.
+STOP = 1.5 / 1024
+# Share of pixels whose ray may see its samples in another order, or miss a face, by rounding alone.
+FLIPPED = 5e-4
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +80,16 @@ def a_shot(hand, size_px=SIZE, gesture="relaxed", **kwargs):
     pose = a_pose(gesture)
     vertices = vertices_of(hand, pose)
     return Shot(pose, vertices, a_camera(vertices.mean(0), size_px, **kwargs))
+
+
+def mirrored_shots(hand):
+    """A right hand, and a left one whose picture is the right one's mirror image."""
+    shot = a_shot(hand)
+    mirror = np.diag([*MIRROR_POINT, 1])
+    K = shot.camera.K.copy()
+    K[0, 2] = SIZE[0] - K[0, 2]
+    camera = Camera(K, mirror @ shot.camera.cam2world @ mirror, SIZE)
+    return shot, Shot(a_pose(side="left"), shot.vertices * MIRROR_POINT, camera)
 
 
 @pytest.fixture(scope="module")
@@ -184,12 +199,7 @@ def test_the_left_hand_is_the_right_hands_mirror_image(hand):
     with torch.no_grad():
         avatar.field.pose.weight *= 30  # so that a wrong pose shows
     renderer = Renderer(avatar, hand, "cpu")
-    shot = a_shot(hand)
-    mirror = np.diag([*MIRROR_POINT, 1])
-    K = shot.camera.K.copy()
-    K[0, 2] = SIZE[0] - K[0, 2]
-    camera = Camera(K, mirror @ shot.camera.cam2world @ mirror, SIZE)
-    left = Shot(a_pose(side="left"), shot.vertices * MIRROR_POINT, camera)
+    shot, left = mirrored_shots(hand)
     one, other = renderer.render(shot), renderer.render(left)
     np.testing.assert_allclose(left.vertices, vertices_of(hand, left.pose), atol=1e-12)
     assert (np.abs(np.fliplr(other.alpha) - one.alpha) > 5e-3).mean() < 0.005
@@ -259,14 +269,25 @@ def test_half_precision_is_close(hand, shot, frame):
     assert 0 < np.abs(fast.rgb - frame.rgb).max() < 0.05
 
 
-def test_chunks_do_not_show(renderer, shot, frame, monkeypatch):
-    monkeypatch.setattr(renderer_module, "_SAMPLES_AT_ONCE", 700)
-    np.testing.assert_allclose(renderer.render(shot).rgb, frame.rgb, atol=1e-5)
+@pytest.fixture
+def in_small_chunks(road, monkeypatch):
+    """Few rays, samples and pixels at once."""
+    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", 600)
+    monkeypatch.setattr(image, "_PIXELS_AT_ONCE", 300)
+    if road == "kernels":
+        from livehand.backend.cpu import marching
+
+        monkeypatch.setattr(marching, "_RAYS_AT_ONCE", 100)
 
 
-def test_it_stops_when_told_between_chunks(renderer, shot, monkeypatch):
-    monkeypatch.setattr(renderer_module, "_SAMPLES_AT_ONCE", 600)
-    asked = []
+def test_chunks_do_not_show(hand, shot, frame, road, in_small_chunks):
+    """Up to what the kernels' rays leave out by stopping early, where `frame` is theirs and these are not."""
+    chunked = Renderer(an_avatar(hand), hand, "cpu").render(shot)
+    np.testing.assert_allclose(chunked.rgb, frame.rgb, atol=1e-5 if road == "kernels" else STOP)
+
+
+def test_it_stops_when_told_between_chunks(hand, shot, road, in_small_chunks):
+    renderer, asked = Renderer(an_avatar(hand), hand, "cpu"), []
 
     def should_stop():
         asked.append(len(asked))
@@ -275,6 +296,66 @@ def test_it_stops_when_told_between_chunks(renderer, shot, monkeypatch):
     with pytest.raises(RenderStopped):
         renderer.render(shot, should_stop)
     assert len(asked) == 3
+
+
+def with_and_without_kernels(monkeypatch, hand, shot, config=SMALL, precision="fp32"):
+    """The frame by both roads."""
+    pytest.importorskip("numba", reason="numba is not installed")
+    by_kernels = Renderer(an_avatar(hand, config), hand, "cpu", precision)
+    one = by_kernels.render(shot)
+    assert by_kernels._marcher is not None
+    for module in ("tracing", "renderer", "geometry.visibility"):
+        monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: False)
+    by_torch = Renderer(an_avatar(hand, config), hand, "cpu", precision)
+    assert by_torch._marcher is None
+    return one, by_torch.render(shot)
+
+
+@pytest.mark.parametrize("gesture", ["relaxed", "fist"])
+def test_both_roads_lead_to_the_same_frame(hand, monkeypatch, gesture):
+    one, other = with_and_without_kernels(monkeypatch, hand, a_shot(hand, (132, 176), gesture))
+    for name in ("rgb", "alpha"):
+        difference = np.abs(getattr(one, name) - getattr(other, name))
+        assert (difference > STOP).mean() < FLIPPED, name
+        assert difference.mean() < STOP / 20, name
+    solid = (one.alpha > 0.5) & (other.alpha > 0.5)
+    assert solid.sum() > 3000
+    assert (np.abs(one.depth - other.depth)[solid] > 1e-4).mean() < 1e-3
+
+
+def test_both_roads_meet_the_scene_alike(hand, monkeypatch):
+    """A slope that cuts through the hand: in front of it nothing, behind it everything."""
+    shot = a_shot(hand, (66, 88))
+    depth = shot.camera.project(shot.vertices)[1]
+    near, far = np.quantile(depth, [0.2, 0.8])
+    slope = np.tile(np.linspace(near, far, 66), (88, 1))
+    one, other = with_and_without_kernels(monkeypatch, hand, replace(shot, scene_depth=slope))
+    assert (np.abs(one.alpha - other.alpha) > STOP).mean() < FLIPPED
+    assert (np.abs(one.rgb - other.rgb) > STOP).mean() < FLIPPED
+    whole = Renderer(an_avatar(hand), hand, "cpu").render(shot)
+    assert 0.1 < (one.alpha > 0.5).sum() / (whole.alpha > 0.5).sum() < 0.9
+
+
+def test_both_roads_in_half_precision(hand, monkeypatch):
+    one, other = with_and_without_kernels(monkeypatch, hand, a_shot(hand), precision="bf16")
+    assert np.abs(one.rgb - other.rgb).mean() < 1e-4
+    assert np.abs(one.alpha - other.alpha).max() < 0.01
+
+
+def test_planes_on_a_left_hand_are_the_right_ones_mirror_image(hand, road):
+    """By both roads, of a field of planes that is told of no normals, light or view: it cannot know the side."""
+    avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
+    with torch.no_grad():
+        avatar.field.relief.table.zero_()
+        first = avatar.field.trunk[0].weight
+        first[:, avatar.field.normal_slice.start - 3 :] = 0  # normals, light and view: the world's, not the hand's
+    renderer = Renderer(avatar, hand, "cpu")
+    shot, left = mirrored_shots(hand)
+    one, other = renderer.render(shot), renderer.render(left)
+    for name in ("alpha", "rgb"):
+        difference = np.abs(np.flip(getattr(other, name), 1) - getattr(one, name))
+        assert (difference > 5e-3).mean() < 0.01, name
+    assert iou(np.fliplr(other.alpha) > 0.5, one.alpha > 0.5) > 0.99
 
 
 def test_an_avatar_of_another_hand_is_refused(hand):
@@ -293,32 +374,3 @@ def test_a_missing_gpu_is_told(hand):
     with pytest.raises(LiveHandError, match="needs a CUDA GPU"):
         Renderer(an_avatar(hand), hand, "cuda")
     assert Renderer(an_avatar(hand), hand, "auto").torch_device == torch.device("cpu")
-
-
-def test_developing_by_hand():
-    """Encoded 0.5 x alpha 0.5 -> linear(0.5) x 0.5; more colour than alpha, and less than nothing, are clamped."""
-    image = torch.zeros(4, 2, 2)
-    image[:, 0, 0] = torch.tensor([0.25, 0.5, 0.9, 0.5])
-    image[:, 0, 1] = torch.tensor([-1.0, 2.0, 0.3, 1.7])
-    image[:, 1, 0] = torch.tensor([0.3, 0.3, 0.3, -0.2])
-    image[:, 1, 1] = torch.tensor([0.1, 0.1, 0.1, 0.4])
-    depth = torch.tensor([[0.7, torch.inf], [0.7, 0.7]])
-    frame = develop(image, depth, Window(0, 0, 1, 1), (2, 2))
-    half = ((0.5 + 0.055) / 1.055) ** 2.4
-    np.testing.assert_allclose(frame.rgb[0, 0], [half * 0.5, 0.5, 0.5], rtol=1e-5)
-    np.testing.assert_allclose(frame.rgb[0, 1], [0, 1, ((0.3 + 0.055) / 1.055) ** 2.4], rtol=1e-5)
-    np.testing.assert_array_equal(frame.rgb[1, 0], 0)
-    np.testing.assert_allclose(frame.alpha, [[0.5, 1], [0, 0.4]])
-    np.testing.assert_allclose(frame.depth, [[0.7, DEPTH_BACKGROUND], [DEPTH_BACKGROUND, DEPTH_BACKGROUND]])
-
-
-def test_an_empty_frame():
-    frame = empty_frame((3, 2))
-    assert frame.rgb.shape == (2, 3, 3)
-    assert (frame.depth == DEPTH_BACKGROUND).all()
-
-
-def test_view_of_is_the_camera(shot):
-    view = view_of(shot.camera, "cpu")
-    assert view.size_px == SIZE
-    np.testing.assert_allclose(view.world2cam.numpy() @ shot.camera.cam2world, np.eye(4), atol=1e-6)

@@ -3,37 +3,16 @@
 import numpy as np
 import pytest
 import torch
-import trimesh
 from livehand.backend.camera import Camera, look_at
-from livehand.backend.geometry.mesh import Topology, mean_edge_length, posed_mesh, vertex_rings
-from livehand.backend.renderer import view_of
-from livehand.backend.sampler import SamplerConfig, project, ray_directions, sample_rays, shell_intervals
+from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.rays import ray_directions, view_of
+from livehand.backend.sampler import SamplerConfig, sample_rays, shell_intervals
 
 SHELL_M, RADIUS_M = 0.004, 0.05
 CONFIG = SamplerConfig(samples_per_ray=8, shell_m=SHELL_M)
 SIZE = (41, 37)
 # A subdivided sphere lies this much within the true one.
 FACET_M = 1e-4
-
-
-def spheres(*places):
-    """Posed mesh and topology of spheres (centre, radius), m."""
-    parts = [trimesh.creation.icosphere(4, radius).apply_translation(centre) for centre, radius in places]
-    whole = trimesh.util.concatenate(parts)
-    vertices = torch.as_tensor(np.asarray(whole.vertices), dtype=torch.float32)
-    faces = torch.as_tensor(np.asarray(whole.faces))
-    edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    topology = Topology(
-        faces=faces,
-        corner_uv=torch.zeros(len(faces), 3, 2),
-        ring=vertex_rings(faces, len(vertices)),
-        edges=edges,
-        edge_length_m=mean_edge_length(vertices, edges),
-        lbs_weights=torch.zeros(len(vertices), 16),
-        parents=torch.zeros(16, dtype=torch.long),
-        frames=None,
-    )
-    return posed_mesh(topology, vertices), topology
 
 
 def a_view(origin=(0.11, -0.42, 0.17), focal_px=120.0):
@@ -55,18 +34,7 @@ def origin_of(view):
     return (-view.world2cam[:3, :3].T @ view.world2cam[:3, 3]).double()
 
 
-def test_rays_and_projection_agree_with_the_camera_record():
-    camera = Camera(np.array([[50.0, 0, 20], [0, 60, 18], [0, 0, 1]]), look_at(*np.eye(3)), SIZE)
-    view = view_of(camera, "cpu")
-    pixel = torch.tensor([0, 7, 41, 500])
-    centres = np.array([[0.5, 0.5], [7.5, 0.5], [0.5, 1.5], [500 % 41 + 0.5, 500 // 41 + 0.5]])
-    np.testing.assert_allclose(ray_directions(view, pixel), camera.ray_directions(centres), atol=1e-5)
-    points = np.random.default_rng(0).normal(size=(5, 3))
-    for ours, theirs in zip(project(view, torch.as_tensor(points, dtype=torch.float32)), camera.project(points)):  # noqa: B905
-        np.testing.assert_allclose(ours, theirs, rtol=2e-4, atol=1e-4)
-
-
-def test_intervals_of_a_sphere_are_those_of_the_ray():
+def test_intervals_of_a_sphere_are_those_of_the_ray(spheres):
     """From r + shell to r - shell; past the inner sphere, through the outer one."""
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
@@ -89,7 +57,7 @@ def test_intervals_of_a_sphere_are_those_of_the_ray():
     torch.testing.assert_close(end.gather(1, first)[is_clear, 0], expected_end[is_clear], atol=8 * FACET_M, rtol=0)
 
 
-def test_every_ray_of_the_outer_sphere_is_there_and_no_other():
+def test_every_ray_of_the_outer_sphere_is_there_and_no_other(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
     found = torch.zeros(SIZE[0] * SIZE[1], dtype=torch.bool)
@@ -104,7 +72,7 @@ def test_every_ray_of_the_outer_sphere_is_there_and_no_other():
 NEAR, FAR = ((0.033, -0.126, 0.051), 0.012), ((0.0, 0.0, 0.0), RADIUS_M)
 
 
-def test_no_samples_in_the_gap_between_two_surfaces():
+def test_no_samples_in_the_gap_between_two_surfaces(spheres):
     mesh, topology = spheres(NEAR, FAR)
     rays = sample_rays(mesh, topology, a_view(), CONFIG)
     away = torch.stack([(rays.points - torch.tensor(c)).norm(dim=-1) - r for c, r in (NEAR, FAR)])
@@ -112,7 +80,7 @@ def test_no_samples_in_the_gap_between_two_surfaces():
     assert (away[0] < 0.01).any()
 
 
-def test_a_grazing_ray_goes_on_to_what_lies_behind():
+def test_a_grazing_ray_goes_on_to_what_lies_behind(spheres):
     """Past the small sphere's core, through its shell: the rest of the samples is on the large sphere."""
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
@@ -130,7 +98,7 @@ def test_a_grazing_ray_goes_on_to_what_lies_behind():
     assert not is_far[blocked].any()
 
 
-def test_a_ray_that_grazes_one_sphere_twice_over_nothing_is_sampled_through():
+def test_a_ray_that_grazes_one_sphere_twice_over_nothing_is_sampled_through(spheres):
     """Through the shell but past the core: the whole chord, entry to exit."""
     mesh, topology = spheres(FAR)
     view = a_view()
@@ -157,7 +125,7 @@ def union_places(intervals, pixel, t):
     return places
 
 
-def test_samples_are_equally_spaced_over_the_union_of_the_intervals():
+def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
     intervals = shell_intervals(mesh, topology, view, CONFIG)
@@ -171,7 +139,7 @@ def test_samples_are_equally_spaced_over_the_union_of_the_intervals():
     torch.testing.assert_close(rays.points.double(), points, atol=1e-6, rtol=0)
 
 
-def test_jitter_stays_in_its_stratum_and_is_reproducible():
+def test_jitter_stays_in_its_stratum_and_is_reproducible(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
     intervals = shell_intervals(mesh, topology, view, CONFIG)
@@ -188,7 +156,7 @@ def test_jitter_stays_in_its_stratum_and_is_reproducible():
     assert stratum.std() == pytest.approx(12**-0.5, abs=0.01)
 
 
-def test_scene_depth_ends_the_samples():
+def test_scene_depth_ends_the_samples(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
     free = sample_rays(mesh, topology, view, CONFIG)
@@ -209,7 +177,7 @@ def test_scene_depth_ends_the_samples():
     assert torch.equal(kept.t, free.t[free.pixel % SIZE[0] >= SIZE[0] // 2])
 
 
-def test_a_larger_world_has_a_larger_shell():
+def test_a_larger_world_has_a_larger_shell(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
     large = posed_mesh(topology, mesh.vertices * 10)
@@ -221,7 +189,7 @@ def test_a_larger_world_has_a_larger_shell():
     torch.testing.assert_close(other.t[shared[1]], one.t[shared[0]] * 10, rtol=1e-3, atol=1e-4)
 
 
-def test_layers_beyond_those_kept_do_not_disturb_the_first():
+def test_layers_beyond_those_kept_do_not_disturb_the_first(spheres):
     places = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
     mesh, topology = spheres(*places)
     view = a_view(origin=(0.01, -0.42, 0.012))
@@ -233,14 +201,14 @@ def test_layers_beyond_those_kept_do_not_disturb_the_first():
     assert ((many.end > many.start).sum(1) > 1).any()
 
 
-def test_the_camera_within_the_shell_is_no_error():
+def test_the_camera_within_the_shell_is_no_error(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     rays = sample_rays(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0)), CONFIG)
     assert rays.t.isfinite().all()
     assert rays.points.isfinite().all()
 
 
-def test_a_ray_is_stopped_by_the_deflated_mesh_only():
+def test_a_ray_is_stopped_by_the_deflated_mesh_only(spheres):
     """Not where it grazes the shell, and not by the scene in front of the hand."""
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
@@ -257,3 +225,57 @@ def test_a_ray_is_stopped_by_the_deflated_mesh_only():
     ends_at_wall = torch.tensor([whole[pixel] > wall + 1e-5 for pixel in cut.pixel.tolist()])
     assert ends_at_wall.any()
     assert not cut.is_stopped[ends_at_wall].any()
+
+
+def test_crossings_are_those_of_the_inflated_fronts(spheres):
+    """Nearest first, on the sphere that the ray meets there; where there is no more, infinitely far."""
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    depth = torch.stack([crossings(view, c, r + SHELL_M)[0] for c, r in (NEAR, FAR)], 1).nan_to_num(torch.inf)
+    expected, order = depth[intervals.pixel].sort(1)
+    found = intervals.entry.sort(1).values[:, :2].double()  # backs lie between, infinitely far as well
+    grazing = [crossings(view, c, r + SHELL_M - 3 * FACET_M)[0].isnan() for c, r in (NEAR, FAR)]
+    clear = (torch.stack(grazing, 1) == depth.isinf()).all(1)[intervals.pixel]
+    assert int(clear.sum()) > 300
+    assert (found.isfinite() == expected.isfinite())[clear].all()
+    both = clear[:, None] & expected.isfinite()
+    assert (found - expected)[both].abs().median() < FACET_M
+    front = intervals.entry_face.gather(1, intervals.entry.argsort(1)[:, :2])
+    is_far = (front >= len(topology.faces) // 2).long()
+    assert torch.equal(is_far[both], order[both])
+    assert ((expected.isfinite().sum(1) == 2) & clear).sum() > 20
+
+
+def test_of_two_spheres_apart_the_one_that_holds_the_sample_is_open(spheres):
+    mesh, topology = spheres(NEAR, FAR)
+    rays = sample_rays(mesh, topology, a_view(), CONFIG)
+    assert (rays.is_open.sum(2) == 1).all()
+    face = rays.entry_face[:, None].expand(-1, 8, -1)[rays.is_open].reshape(-1, 8)
+    away = torch.stack([(rays.points - torch.tensor(c)).norm(dim=-1) - r for c, r in (NEAR, FAR)]).abs()
+    assert torch.equal(face < len(topology.faces) // 2, away[0] < away[1])
+
+
+def test_of_two_spheres_whose_shells_overlap_both_are_open_behind_the_second_front(spheres):
+    """Where the first is left before the second is entered, that ends it: they are two intervals."""
+    direction, radius_m = np.array(NEAR[0]) / np.linalg.norm(NEAR[0]), NEAR[1]
+    close = (tuple((RADIUS_M + radius_m + 0.001) * direction), radius_m)
+    mesh, topology = spheres(close, FAR)
+    view = a_view()
+    rays = sample_rays(mesh, topology, view, CONFIG)
+    ends = [crossings(view, centre, radius + SHELL_M) for centre, radius in (close, FAR)]
+    entry = torch.stack([of_one[0] for of_one in ends], 1)[rays.pixel].nan_to_num(torch.inf)
+    overlap = (ends[0][1] - ends[1][0])[rays.pixel].nan_to_num(torch.inf)  # alone: as if they did
+    behind = rays.t[:, :, None] > entry[:, None]
+    expected = torch.where(overlap[:, None] > 0, behind.sum(2), 1)
+    clear = (overlap.abs() > 20 * FACET_M)[:, None] & ((rays.t[..., None] - entry[:, None]).abs() > 8 * FACET_M).all(2)
+    assert torch.equal(rays.is_open.sum(2)[clear], expected[clear])
+    assert int((expected[clear] == 2).sum()) > 20
+    assert int((clear & (overlap[:, None] < 0)).sum()) > 20
+
+
+def test_every_sample_lies_behind_a_crossing(posed, seen_from):
+    for gesture in ("open", "fist"):
+        hand = posed(gesture)
+        rays = sample_rays(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, -1, 0.3)), CONFIG)
+        assert rays.is_open.any(2).all()

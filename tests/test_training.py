@@ -13,10 +13,10 @@ from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model import load_default_hand
-from livehand.backend.renderer import trace
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import HandPose
 from livehand.backend.superres import SuperResConfig
+from livehand.backend.tracing import trace
 from livehand.backend.training import loop
 from livehand.backend.training.checkpoint import checkpoint_path, load_checkpoint
 from livehand.backend.training.config import LossConfig, TrainConfig

@@ -19,7 +19,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from ..avatar import Avatar
 from ..camera import Camera
-from ..field.field import CHANNELS
+from ..field.field import CHANNELS, PlaneField
 from ..hand.model import HandModel
 from ..sampler import SamplerConfig
 from ..shot import Shot
@@ -34,8 +34,10 @@ RING_FACES = 6
 """Faces around a vertex of a triangle mesh, on average (Euler): the least neighbourhood to look for the closest in."""
 PIXEL_TEST_FLOP = 15
 """Three edge functions of a pixel centre: two products and three sums each."""
-# Layers of a field that do not run per sample: its pose's part once a frame, its light once a vertex.
-_NOT_PER_SAMPLE = ("pose", "light")
+# Layers of a field that run neither per sample nor per ray: its pose's part once a frame, its light once a vertex.
+_ONCE_A_FRAME = ("pose", "light")
+# Layers of a field of planes that decode rays.
+_ONCE_A_RAY = ("trunk", "channels")
 _FLOAT, _SAMPLE_BYTES = 4, 20  # a laid-out sample: face, three barycentrics, height
 _POSE_FEATURES, _SHAPE_FEATURES, _JOINTS = 135, 10, 16
 
@@ -123,25 +125,31 @@ def sample_work(counts: Counts) -> Work:
 
 
 def field_work(counts: Counts, field: nn.Module, number_bytes: int) -> Work:
-    """2 FLOP a weight and sample, and 2 x 4 x channels for the four texels of every feature plane.
+    """2 FLOP a weight and sample (or ray, where it decodes rays), 2 x 4 x channels for four texels of every plane.
 
-    Samples are read, 33 numbers each are written; of each plane what is touched is read, but no texel twice.
+    Samples are read, 33 numbers are written for each (or for each ray); of each plane what is touched is read, but no
+    texel twice.
     """
-    weights = sum(module.weight.numel() for module in linear_layers(field))
+    of_samples, of_rays = weights_of(field)
     tables = [value for name, value in field.named_parameters() if name.endswith("table")]
-    per_sample = 2 * weights + sum(2 * 4 * table.shape[-1] for table in tables)
+    flop = 2 * of_rays * counts.rays + 2 * (of_samples + sum(4 * table.shape[-1] for table in tables)) * counts.samples
     touched = sum(min(table.numel(), 4 * counts.samples * table.shape[-1]) for table in tables)
-    moved = counts.samples * (_SAMPLE_BYTES + number_bytes * (CHANNELS + 1)) + _FLOAT * touched
-    return Work(per_sample * counts.samples, moved + number_bytes * weights, "network")
+    written = (counts.rays if of_rays else counts.samples) * (CHANNELS + 1)
+    moved = _SAMPLE_BYTES * counts.samples + number_bytes * (written + of_samples + of_rays)
+    return Work(flop, moved + _FLOAT * touched, "network")
 
 
-def linear_layers(field: nn.Module) -> list[nn.Linear]:
-    """The layers that run for every sample."""
-    return [
-        module
-        for name, module in field.named_modules()
-        if isinstance(module, nn.Linear) and name.split(".")[0] not in _NOT_PER_SAMPLE
-    ]
+def weights_of(field: nn.Module) -> tuple[int, int]:
+    """Weights of the layers that run for every sample, and of those that run for every ray."""
+    by_ray = _ONCE_A_RAY if isinstance(field, PlaneField) else ()
+    of_samples = of_rays = 0
+    for name, module in field.named_modules():
+        part = name.split(".")[0]
+        if not isinstance(module, nn.Linear) or part in _ONCE_A_FRAME:
+            continue
+        of_samples += 0 if part in by_ray else module.weight.numel()
+        of_rays += module.weight.numel() if part in by_ray else 0
+    return of_samples, of_rays
 
 
 def volume_work(counts: Counts, number_bytes: int) -> Work:

@@ -20,20 +20,22 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..avatar import Avatar
+from ..develop import develop
 from ..field.conditions import FieldInputs
 from ..geometry.closest_point import closest_on_triangles
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.rasterise import rasterise
-from ..geometry.uvh import SurfaceSamples, atlas_uv, interpolate
+from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
-from ..renderer import Stage, develop, low_resolution_maps, view_of
-from ..sampler import View, project, ray_directions
+from ..image import low_resolution_maps
+from ..rays import View, project, ray_directions, ray_origin, view_of
+from ..renderer import Stage
 from ..shot import Frame, Shot
-from ..volume import Composite, composite
+from ..volume import Composite, Steps
 from ..window import Window
 from .brute_force import nearest_faces
 
-_SAMPLES_AT_ONCE = 16384
+_RAYS_AT_ONCE = 1024
 
 
 class WholeRays(NamedTuple):
@@ -76,9 +78,7 @@ class PublishedRenderer:
         on_stage("sample")
         samples = nearest_samples(_points(rays, view), self._topology, mesh)
         on_stage("field")
-        sigma, channels = self._ask(rays, samples, torch.as_tensor(shot.pose.theta, dtype=torch.float32))
-        on_stage("volume")
-        low = self._composite(rays, sigma, channels, mesh.scale)
+        low = self._shade(rays, samples, torch.as_tensor(shot.pose.theta, dtype=torch.float32), mesh.scale)
         on_stage("superres")
         maps, depth = low_resolution_maps(low, rays.pixel, view.size_px)
         image = self.avatar.superres(maps[None].contiguous())[0]
@@ -94,21 +94,22 @@ class PublishedRenderer:
     def _samples_per_ray(self) -> int:
         return self.avatar.config.sampler.samples_per_ray
 
-    def _ask(self, rays: WholeRays, samples: SurfaceSamples, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """The MLP's densities and channels at all samples."""
-        unit = torch.nn.functional.normalize(rays.directions, dim=-1).repeat_interleave(self._samples_per_ray, 0)
+    def _shade(self, rays: WholeRays, samples: SurfaceSamples, theta: Tensor, scale: Tensor) -> Composite:
+        """The MLP at all samples, composited."""
+        count = self._samples_per_ray
+        length = rays.directions.norm(dim=-1)
         height = samples.height_m / self.avatar.config.sampler.shell_m
-        told = (atlas_uv(self._topology, samples), height, unit)
         theta = theta.reshape(-1).to(self.device)
-        chunks = zip(*(values.split(_SAMPLES_AT_ONCE) for values in told), strict=True)
-        parts = [self.avatar.field(_inputs(uv, height, view, theta)) for uv, height, view in chunks]
-        sigma, channels = (torch.cat(values) for values in zip(*parts, strict=True))
-        return sigma, channels
-
-    def _composite(self, rays: WholeRays, sigma: Tensor, channels: Tensor, scale: Tensor) -> Composite:
-        step_mm = rays.dt * rays.directions.norm(dim=-1) / scale * 1000
-        shape = (-1, self._samples_per_ray)
-        return composite(sigma.reshape(shape), channels.reshape(*shape, channels.shape[-1]), rays.t, step_mm)
+        is_stopped = torch.zeros_like(rays.pixel, dtype=torch.bool)
+        of_samples = (atlas_uv(self._topology, samples), height)
+        of_rays = (rays.directions / length[:, None], rays.t, rays.dt * length / scale * 1000, is_stopped)
+        by_sample = (values.split(_RAYS_AT_ONCE * count) for values in of_samples)
+        by_ray = (values.split(_RAYS_AT_ONCE) for values in of_rays)
+        parts = [
+            self.avatar.field(_inputs(uv, height, view, theta), Steps(*steps))
+            for uv, height, view, *steps in zip(*by_sample, *by_ray, strict=True)
+        ]
+        return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
 
 def whole_rays(mesh: PosedMesh, topology: Topology, view: View, shell_m: float, count: int) -> WholeRays:
@@ -129,15 +130,12 @@ def nearest_samples(points: Float[Tensor, "S 3"], topology: Topology, mesh: Pose
     triangles = mesh.vertices[topology.faces]
     face = nearest_faces(points, triangles)
     barycentric, squared = closest_on_triangles(points, triangles[face])
-    samples = SurfaceSamples(face, barycentric, squared.sqrt() / mesh.scale)
-    offset = points - interpolate(mesh.vertices, topology, samples)
-    is_inside = (offset * interpolate(mesh.normals, topology, samples)).sum(-1) < 0
-    return samples._replace(height_m=torch.where(is_inside, -samples.height_m, samples.height_m))
+    height = signed_height(points, SurfaceSamples(face, barycentric, squared.sqrt()), topology, mesh)
+    return SurfaceSamples(face, barycentric, height / mesh.scale)
 
 
 def _points(rays: WholeRays, view: View) -> Float[Tensor, "S 3"]:
-    origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
-    return (origin + rays.t[..., None] * rays.directions[:, None, :]).reshape(-1, 3)
+    return (ray_origin(view) + rays.t[..., None] * rays.directions[:, None, :]).reshape(-1, 3)
 
 
 def _inputs(uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
