@@ -39,7 +39,7 @@ class Camera:
         rotation = self.cam2world[:3, :3]
         is_rotation = np.abs(rotation.T @ rotation - np.eye(3)).max() < _ROTATION_TOLERANCE
         _check(
-            bool(is_rotation and np.linalg.det(rotation) > 0),
+            bool(is_rotation and np.cross(rotation[0], rotation[1]) @ rotation[2] > 0),
             "the upper left of cam2world must be a rotation, got a scaled, sheared or mirrored matrix; "
             "remove the scale of the camera and of its parents",
         )

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .errors import LiveHandError
+from .idle_threads import spin_briefly
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -39,6 +40,7 @@ class Command:
 
 def run_commands(program: str, about: str, commands: Mapping[str, Command], argv: Sequence[str] | None = None) -> int:
     """Run the sub-command that `argv` (None: the process's arguments) names; returns the exit code."""
+    spin_briefly()
     try:
         args = _parser(program, about, commands).parse_args(argv)
     except SystemExit as stop:  # argparse has printed the usage, or --help

@@ -36,10 +36,16 @@ class SurfaceRays(NamedTuple):
 
 
 def view_of(camera: Camera, device: torch.device | str) -> View:
-    """The camera as tensors."""
-    K = torch.as_tensor(camera.K, dtype=torch.float32, device=device)
-    world2cam = torch.as_tensor(np.linalg.inv(camera.cam2world), dtype=torch.float32, device=device)
-    return View(K, world2cam, camera.size_px)
+    """The camera as tensors.
+
+    The rigid matrix is turned round by hand: numpy's inverse wakes a thread that then spins for 100 ms, on a core that
+    the frame needs.
+    """
+    rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
+    world2cam = np.eye(4)
+    world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
+    tensors = (torch.as_tensor(matrix, dtype=torch.float32, device=device) for matrix in (camera.K, world2cam))
+    return View(*tensors, camera.size_px)
 
 
 def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:

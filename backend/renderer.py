@@ -132,7 +132,7 @@ class Renderer:
         pixel, direction, told = self._marcher.march(layers, *geometry, scene.conditions, scene.view, check)
         on_stage("field")
         with self._autocast():
-            return pixel, self._marcher.field.decode(told, direction)
+            return pixel, self._marcher.decode(told, direction)
 
     def _trace(self, scene: Scene, check: Callable[[], None], on_stage: OnStage) -> tuple[Tensor, Composite]:
         """Low-resolution rays by torch: pixel [R], and what is seen along each."""

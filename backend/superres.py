@@ -50,10 +50,10 @@ class LightSuperRes(nn.Module):
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
         """RGBA, not clamped."""
-        hidden = leaky_relu(self.head(maps), 0.2)
+        hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
-            hidden = hidden + leaky_relu(layer(hidden), 0.2)
-        return enlarge(_rgba(maps)) + pixel_shuffle(self.tail(hidden), 2)
+            hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
+        return _sum(enlarge(_rgba(maps)), pixel_shuffle(self.tail(hidden), 2))
 
 
 class PaperSuperRes(nn.Module):
@@ -76,17 +76,22 @@ class PaperSuperRes(nn.Module):
         """RGBA, not clamped."""
         hidden = maps[:, :CHANNELS]
         for layer in self.low:
-            hidden = leaky_relu(layer(hidden), 0.2)
+            hidden = leaky_relu(layer(hidden), 0.2, inplace=True)
         low = _rgba(maps) + self.low_rgba(hidden)
         hidden = enlarge(hidden)
         for layer in self.high:
-            hidden = leaky_relu(layer(hidden), 0.2)
+            hidden = leaky_relu(layer(hidden), 0.2, inplace=True)
         return enlarge(low) + self.high_rgba(hidden)
 
 
 def enlarge(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B C 2*H 2*W"]:
     """Bilinear, with the grids' corners aligned."""
     return interpolate(image, scale_factor=2, mode="bilinear", align_corners=False)
+
+
+def _sum(a: Tensor, b: Tensor) -> Tensor:
+    """The sum, in `a`'s place where no gradient will ask for a: fresh memory costs as much as the convolutions."""
+    return a + b if torch.is_grad_enabled() else a.add_(b)
 
 
 def _rgba(maps: Tensor) -> Tensor:

@@ -16,6 +16,7 @@ from livehand.backend.benchmark.counts import (
     Work,
     counts_of,
     field_work,
+    gather_work,
     pixel_tests,
     pose_work,
     sample_work,
@@ -235,10 +236,10 @@ def test_a_field_of_planes_decodes_rays_not_samples(hand):
     near, width = features + 2 + 9, config.width
     of_samples = near * config.density_width + config.density_width
     of_rays = (near + 3 + 3 + 8 + 5) * width + width * width + width * CHANNELS
-    work = field_work(COUNTS, field, 2)
-    assert work.flop == 2 * of_samples * 400 + 2 * of_rays * 50 + 2 * 4 * (features + 3) * 400
     touched = 4 * 400 * (features + 3)  # far fewer samples than texels
-    assert work.bytes == 20 * 400 + 2 * (33 * 50 + of_samples + of_rays) + 4 * touched
+    gathered = 2 * of_samples * 400 + 2 * 4 * (features + 3) * 400
+    assert gather_work(COUNTS, field) == Work(gathered, 20 * 400 + 4 * (of_samples + touched))
+    assert field_work(COUNTS, field, 2) == Work(2 * of_rays * 50, 2 * (33 * 50 + of_rays), "network")
 
 
 def test_the_papers_superres_by_hand(hand):
@@ -252,7 +253,7 @@ def test_the_papers_superres_by_hand(hand):
 
 def test_every_stage_has_work(hand):
     works = stage_work(COUNTS, new_avatar("a", hand.name, hand.sha256, PRESETS["default"]), 2)
-    assert list(works) == ["pose", "rasterise", "sample", "field", "volume", "superres", "develop"]
+    assert list(works) == ["pose", "rasterise", "sample", "gather", "field", "volume", "superres", "develop"]
     assert all(work.flop > 0 and work.bytes > 0 for work in works.values())
 
 
@@ -277,6 +278,13 @@ def test_a_stage_that_is_not_told_adds_its_floor_to_the_one_it_is_done_within():
     works = {name: Work(k * 1e6, 0) for k, name in enumerate(("pose", "rasterise", "sample", "field", "volume"), 1)}
     assert floors_ms(works, PEAKS, "fp32", works) == {"pose": 1, "rasterise": 2, "sample": 3, "field": 4, "volume": 5}
     assert floors_ms(works, PEAKS, "fp32", ["pose", "sample", "field"]) == {"pose": 1, "sample": 5, "field": 9}
+
+
+def test_a_march_samples_gathers_and_composites_in_one_stage():
+    works = {name: Work(k * 1e6, 0) for k, name in enumerate(("rasterise", "sample", "gather", "volume", "field"), 1)}
+    told = ["rasterise", "sample", "field"]
+    assert floors_ms(works, PEAKS, "fp32", told) == {"rasterise": 1, "sample": 9, "field": 5}
+    assert floors_ms(works, PEAKS, "fp32", told[1:]) == {"sample": 3, "field": 12}
 
 
 def test_the_better_peaks_count():

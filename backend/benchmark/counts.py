@@ -124,19 +124,26 @@ def sample_work(counts: Counts) -> Work:
     return Work(RING_FACES * TRIANGLE_FLOP * counts.samples, read + _SAMPLE_BYTES * counts.samples)
 
 
-def field_work(counts: Counts, field: nn.Module, number_bytes: int) -> Work:
-    """2 FLOP a weight and sample (or ray, where it decodes rays), 2 x 4 x channels for four texels of every plane.
+def gather_work(counts: Counts, field: nn.Module) -> Work:
+    """Features and density of samples, where a field decodes rays: 2 FLOP a weight, 4 texels of every plane.
 
-    Samples are read, 33 numbers are written for each (or for each ray); of each plane what is touched is read, but no
-    texel twice.
+    Samples are read; of each plane what is touched is read, but no texel twice.
     """
-    of_samples, of_rays = weights_of(field)
+    of_samples, _ = weights_of(field)
     tables = [value for name, value in field.named_parameters() if name.endswith("table")]
-    flop = 2 * of_rays * counts.rays + 2 * (of_samples + sum(4 * table.shape[-1] for table in tables)) * counts.samples
+    flop = 2 * (of_samples + sum(4 * table.shape[-1] for table in tables)) * counts.samples
     touched = sum(min(table.numel(), 4 * counts.samples * table.shape[-1]) for table in tables)
-    written = (counts.rays if of_rays else counts.samples) * (CHANNELS + 1)
-    moved = _SAMPLE_BYTES * counts.samples + number_bytes * (written + of_samples + of_rays)
-    return Work(flop, moved + _FLOAT * touched, "network")
+    return Work(flop, _SAMPLE_BYTES * counts.samples + _FLOAT * (of_samples + touched))
+
+
+def field_work(counts: Counts, field: nn.Module, number_bytes: int) -> Work:
+    """2 FLOP a weight and ray, where the field decodes rays, or else a weight and sample; 33 numbers each written."""
+    of_samples, of_rays = weights_of(field)
+    if of_rays:
+        moved = counts.rays * (CHANNELS + 1) + of_rays
+        return Work(2 * of_rays * counts.rays, number_bytes * moved, "network")
+    moved = number_bytes * (counts.samples * (CHANNELS + 1) + of_samples)
+    return Work(2 * of_samples * counts.samples, moved + _SAMPLE_BYTES * counts.samples, "network")
 
 
 def weights_of(field: nn.Module) -> tuple[int, int]:
@@ -181,6 +188,7 @@ def stage_work(counts: Counts, avatar: Avatar, number_bytes: int) -> dict[str, W
         "pose": pose_work(counts),
         "rasterise": rasterise_work(counts),
         "sample": sample_work(counts),
+        **({"gather": gather_work(counts, avatar.field)} if isinstance(avatar.field, PlaneField) else {}),
         "field": field_work(counts, avatar.field, number_bytes),
         "volume": volume_work(counts, number_bytes),
         "superres": superres_work(counts, avatar.superres, number_bytes),

@@ -7,8 +7,10 @@ from collections.abc import Iterable, Mapping
 from .counts import Work
 from .machine import Peaks
 
-# Where a renderer does not tell a stage, the stage that does its work.
-_DONE_WITHIN = {"rasterise": "sample", "volume": "field"}
+# Where a renderer does not tell a stage, the stage that does its work: in one that marches (and so tells when it
+# rasterises), and in one that traces.
+_DONE_WITHIN_MARCH = {"gather": "sample", "volume": "sample"}
+_DONE_WITHIN_TRACE = {"rasterise": "sample", "gather": "field", "volume": "field"}
 
 
 def floor_ms(work: Work, peaks: Peaks, precision: str) -> float:
@@ -21,8 +23,9 @@ def floor_ms(work: Work, peaks: Peaks, precision: str) -> float:
 def floors_ms(works: Mapping[str, Work], peaks: Peaks, precision: str, told: Iterable[str]) -> dict[str, float]:
     """The floors of the stages that were told; that of one that was not is added to the stage it is done within."""
     floors = dict.fromkeys(told, 0.0)
+    done_within = _DONE_WITHIN_MARCH if "rasterise" in floors else _DONE_WITHIN_TRACE
     for stage, work in works.items():
-        owner = stage if stage in floors else _DONE_WITHIN.get(stage, stage)
+        owner = stage if stage in floors else done_within.get(stage, stage)
         if owner in floors:
             floors[owner] += floor_ms(work, peaks, precision)
     return floors

@@ -24,6 +24,7 @@ from .shell import Layers, live_pixels, surface_arrays
 
 # Rays marched between two looks at `should_stop`.
 _RAYS_AT_ONCE = 1 << 15
+_RAYS_DECODED_AT_ONCE = 1 << 12
 
 
 class PackedField(NamedTuple):
@@ -134,6 +135,12 @@ class Marcher:
                 lambda a, b, first=first: march(*inputs, first + a, first + b, *out), count, torch.get_num_threads()
             )
         return pixel, directions / directions.norm(dim=-1, keepdim=True), told
+
+    def decode(self, told: Composite, direction: Tensor) -> Composite:
+        """What the field makes of composited features, in pieces that stay in the cache."""
+        pieces = zip(*(values.split(_RAYS_DECODED_AT_ONCE) for values in (*told, direction)), strict=True)
+        channels = [self.field.decode(Composite(*piece[:3]), piece[3]).channels for piece in pieces]
+        return told._replace(channels=torch.cat(channels))
 
     @cached_property
     def _packed(self) -> PackedField:

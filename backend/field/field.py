@@ -134,7 +134,7 @@ class PlaneField(nn.Module):
         normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
         hidden = torch.cat([mean, view_features(normal, view)], -1)
         for layer in self.trunk:
-            hidden = relu(layer(hidden))
+            hidden = relu(layer(hidden), inplace=True)
         return told._replace(channels=_channels(self.channels(hidden)) * told.alpha[:, None])
 
     def _relief_normal(self, inputs: FieldInputs) -> Float[Tensor, "S 3"]:

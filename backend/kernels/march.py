@@ -12,8 +12,8 @@ from .planes import read_plane
 from .rays import begin_ray, deepest_part, placed, point_at, ray_buffers
 
 _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value in (0, 0.5, 1, 2, 1000, 1e-12, 1e-6))
-_TRANSPARENT = np.float32(1 / 1024)
-"""A ray that lets less than this through is opaque: a quarter of one 8-bit level."""
+_TRANSPARENT = np.float32(1 / 256)
+"""A ray that lets less than this through is opaque: one 8-bit level."""
 _OPAQUE = np.float32(30)
 _NORMAL, _ROTATION, _POSE = 0, 3, 12
 """Where these begin among the vertices' channels."""
@@ -38,6 +38,7 @@ def march(
     """Composite the features, alpha and depth of rays [first, last)."""
     samples, shell_m, focal_px, scale = units
     start, end, part = ray_buffers(layers)
+    bounds = np.empty(surface[2].shape[1], np.float32)
     told, channels = np.zeros(features.shape[1], np.float32), np.empty(skin[1].shape[1], np.float32)
     relief, hidden = np.empty(4, np.float32), np.empty(len(field[5]), np.float32)
     for ray in range(first, last):
@@ -48,7 +49,7 @@ def march(
             offset = (np.float32(index) + _HALF) / np.float32(samples) * total
             since, depth = placed(offset, start, end, intervals)
             x, y, z = point_at(origin, directions, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part)
+            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, bounds)
             height /= scale * shell_m
             _tell(face, wb, wc, height, depth / (focal_px * scale), surface[3], skin, field, told, channels, relief)
             optical = _density(height, told, field, hidden) * step_mm
@@ -62,8 +63,12 @@ def march(
             through *= clear
             if through < _TRANSPARENT:
                 break
-        alpha[ray] = _1 - through
         mean_depth[ray] = weighted_depth / max(_1 - through, _MIN_ALPHA)
+        alpha[ray] = _1 - through
+        if is_stopped:  # opaque in the end, also where the march has stopped before
+            alpha[ray] = _1
+            for k in range(len(told)):
+                features[ray, k] /= _1 - through
 
 
 @compiled

@@ -40,6 +40,7 @@ def lay_samples(
     """Place the samples of rays [first, last) and lay each on the part of the surface that holds it deepest."""
     samples = offsets.shape[1]
     start, end, part = ray_buffers(layers)
+    bounds = np.empty(surface[2].shape[1], np.float32)
     for ray in range(first, last):
         intervals, total, is_stopped[ray] = begin_ray(pixels[ray], layers, start, end, part)
         dt[ray] = total / np.float32(samples)
@@ -47,7 +48,7 @@ def lay_samples(
             since, depth = placed(offsets[ray, index] * total, start, end, intervals)
             t[ray, index] = depth
             x, y, z = point_at(origin, directions, ray, depth)
-            found, wb, wc, h = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part)
+            found, wb, wc, h = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, bounds)
             face[ray, index], height[ray, index] = found, h
             barycentric[ray, index, 0] = _1 - wb - wc
             barycentric[ray, index, 1], barycentric[ray, index, 2] = wb, wc
@@ -80,13 +81,13 @@ def point_at(origin, directions, ray, depth):
 
 
 @compiled
-def deepest_part(x, y, z, depth, since, pixel, layers, surface, part):
+def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, bounds):
     """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
 
     Every part entered since the interval's start is followed, from the face `part` has for it.
     """
     layer_depth, layer_face, crossings, _, _ = layers
-    shapes, spheres, neighbours, faces, vertices, normals = surface
+    shapes, around, neighbours, faces, vertices, normals = surface
     deepest, face, wb, wc = np.float32(np.inf), np.int64(0), _0, _0
     for crossing in range(crossings[pixel]):
         entry = layer_depth[pixel, crossing]
@@ -94,7 +95,7 @@ def deepest_part(x, y, z, depth, since, pixel, layers, surface, part):
             break
         if layer_face[pixel, crossing] < 0 or entry < since:
             continue
-        found, b, c, squared = closest_on_part(x, y, z, part[crossing], shapes, spheres, neighbours)
+        found, b, c, squared = closest_on_part(x, y, z, part[crossing], shapes, around, neighbours, bounds)
         part[crossing] = found
         height = signed_height(x, y, z, found, b, c, squared, faces, vertices, normals)
         if height < deepest:

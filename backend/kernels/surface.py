@@ -8,56 +8,89 @@ from .compiled import compiled
 from .tolerances import MAX_STEPS, MIN_DETERMINANT
 
 FACE_COLUMNS = 13
-"""Of a row of `FaceTable.shape`: corner a, edges ab and ac, ab.ab, ab.ac, ac.ac, 1/determinant."""
+"""Of a row of a face's shape: corner a, edges ab and ac, ab.ab, ab.ac, ac.ac, 1/determinant."""
+DISC_ROWS = 7
+"""Of the discs that hold faces: centre, unit normal, radius."""
+LANES = 16
+"""Neighbours are tested by so many at once: one register of the widest processors."""
 _TINY, _0, _1, _2, _3 = (np.float32(value) for value in (MIN_DETERMINANT, 0, 1, 2, 3))
+_NOWHERE = np.float32(1e6)
 
 
 @compiled
-def face_tables(vertices, faces):
-    """What the closest point of each face needs, once a frame: its shape [F, 13], and a sphere about it [F, 4]."""
-    shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
-    spheres = np.zeros((len(faces), 4), np.float32)
-    for face in range(len(faces)):
+def face_shapes(vertices, faces, first, last, shapes, discs):
+    """Fill shapes [F, 13] and discs [F, 7] of faces [first, last): what their closest points need, once a frame."""
+    for face in range(first, last):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         d00, d01, d11 = _0, _0, _0
         for k in range(3):
             ab, ac = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
             shapes[face, k], shapes[face, 3 + k], shapes[face, 6 + k] = vertices[a, k], ab, ac
-            spheres[face, k] = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / _3
+            discs[face, k] = (vertices[a, k] + vertices[b, k] + vertices[c, k]) / _3
             d00, d01, d11 = d00 + ab * ab, d01 + ab * ac, d11 + ac * ac
         shapes[face, 9], shapes[face, 10], shapes[face, 11] = d00, d01, d11
-        shapes[face, 12] = _1 / max(d00 * d11 - d01 * d01, _TINY)
+        determinant = max(d00 * d11 - d01 * d01, _TINY)
+        shapes[face, 12] = _1 / determinant
+        _add_normal(shapes, face, np.sqrt(determinant), discs)
+        discs[face, 6] = _0
         for corner in (a, b, c):
             squared = _0
             for k in range(3):
-                offset = vertices[corner, k] - spheres[face, k]
+                offset = vertices[corner, k] - discs[face, k]
                 squared += offset * offset
-            spheres[face, 3] = max(spheres[face, 3], np.sqrt(squared))
-    return shapes, spheres
+            discs[face, 6] = max(discs[face, 6], np.sqrt(squared))
 
 
 @compiled
-def closest_on_part(x, y, z, face, shapes, spheres, neighbours):
-    """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`."""
+def _add_normal(shapes, face, doubled_area, discs):
+    """The cross product of a face's edges over its length, which is twice the area."""
+    bx, by, bz = shapes[face, 3], shapes[face, 4], shapes[face, 5]
+    cx, cy, cz = shapes[face, 6], shapes[face, 7], shapes[face, 8]
+    discs[face, 3] = (by * cz - bz * cy) / doubled_area
+    discs[face, 4] = (bz * cx - bx * cz) / doubled_area
+    discs[face, 5] = (bx * cy - by * cx) / doubled_area
+
+
+@compiled
+def gather_discs(discs, neighbours, first, last, around):
+    """Fill around [F, 7, K] for faces [first, last): the discs of their K neighbours, side by side."""
+    for face in range(first, last):
+        for slot in range(neighbours.shape[1]):
+            other = neighbours[face, slot]
+            for k in range(DISC_ROWS):
+                around[face, k, slot] = discs[other, k] if other != face else _NOWHERE
+
+
+@compiled
+def closest_on_part(x, y, z, face, shapes, around, neighbours, bounds):
+    """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
+
+    `bounds` [K] is room for the neighbours' bounds.
+    """
     squared, wb, wc = closest_on_face(x, y, z, face, shapes)
-    reach = np.sqrt(squared)
     for _ in range(MAX_STEPS):
         start = face
-        for slot in range(1, neighbours.shape[1]):
-            other = neighbours[start, slot]
-            if other == start:
-                break
-            dx, dy, dz = x - spheres[other, 0], y - spheres[other, 1], z - spheres[other, 2]
-            limit = reach + spheres[other, 3]
-            if dx * dx + dy * dy + dz * dz >= limit * limit:
-                continue  # all of the face is farther away
-            got, b, c = closest_on_face(x, y, z, other, shapes)
-            if got < squared:
-                squared, wb, wc, face = got, b, c, other
-                reach = np.sqrt(squared)
+        _bound_neighbours(x, y, z, start, around, bounds)
+        for slot in range(len(bounds)):
+            if bounds[slot] < squared:
+                other = neighbours[start, slot]
+                got, b, c = closest_on_face(x, y, z, other, shapes)
+                if got < squared:
+                    squared, wb, wc, face = got, b, c, other
         if face == start:
             break
     return face, wb, wc, squared
+
+
+@compiled
+def _bound_neighbours(x, y, z, face, around, bounds):
+    """Least distance^2 to the discs of a face's neighbours: up^2 + (across - radius)^2, seen from the disc's plane."""
+    for slot in range(len(bounds)):
+        dx, dy, dz = x - around[face, 0, slot], y - around[face, 1, slot], z - around[face, 2, slot]
+        up = dx * around[face, 3, slot] + dy * around[face, 4, slot] + dz * around[face, 5, slot]
+        across = np.sqrt(max(dx * dx + dy * dy + dz * dz - up * up, _0))
+        beyond = max(across - around[face, 6, slot], _0)
+        bounds[slot] = up * up + beyond * beyond
 
 
 @compiled

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
+from ...backend.idle_threads import spin_briefly
 from .frame_queue import FrameQueue
 from .task import HandRenderer
 
@@ -34,6 +35,7 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
     Raises:
         LiveHandError: a package is missing, or the avatar is unreadable or of another hand.
     """
+    spin_briefly()
     try:
         from ...backend.avatar import load_avatar
         from ...backend.renderer import Renderer
