@@ -23,6 +23,7 @@ class Requirement(NamedTuple):
 REQUIREMENTS = (
     Requirement("torch", "torch>=2.6,<2.14"),
     Requirement("safetensors", "safetensors>=0.4"),
+    Requirement("numba", "numba>=0.60"),  # rendering works without, many times slower on a CPU
     Requirement("jaxtyping", "jaxtyping>=0.2.34"),
     Requirement("trimesh", "trimesh>=4.4"),
     Requirement("xatlas", "xatlas>=0.0.9"),
