@@ -103,7 +103,7 @@ def nearest_face():
 
     def search(points, triangles):
         centre = triangles.double().reshape(-1, 3).mean(0)
-        found = [_nearest_of_all(part, triangles.double() - centre) for part in (points.double() - centre).split(256)]
+        found = [_nearest_of_all(part, triangles.double() - centre) for part in (points.double() - centre).split(32)]
         return tuple(torch.cat(values) for values in zip(*found, strict=True))
 
     return search

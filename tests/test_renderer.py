@@ -27,8 +27,8 @@ SMALL = AvatarConfig(
 )
 
 
-# A marched ray stops when less than 1/1024 still comes through; super-resolution may add to that a little.
-STOP = 1.5 / 1024
+# A marched ray stops when less than 1/256 still comes through; super-resolution may add to that a little.
+STOP = 1.5 / 256
 # Share of pixels whose ray may see its samples in another order, or miss a face, by rounding alone.
 FLIPPED = 5e-4
 
@@ -317,10 +317,10 @@ def test_both_roads_lead_to_the_same_frame(hand, monkeypatch, gesture):
     for name in ("rgb", "alpha"):
         difference = np.abs(getattr(one, name) - getattr(other, name))
         assert (difference > STOP).mean() < FLIPPED, name
-        assert difference.mean() < STOP / 20, name
+        assert difference.mean() < STOP / 100, name
     solid = (one.alpha > 0.5) & (other.alpha > 0.5)
     assert solid.sum() > 3000
-    assert (np.abs(one.depth - other.depth)[solid] > 1e-4).mean() < 1e-3
+    assert (np.abs(one.depth - other.depth)[solid] > 5e-4).mean() < 1e-3
 
 
 def test_both_roads_meet_the_scene_alike(hand, monkeypatch):
@@ -339,7 +339,7 @@ def test_both_roads_meet_the_scene_alike(hand, monkeypatch):
 def test_both_roads_in_half_precision(hand, monkeypatch):
     one, other = with_and_without_kernels(monkeypatch, hand, a_shot(hand), precision="bf16")
     assert np.abs(one.rgb - other.rgb).mean() < 1e-4
-    assert np.abs(one.alpha - other.alpha).max() < 0.01
+    assert np.abs(one.alpha - other.alpha).max() < 0.02
 
 
 def test_planes_on_a_left_hand_are_the_right_ones_mirror_image(hand, road):
