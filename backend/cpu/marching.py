@@ -32,7 +32,7 @@ class PackedField(NamedTuple):
 
     Attributes:
         table: flat texels of all planes, the relief's last, channels padded to whole blocks.
-        layout: [planes, 4] start in the table, resolution, heights, channels.
+        layout: [planes, 5] start in the table, resolution, heights, channels with their padding, and without.
         texels_m: [planes] size of a texel on the skin.
         relief_gain: factor of the relief.
         pose_channels: of the local pose.
@@ -62,7 +62,8 @@ class PackedField(NamedTuple):
         planes = [*field.planes, field.relief]
         tables = [_padded(plane.table, BLOCK) for plane in planes]
         starts = np.cumsum([0, *(table.size for table in tables)])
-        sizes = [(plane.resolution, plane.heights, table.shape[1]) for plane, table in zip(planes, tables, strict=True)]
+        widths = [(table.shape[1], plane.channels) for plane, table in zip(planes, tables, strict=True)]
+        sizes = [(plane.resolution, plane.heights, *width) for plane, width in zip(planes, widths, strict=True)]
         return cls(
             table=np.concatenate([table.ravel() for table in tables]),
             layout=np.array([(start, *size) for start, size in zip(starts, sizes, strict=False)]),

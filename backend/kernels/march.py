@@ -87,7 +87,7 @@ def _tell(face, wb, wc, height, footprint_m, faces, skin, field, told, channels,
         begin, resolution, heights, width = layout[plane, 0], layout[plane, 1], layout[plane, 2], layout[plane, 3]
         fade = min(_1, _2 * texels_m[plane] / footprint_m)
         read_plane(table, begin, resolution, heights, width, u, v, height, fade, told, at)
-        at += width
+        at += layout[plane, 4]  # what is told next covers the padding
     told[at], told[at + 1] = height, height * height
     for k in range(pose_channels):
         told[at + 2 + k] = channels[_POSE + k]
