@@ -168,6 +168,34 @@ def test_planes_are_decoded_once_a_ray_from_the_mean_of_what_lies_along_it():
     torch.testing.assert_close(seen.channels / seen.alpha[:, None], channels, atol=1e-5, rtol=1e-3)
 
 
+def test_planes_along_a_ray_written_out():
+    """One sample after another, in plain arithmetic, from the planes' features to colour."""
+    torch.manual_seed(8)
+    field, inputs = build_field(PLANES).double(), inputs_of(1, 3)
+    inputs = FieldInputs(*(values.double() for values in inputs))
+    offset = field.relief(inputs.uv, inputs.height) / 4
+    planes = [plane(inputs.uv, inputs.height) for plane in field.planes]
+    height = inputs.height[:, None]
+    near = torch.cat([*planes, height, height * height, inputs.local_pose], 1)
+    tilted = normalize(inputs.normal + torch.stack([inputs.rotation[k] @ offset[k] for k in range(3)]), dim=1)
+    told = torch.cat([near, inputs.normal, tilted, inputs.exposure], 1)
+    logit = field.density(torch.relu(field.near(near)))[:, 0] - 6 * inputs.height - 1
+    through, alpha, mean = 1.0, 0.0, torch.zeros(told.shape[1], dtype=torch.float64)
+    for k in range(3):
+        opacity = 1 - torch.exp(-torch.nn.functional.softplus(logit[k]) * STEP_MM)
+        alpha, mean, through = alpha + through * opacity, mean + through * opacity * told[k], through * (1 - opacity)
+    mean = (mean / alpha)[None]
+    normal = normalize(mean[:, near.shape[1] + 3 : near.shape[1] + 6], dim=1)
+    hidden = torch.cat([mean, view_features(normal, inputs.view)], 1)
+    for layer in field.trunk:
+        hidden = torch.relu(layer(hidden))
+    raw = field.channels(hidden)
+    seen = ask(field, inputs)
+    torch.testing.assert_close(seen.alpha, alpha[None], atol=1e-6, rtol=1e-5)
+    expected = torch.cat([raw[:, :3].sigmoid(), raw[:, 3:]], 1) * alpha
+    torch.testing.assert_close(seen.channels, expected, atol=1e-6, rtol=1e-5)
+
+
 def test_a_ray_that_meets_nothing_is_decoded_to_nothing():
     field = build_field(PLANES)
     seen = ask(field, inputs_of(5, 2, height=torch.full((10,), 1e3)))
