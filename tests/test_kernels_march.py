@@ -148,6 +148,20 @@ def test_stopped_rays_are_opaque(odd, scene):
     assert marched.told.alpha.min() >= 0
 
 
+@torch.inference_mode()
+def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_from):
+    """Also of rays that are opaque in the end and stopped before: from near, where planes do not fade."""
+    field, hand = a_field("odd"), posed("fist")
+    for plane in field.planes:
+        plane.table.fill_(0.7)
+    view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
+    layers = rasterise_shell(hand.mesh, hand.topology, view, CONFIG)
+    told = Marcher(field, CONFIG).march(layers, hand.mesh, hand.topology, hand.conditions(), view)[2]
+    constant = told.channels[:, : sum(channels for _, _, channels in field.config.planes)]
+    torch.testing.assert_close(constant, 0.7 * told.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
+    assert (told.alpha == 1).any()
+
+
 @pytest.mark.parametrize(("samples", "shell_m", "layers"), [(1, 0.003, 10), (3, 0.005, 10), (16, 0.002, 2)])
 def test_other_samplers(odd, scene, samples, shell_m, layers):
     assert_same(Marched(odd, *scene, SamplerConfig(samples, shell_m, layers)))
