@@ -44,8 +44,11 @@ def view_of(camera: Camera, device: torch.device | str) -> View:
     rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
     world2cam = np.eye(4)
     world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
-    tensors = (torch.as_tensor(matrix, dtype=torch.float32, device=device) for matrix in (camera.K, world2cam))
-    return View(*tensors, camera.size_px)
+    return View(
+        K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
+        world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
+        size_px=camera.size_px,
+    )
 
 
 def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
