@@ -13,8 +13,9 @@ from pathlib import Path
 import bpy
 import livehand
 import numpy as np
-from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, axis_angle, rotation_matrix, theta_of
+from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import UPRIGHT, load_default_hand
+from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 
 FRAMES = range(1, 25)
@@ -103,7 +104,7 @@ def animate_hand(armature: bpy.types.Object) -> None:
     """Key every bone on every frame, and the wrist's place so that the knuckles start at the world's origin."""
     joints = load_default_hand().joints
     axes = FingerAxes.of_default_hand()
-    thetas = [theta_of(finger_angles_deg(frame), axes, axis_angle(wrist_rotation(frame))) for frame in FRAMES]
+    thetas = [theta_of(finger_angles_deg(frame), axes, matrix_to_axis_angle(wrist_rotation(frame))) for frame in FRAMES]
     knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
     keyframe_theta(armature, np.array(thetas), FRAMES)
     keyframe_transl(armature, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
@@ -123,7 +124,7 @@ def wrist_rotation(frame: float) -> np.ndarray:
     """[3, 3] from the template to the world."""
     nod, lean, screw = np.deg2rad(eased(frame, np.array([key.wrist_deg for key in MOTION])))
     x, y, z = np.eye(3)
-    return rotation_matrix(screw * z) @ rotation_matrix(lean * y) @ rotation_matrix(nod * x) @ UPRIGHT
+    return axis_angle_to_matrix(screw * z) @ axis_angle_to_matrix(lean * y) @ axis_angle_to_matrix(nod * x) @ UPRIGHT
 
 
 def eased(frame: float, values: np.ndarray) -> np.ndarray:

@@ -16,9 +16,10 @@ import torch
 from PIL import Image, ImageDraw
 
 from ..camera import Camera, look_at
-from ..hand.gestures import GESTURES, FingerAxes, axis_angle, rotation_matrix, theta_of
+from ..hand.gestures import GESTURES, FingerAxes, theta_of
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import UPRIGHT, HandModel
+from ..rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..shot import HandPose, Shot
 
 # One turn of the loop, evenly in time.
@@ -93,8 +94,8 @@ class MovingHand:
         angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])
         nod, lean, turn = np.deg2rad(_eased(phase, _WRIST_DEG))
         x, y, z = np.eye(3)
-        root = rotation_matrix(turn * z) @ rotation_matrix(lean * y) @ rotation_matrix(nod * x) @ UPRIGHT
-        theta = theta_of(_eased(phase, angles), self._axes, axis_angle(root))
+        root = axis_angle_to_matrix(turn * z) @ axis_angle_to_matrix(lean * y) @ axis_angle_to_matrix(nod * x) @ UPRIGHT
+        theta = theta_of(_eased(phase, angles), self._axes, matrix_to_axis_angle(root))
         joints = self.hand.joints
         knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
         return Moment(HandPose(theta, np.zeros(10), -knuckles, self.hand.side), self._camera(phase, zoom))

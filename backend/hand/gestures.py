@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..rotation import axis_angle_to_matrix, matrix_to_axis_angle
+
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
 _ROW = {name: 3 * k for k, name in enumerate(FINGERS)}  # first joint of each finger among the 15
 
@@ -107,11 +109,11 @@ def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None =
     for joint in range(1, 16):
         flexion, abduction, twist = np.deg2rad(angles_deg[joint - 1])
         rotation = (
-            rotation_matrix(flexion * axes.flexion[joint])
-            @ rotation_matrix(abduction * axes.dorsal[joint])
-            @ rotation_matrix(twist * axes.bone[joint])
+            axis_angle_to_matrix(flexion * axes.flexion[joint])
+            @ axis_angle_to_matrix(abduction * axes.dorsal[joint])
+            @ axis_angle_to_matrix(twist * axes.bone[joint])
         )
-        theta[joint] = axis_angle(rotation)
+        theta[joint] = matrix_to_axis_angle(rotation)
     return theta
 
 
@@ -134,33 +136,3 @@ def sample_angles_deg(rng: np.random.Generator, count: int) -> np.ndarray:
         angles[k, :, 0] += rng.normal(0, 4, 15)
         angles[k, ::3, 1] += rng.normal(0, 3, 5)
     return angles
-
-
-def rotation_matrix(axis_angle_rad: np.ndarray) -> np.ndarray:
-    """[3] axis-angle -> [3, 3]."""
-    angle = np.linalg.norm(axis_angle_rad)
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = axis_angle_rad / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
-def axis_angle(rotation: np.ndarray) -> np.ndarray:
-    """[3, 3] -> [3] axis-angle, rad, angle in [0, pi]; goes through the quaternion, which is stable near pi."""
-    diagonal = np.diag(rotation)
-    squares = np.array([1 + diagonal.sum(), *(1 + 2 * diagonal - diagonal.sum())])
-    largest = int(np.argmax(squares))
-    x, y, z = rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
-    sums = rotation + rotation.T
-    candidates = (
-        (squares[0], x, y, z),
-        (x, squares[1], sums[0, 1], sums[0, 2]),
-        (y, sums[0, 1], squares[2], sums[1, 2]),
-        (z, sums[0, 2], sums[1, 2], squares[3]),
-    )
-    quaternion = np.array(candidates[largest])
-    quaternion = quaternion / np.linalg.norm(quaternion) * (1 if quaternion[0] >= 0 else -1)
-    sine = np.linalg.norm(quaternion[1:])
-    angle = 2 * np.arctan2(sine, quaternion[0])
-    return quaternion[1:] * (angle / sine if sine > 1e-12 else 2.0)

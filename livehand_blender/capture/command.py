@@ -10,6 +10,7 @@ from pathlib import Path
 from ...backend.command import parse_size_px
 from .plan import CapturePlan
 
+_TONES = ("light", "deep")  # the names of `skin.SKIN_TONES`, which needs bpy
 _SMALLEST_PX = 16  # of an image's sides: one bucket of the renderer's window
 
 
@@ -20,6 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=plan.seed, help="of poses and cameras (default: %(default)s)")
     parser.add_argument("--poses", type=int, default=plan.poses, help="how many, held-out ones included")
     parser.add_argument("--cameras", type=int, default=plan.cameras, help="how many, held-out ones included")
+    parser.add_argument(
+        "--cameras-per-pose", type=int, default=plan.cameras_per_pose, help="training cameras that see each pose"
+    )
+    parser.add_argument("--tone", choices=_TONES, default=plan.tone, help="of the skin (default: %(default)s)")
     parser.add_argument(
         "--size",
         type=partial(parse_size_px, smallest=_SMALLEST_PX),
@@ -42,6 +47,8 @@ def run(args: argparse.Namespace) -> dict:
         seed=args.seed,
         poses=args.poses,
         cameras=args.cameras,
+        cameras_per_pose=args.cameras_per_pose,
+        tone=args.tone,
         size_px=args.size,
         samples=args.samples,
         eval_samples=args.eval_samples,

@@ -12,8 +12,9 @@ import numpy as np
 
 from ...backend.camera import Camera, look_at
 from ...backend.capture import Capture, CaptureView, Split
-from ...backend.hand.gestures import FingerAxes, axis_angle, rotation_matrix, sample_angles_deg, theta_of
+from ...backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from ...backend.hand.model import UPRIGHT, HandModel
+from ...backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...backend.shot import HandPose
 
 DISTANCE_M = 0.75
@@ -32,6 +33,9 @@ class CapturePlan:
         seed: of every random choice.
         poses: how many; every 11th, counted from the 6th, is held out.
         cameras: how many; every 5th, counted from the 4th, is held out, every 3rd, counted from the 3rd, is a close-up.
+        cameras_per_pose: how many of the training cameras, drawn anew for each pose, see it: more poses for the same
+            number of images.
+        tone: of the skin, a name in `skin.SKIN_TONES`.
         size_px: (width, height) of an image.
         samples: Cycles samples per pixel of training views.
         eval_samples: of held-out views, high enough that render noise does not hide progress.
@@ -39,19 +43,20 @@ class CapturePlan:
     """
 
     seed: int = 0
-    poses: int = 77
-    cameras: int = 20
-    size_px: tuple[int, int] = (167, 256)
-    samples: int = 12
+    poses: int = 99
+    cameras: int = 25
+    cameras_per_pose: int = 6
+    tone: str = "light"
+    size_px: tuple[int, int] = (334, 512)
+    samples: int = 8
     eval_samples: int = 64
-    eval_views: int = 24
+    eval_views: int = 12
 
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model)
-        cameras = _sample_cameras(rng, self.cameras, self.size_px)
-        views = _spread_views(self, cameras)
+        views = _spread_views(self, _sample_cameras(rng, self))
         return Capture(folder, model.sha256, provenance, poses, views)
 
     def is_held_out_pose(self, index: int) -> bool:
@@ -68,31 +73,47 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tup
     axes = FingerAxes.of_default_hand()
     poses = []
     for angles in sample_angles_deg(rng, count):
-        root = rotation_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
+        root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = model.joints[0] + root @ (model.joints[4] - model.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
-        poses.append(HandPose(theta_of(angles, axes, axis_angle(root)), np.zeros(10), transl, "right"))
+        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), np.zeros(10), transl, "right"))
     return tuple(poses)
 
 
 def _random_tilt(rng: np.random.Generator) -> np.ndarray:
-    return rotation_matrix(np.deg2rad(rng.normal(0, TILT_DEG, 3)))
+    return axis_angle_to_matrix(np.deg2rad(rng.normal(0, TILT_DEG, 3)))
 
 
-def _sample_cameras(rng: np.random.Generator, count: int, size_px: tuple[int, int]) -> list[Camera]:
-    """A Fibonacci sphere of cameras in a random orientation, every third one close up on a part of the hand."""
-    width, height = size_px
-    turn = rotation_matrix(rng.normal(0, 1, 3))
+def _sample_cameras(rng: np.random.Generator, plan: CapturePlan) -> list[Camera]:
+    """Cameras all around that look at the hand, every third one close up on a part of it."""
+    width, height = plan.size_px
     cameras = []
-    for index, direction in enumerate(_fibonacci_sphere(count) @ turn.T):
+    for index, direction in enumerate(_camera_directions(rng, plan)):
         is_close = index % 3 == 2
         field_of_view_m = CLOSE_UP_M if is_close else WHOLE_HAND_M
         target = rng.normal(0, CLOSE_UP_JITTER_M, 3) if is_close else np.zeros(3)
-        focal_px = max(size_px) * DISTANCE_M / field_of_view_m
+        focal_px = max(plan.size_px) * DISTANCE_M / field_of_view_m
         K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
         up = np.array([0, 0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0, 1.0, 0])
-        cameras.append(Camera(K, look_at(target + DISTANCE_M * direction, target, up), size_px))
+        cameras.append(Camera(K, look_at(target + DISTANCE_M * direction, target, up), plan.size_px))
     return cameras
+
+
+def _camera_directions(rng: np.random.Generator, plan: CapturePlan) -> np.ndarray:
+    """[cameras, 3] unit vectors.
+
+    Training cameras lie on a Fibonacci sphere in a random orientation, each held-out one halfway between one of them
+    and its nearest neighbour.
+    """
+    held_out = np.array([plan.is_held_out_camera(index) for index in range(plan.cameras)])
+    training = _fibonacci_sphere(int((~held_out).sum())) @ axis_angle_to_matrix(rng.normal(0, 1, 3)).T
+    chosen = rng.permutation(len(training))[: held_out.sum()]
+    nearest = np.argsort(-training @ training.T, 1)[:, 1 % len(training)]
+    between = training[chosen] + training[nearest[chosen]]
+    directions = np.empty((plan.cameras, 3))
+    directions[~held_out] = training
+    directions[held_out] = between / np.linalg.norm(between, axis=1, keepdims=True)
+    return directions
 
 
 def _fibonacci_sphere(count: int) -> np.ndarray:
@@ -103,16 +124,24 @@ def _fibonacci_sphere(count: int) -> np.ndarray:
 
 
 def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView, ...]:
-    """Every training pose from every training camera; of each held-out split, `eval_views` spread evenly."""
+    """Every training pose from some training cameras; of each held-out split, `eval_views` spread evenly."""
     by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
     for pose in range(plan.poses):
+        seen_by = _cameras_of_pose(plan, pose)
         for index, camera in enumerate(cameras):
             split = _split(plan.is_held_out_pose(pose), plan.is_held_out_camera(index))
-            view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
-            by_split[split].append(view)
+            if split != "train" or index in seen_by:
+                view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
+                by_split[split].append(view)
     held_out = [_spread(by_split[split], plan.eval_views) for split in ("novel_pose", "novel_camera", "test")]
     chosen = sum(held_out, by_split["train"])
     return tuple(sorted(chosen, key=lambda view: view.file))
+
+
+def _cameras_of_pose(plan: CapturePlan, pose: int) -> set[int]:
+    """The training cameras that see a training pose, drawn from (seed, pose)."""
+    training = [index for index in range(plan.cameras) if not plan.is_held_out_camera(index)]
+    return set(np.random.default_rng((plan.seed, pose)).permutation(training)[: plan.cameras_per_pose].tolist())
 
 
 def _split(pose_held_out: bool, camera_held_out: bool) -> Split:

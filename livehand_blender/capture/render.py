@@ -16,7 +16,7 @@ from ...backend.hand.model import HandModel, load_default_hand
 from .bake import bake_skin
 from .plan import CapturePlan
 from .scene import capture_scene, set_camera
-from .skin import SkinTone, baked_material
+from .skin import SKIN_TONES, baked_material
 from .surface import SkinSurface
 
 
@@ -46,7 +46,7 @@ def render_views(
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once a pose."""
     scene = capture_scene(threads)
     surface = SkinSurface.create(model, detail)
-    tone = SkinTone()
+    tone = SKIN_TONES[plan.tone]
     maps = bake_skin(surface.object, capture.folder / "skin", tone)
     surface.object.data.materials.append(baked_material(maps, tone))
     with tqdm(total=len(views), unit="image", desc="capture") as progress:

@@ -35,6 +35,35 @@ class SkinTone:
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
+    nail_bed: tuple[float, float, float] = (0.72, 0.42, 0.345)
+    lunula: tuple[float, float, float] = (0.82, 0.61, 0.53)
+    nail_flush: tuple[float, float, float] = (0.74, 0.34, 0.27)
+    nail_free_edge: tuple[float, float, float] = (0.80, 0.71, 0.60)
+    nail_border: tuple[float, float, float] = (0.46, 0.19, 0.13)
+
+
+SKIN_TONES = {
+    "light": SkinTone(),
+    # Dark back, light palm; veins and redness hardly show, creases do.
+    "deep": SkinTone(
+        dorsal=(0.185, 0.080, 0.042),
+        palm=(0.50, 0.255, 0.165),
+        warm_patch=(0.20, 0.075, 0.036),
+        pale_patch=(0.24, 0.115, 0.065),
+        dark_patch=(0.115, 0.046, 0.024),
+        redness=(0.26, 0.085, 0.050),
+        vein=(0.125, 0.058, 0.040),
+        freckle=(0.075, 0.028, 0.015),
+        pore=(0.125, 0.052, 0.028),
+        fold=(0.095, 0.036, 0.019),
+        blanch=(0.27, 0.130, 0.072),
+        nail_bed=(0.47, 0.245, 0.175),
+        lunula=(0.58, 0.40, 0.32),
+        nail_flush=(0.42, 0.18, 0.125),
+        nail_free_edge=(0.72, 0.62, 0.50),
+        nail_border=(0.095, 0.036, 0.021),
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -81,7 +110,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     masks = {name: graph.attribute(name) for name in MASKS}
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)
-    albedo = _nail_colour(graph, _skin_colour(graph, masks, noises, tone), masks)
+    albedo = _nail_colour(graph, _skin_colour(graph, masks, noises, tone), masks, tone)
     not_nail = graph.one_minus(masks["nail"])
     roughness = graph.total(0.44, graph.product(noises.high, 0.18), graph.product(masks["palm"], -0.04))
     return SkinChannels(
@@ -110,14 +139,14 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     return graph.mix(graph.product(noises.high, 0.26), colour, tone.pore)
 
 
-def _nail_colour(graph: NodeGraph, skin: Socket, masks: dict[str, Socket]) -> Socket:
+def _nail_colour(graph: NodeGraph, skin: Socket, masks: dict[str, Socket], tone: SkinTone) -> Socket:
     """Lunula, bed, and free edge along `naily` (0 root to 1 tip), with a darker border in the skin."""
     along = masks["naily"]
     lunula = graph.product(graph.smooth(along, 0.24, 0.12, 0, 1), 0.5)
-    nail = graph.mix(lunula, (0.72, 0.42, 0.345), (0.82, 0.61, 0.53))
-    nail = graph.mix(graph.smooth(along, 0.72, 0.86, 0, 0.35), nail, (0.74, 0.34, 0.27))
-    nail = graph.mix(graph.smooth(along, 0.87, 0.93, 0, 1), nail, (0.80, 0.71, 0.60))
-    bordered = graph.mix(graph.product(masks["nailedge"], 0.40), skin, (0.46, 0.19, 0.13))
+    nail = graph.mix(lunula, tone.nail_bed, tone.lunula)
+    nail = graph.mix(graph.smooth(along, 0.72, 0.86, 0, 0.35), nail, tone.nail_flush)
+    nail = graph.mix(graph.smooth(along, 0.87, 0.93, 0, 1), nail, tone.nail_free_edge)
+    bordered = graph.mix(graph.product(masks["nailedge"], 0.40), skin, tone.nail_border)
     return graph.mix(masks["nail"], bordered, nail)
 
 

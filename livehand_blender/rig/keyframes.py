@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 
 from ...backend.errors import LiveHandError
+from ...backend.rotation import continuous
 from .bones import bone_name
 from .pose import bone_quaternions, hand_side, wrist_locations
-from .rotation import continuous
 
 
 def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:

@@ -15,10 +15,10 @@ import numpy as np
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import PARENTS
+from ...backend.rotation import axis_angle_to_quaternion, matrix_to_axis_angle, quaternion_to_axis_angle
 from ...backend.shot import HandPose, Side
 from .armature import rest_frames
 from .bones import bone_name, root_name
-from .rotation import axis_angle_to_quaternion, matrix_to_axis_angle, quaternion_to_axis_angle
 
 
 def read_hand_pose(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> HandPose:

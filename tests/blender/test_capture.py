@@ -25,11 +25,12 @@ from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.plan import UPRIGHT, CapturePlan
 from livehand.livehand_blender.capture.render import is_whole, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
+from livehand.livehand_blender.capture.skin import SKIN_TONES
 from livehand.livehand_blender.capture.surface import SkinSurface
 from livehand.livehand_blender.scene.camera import read_camera
 from PIL import Image
 
-SMALL = CapturePlan(poses=23, cameras=11, size_px=(24, 32), eval_views=5)
+SMALL = CapturePlan(poses=23, cameras=11, cameras_per_pose=4, size_px=(24, 32), eval_views=5)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_nothing_held_out_is_ever_trained_on(made):
 
 def test_counts_are_the_plans(made):
     assert len(made.poses) == 23
-    assert len(made.of_split("train")) == 21 * 9
+    assert len(made.of_split("train")) == 21 * 4
     assert [len(made.of_split(s)) for s in ("novel_pose", "novel_camera", "test")] == [5, 5, 4]
     assert len({view.file for view in made.views}) == len(made.views)
     assert [view.file for view in made.views] == sorted(view.file for view in made.views)
@@ -87,9 +88,41 @@ def test_held_out_views_are_spread_over_poses_and_cameras():
     capture = CapturePlan().make(Path(), load_default_hand(), {})
     for split in ("novel_pose", "novel_camera", "test"):
         views = capture.of_split(split)
-        assert len(views) == 24
+        assert len(views) == 12
         assert len({view.pose_index for view in views}) >= 6
         assert len({view.camera_index for view in views}) >= 3
+
+
+def test_every_training_camera_is_used_and_each_pose_has_its_own(made):
+    seen_by = {}
+    for view in made.of_split("train"):
+        seen_by.setdefault(view.pose_index, set()).add(view.camera_index)
+    assert {len(cameras) for cameras in seen_by.values()} == {4}
+    assert set.union(*seen_by.values()) == {k for k in range(11) if k % 5 != 3}
+    assert len({tuple(sorted(cameras)) for cameras in seen_by.values()}) > 10
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_held_out_cameras_lie_within_25_degrees_of_a_training_one(seed, right_hand):
+    plan = CapturePlan(seed=seed)
+    cameras = {view.camera_index: view.camera for view in plan.make(Path(), right_hand, {}).views}
+    assert len(cameras) == plan.cameras
+    towards = {index: camera.cam2world[:3, 2] for index, camera in cameras.items()}
+    training = np.array([d for index, d in towards.items() if not plan.is_held_out_camera(index)])
+    gaps_deg = [
+        np.rad2deg(np.arccos((training @ d).max())) for index, d in towards.items() if plan.is_held_out_camera(index)
+    ]
+    assert len(gaps_deg) == 5
+    assert 10 < min(gaps_deg)
+    assert max(gaps_deg) < 25
+
+
+def test_tones_differ_where_skins_do():
+    light, deep = SKIN_TONES["light"], SKIN_TONES["deep"]
+    luminance = np.array([0.2126, 0.7152, 0.0722])
+    assert luminance @ deep.dorsal < 0.35 * (luminance @ light.dorsal)
+    assert luminance @ deep.palm > 2 * (luminance @ deep.dorsal)  # palms are pale on dark hands
+    assert set(command._TONES) == set(SKIN_TONES)
 
 
 def test_hands_stand_upright_before_the_cameras_at_the_origin(made, right_hand):
@@ -312,16 +345,26 @@ def test_the_command_passes_its_arguments_on(monkeypatch, tmp_path):
 
     monkeypatch.setattr(capture_render, "render_capture", fake)
     text = f"-o {tmp_path} --seed 7 --poses 12 --cameras 5 --size 32x48 --samples 2 --eval-samples 3 --eval-views 1"
-    result = command.run(parser.parse_args([*text.split(), "--threads", "2"]))
-    assert seen["plan"] == CapturePlan(7, 12, 5, (32, 48), 2, 3, 1)
+    others = "--cameras-per-pose 3 --tone deep --threads 2"
+    result = command.run(parser.parse_args([*text.split(), *others.split()]))
+    assert seen["plan"] == CapturePlan(7, 12, 5, 3, "deep", (32, 48), 2, 3, 1)
     assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
     assert json.loads(json.dumps(result))["poses"] == 12
-    assert result["train"] == 11 * 4
+    assert result["train"] == 11 * 3
     assert CapturePlan() == replace(
         CapturePlan(),
         **{
             name: getattr(parser.parse_args(["-o", "x"]), name)
-            for name in ("seed", "poses", "cameras", "samples", "eval_samples", "eval_views")
+            for name in (
+                "seed",
+                "poses",
+                "cameras",
+                "cameras_per_pose",
+                "tone",
+                "samples",
+                "eval_samples",
+                "eval_views",
+            )
         },
     )
 

@@ -11,12 +11,6 @@ from livehand.livehand_blender.rig.bones import bone_name, rest_bones
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta
-from livehand.livehand_blender.rig.rotation import (
-    axis_angle_to_quaternion,
-    continuous,
-    matrix_to_axis_angle,
-    quaternion_to_axis_angle,
-)
 
 MODES = ("QUATERNION", "AXIS_ANGLE", "XYZ", "ZYX")
 
@@ -184,21 +178,3 @@ def _curves(hand):
 def test_bad_sequences_are_refused(hand, thetas, frames, message):
     with pytest.raises(LiveHandError, match=message):
         keyframe_theta(hand, thetas, frames)
-
-
-def test_rotations_agree_with_scipy():
-    from scipy.spatial.transform import Rotation
-
-    theta = random_theta(np.random.default_rng(6), frames=50, largest=math.pi).reshape(-1, 3)
-    rotation = Rotation.from_rotvec(theta)
-    np.testing.assert_allclose(matrix_to_axis_angle(rotation.as_matrix()), theta, atol=1e-7)
-    scipy_wxyz = rotation.as_quat()[:, [3, 0, 1, 2]]
-    np.testing.assert_allclose(axis_angle_to_quaternion(theta), scipy_wxyz, atol=1e-12)
-    np.testing.assert_allclose(quaternion_to_axis_angle(-scipy_wxyz), theta, atol=1e-12)
-
-
-def test_continuous_changes_signs_only():
-    quaternions = np.array([[1.0, 0, 0, 0], [-0.9, 0.1, 0, 0], [-0.8, 0.2, 0, 0], [0.7, 0.3, 0, 0]])
-    smooth = continuous(quaternions)
-    np.testing.assert_array_equal(np.abs(smooth), np.abs(quaternions))
-    assert ((smooth[1:] * smooth[:-1]).sum(-1) > 0).all()

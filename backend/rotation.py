@@ -1,4 +1,4 @@
-"""Rotations in numpy, so that rigging needs no torch.
+"""Rotations in numpy, so that rigging and gestures need no torch; `geometry.rotation` is for gradients.
 
 Quaternions are [..., 4] (w, x, y, z), Blender's order; axis-angle is [..., 3] rad. Any leading axes; float64 inside.
 """
@@ -6,6 +6,18 @@ Quaternions are [..., 4] (w, x, y, z), Blender's order; axis-angle is [..., 3] r
 from __future__ import annotations
 
 import numpy as np
+
+
+def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
+    """Rotation matrices [..., 3, 3] (Rodrigues); smooth at zero."""
+    axis_angle = np.asarray(axis_angle, np.float64)
+    angle = np.linalg.norm(axis_angle, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(axis_angle, -1, 0)
+    zero = np.zeros_like(x)
+    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
+    cross = np.stack([np.stack(row, -1) for row in rows], -2)
+    # np.sinc(x / pi) is sin(x) / x; (1 - cos x) / x^2 is half the square of the same at x / 2.
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
 
 
 def axis_angle_to_quaternion(axis_angle: np.ndarray) -> np.ndarray:
