@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
+import logging
+from functools import cache
+from importlib import import_module
 
 import torch
 
 from .errors import LiveHandError
+
+LOGGER = logging.getLogger(__name__)
 
 
 def torch_device(name: str) -> torch.device:
@@ -26,5 +30,18 @@ def torch_device(name: str) -> torch.device:
 
 
 def has_kernels(device: torch.device) -> bool:
-    """Whether the CPU's kernels can be used: numba is installed and the tensors are on the CPU."""
-    return device.type == "cpu" and importlib.util.find_spec("numba") is not None
+    """Whether the CPU's kernels can be used: the tensors are on the CPU, and numba is installed and works."""
+    return device.type == "cpu" and has_numba()
+
+
+@cache
+def has_numba() -> bool:
+    """Whether numba can be imported: it refuses a numpy newer than it knows, with which torch alone still renders."""
+    try:
+        import_module("numba")
+    except ModuleNotFoundError:
+        return False
+    except Exception as error:  # whatever breaks it, the picture can still be made
+        LOGGER.warning("numba is installed but fails (%s); rendering goes on without it, many times slower", error)
+        return False
+    return True

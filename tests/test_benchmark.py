@@ -137,6 +137,14 @@ def test_a_case_stops_when_its_time_is_up_but_takes_two_frames():
     assert {name: len(taken) for name, taken in results.items()} == {"slow": 2, "dear": 4, "free": 8}
 
 
+def test_a_foreign_case_costs_the_others_a_frame_that_does_not_count():
+    log = []
+    cases = [case_of(log, "a"), case_of(log, "cycles", frames=1, is_foreign=True)]
+    results = run_rounds(cases, 2)
+    assert log == [("a", 0), ("a", 0), ("cycles", 0), ("a", 1)]
+    assert {name: list(taken) for name, taken in results.items()} == {"a": [0, 1], "cycles": [0]}
+
+
 @pytest.mark.parametrize(("frames", "rounds"), [(2, [0, 4]), (3, [0, 3, 6]), (20, list(range(8)))])
 def test_a_case_of_few_frames_spreads_them_over_the_rounds(frames, rounds):
     results = run_rounds([case_of([], "cycles", frames=frames)], 8)
@@ -294,8 +302,10 @@ def test_the_better_peaks_count():
 def test_peaks_by_a_clock_that_moves_a_second_at_each_look(monkeypatch):
     monkeypatch.setattr(machine, "_PRODUCTS", {"cpu": ((2, 3, 4), (5, 6, 7))})
     monkeypatch.setattr(machine, "_COPY_MB", {"cpu": 1})
-    peaks = machine.measure_peaks(torch.device("cpu"), wall_s=iter(np.arange(1000.0).tolist()).__next__)
-    assert peaks == Peaks(2 * 5 * 6 * 7, 2 * 5 * 6 * 7, 2 * 2**20)
+    for convolution, flops in (((1, 2), 2 * 5 * 6 * 7), ((4, 8), 2 * 9 * 4 * 4 * 8 * 8)):  # the higher counts
+        monkeypatch.setattr(machine, "_CONVOLUTION", {"cpu": convolution})
+        peaks = machine.measure_peaks(torch.device("cpu"), wall_s=iter(np.arange(1000.0).tolist()).__next__)
+        assert peaks == Peaks(flops, flops, 2 * 2**20)
 
 
 def test_hands_are_put_together_by_depth():

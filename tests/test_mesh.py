@@ -5,6 +5,7 @@ import pytest
 import torch
 import trimesh
 from livehand.backend.geometry.mesh import face_neighbours, mean_edge_length, posed_mesh, vertex_normals
+from livehand.backend.kernels.tolerances import LANES
 
 
 def test_normals_of_a_sphere_point_outward_and_a_lone_vertex_has_none():
@@ -30,7 +31,8 @@ def test_neighbours_are_the_faces_that_share_a_vertex():
     """A strip of three faces, and one alone: itself first, and again where it has fewer than the others."""
     faces = torch.tensor([[0, 1, 2], [2, 1, 3], [3, 1, 4], [4, 3, 5], [6, 7, 8]])
     neighbours = face_neighbours(faces)
-    assert neighbours.tolist() == [[0, 1, 2, 0], [1, 0, 2, 3], [2, 0, 1, 3], [3, 1, 2, 3], [4, 4, 4, 4]]
+    assert neighbours[:, :4].tolist() == [[0, 1, 2, 0], [1, 0, 2, 3], [2, 0, 1, 3], [3, 1, 2, 3], [4, 4, 4, 4]]
+    assert neighbours[:, 4:].tolist() == [[face] * (LANES - 3) for face in range(5)]
 
 
 def test_neighbours_of_the_hand_against_sets(posed):

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from importlib.util import find_spec
 from inspect import unwrap
 from typing import NamedTuple
 
@@ -20,6 +19,8 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+
+from ..device import has_numba
 
 _BLOCK = 64  # samples of the compiled loop that share a face's numbers
 _CHUNK = 128  # samples of the dense search: 9 tables of [128, F] stay in a CPU's cache
@@ -62,7 +63,7 @@ class FaceTable(NamedTuple):
 def nearest_faces(points: Float[Tensor, "S 3"], triangles: Float[Tensor, "F 3 3"]) -> Int[Tensor, " S"]:
     """The nearest face of each sample; among equally near ones, any."""
     table = FaceTable.of(triangles)
-    if points.device.type == "cpu" and find_spec("numba") is not None:
+    if points.device.type == "cpu" and has_numba():
         return _compiled_search(points, table)
     chunk = _CHUNK if points.device.type == "cpu" else _GPU_CHUNK
     return torch.cat([dense_search(part, table) for part in points.split(chunk)])

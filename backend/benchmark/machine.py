@@ -1,7 +1,7 @@
 """The machine a benchmark ran on: what it is, and what it can do at best, measured.
 
-The peaks are the roof of every floor: the fastest of several large matrix products and copies through torch, on as many
-threads as the benchmark uses.
+The peaks are the roof of every floor: the fastest of several large matrix products, a convolution and copies through
+torch, on as many threads as the benchmark uses.
 """
 
 from __future__ import annotations
@@ -10,20 +10,24 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
+from torch.nn.functional import conv2d
+
+from ..device import has_numba
 
 # Large, and as tall and narrow as a small network over a chunk of samples: CPUs run the one or the other faster.
 _PRODUCTS = {"cpu": ((2048, 2048, 2048), (4096, 256, 256)), "cuda": ((8192, 8192, 8192),)}
+# 3 x 3, (channels, side px): on some processors torch's convolutions use wider registers than its products do.
+_CONVOLUTION = {"cpu": (64, 160), "cuda": (256, 512)}
 _COPY_MB = {"cpu": 256, "cuda": 2048}
 _REPEATS = 7
 
 
 class Peaks(NamedTuple):
-    """FLOP/s of large matrix products in single precision and bfloat16, and bytes/s read plus written by a copy."""
+    """FLOP/s of large products or convolutions in single precision and bfloat16; bytes/s of a copy, both ways."""
 
     fp32_flops: float
     bf16_flops: float
@@ -39,7 +43,7 @@ def set_threads(count: int | None) -> None:
     if count is None:
         return
     torch.set_num_threads(count)
-    if find_spec("numba") is not None:
+    if has_numba():
         import numba
 
         numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
@@ -56,7 +60,7 @@ def describe(device: torch.device) -> dict[str, str | int | bool | None]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "torch": torch.__version__,
-        "numba": find_spec("numba") is not None,
+        "numba": has_numba(),
         "amx": None if flags is None else "amx_bf16" in flags,
         "avx512_bf16": None if flags is None else "avx512_bf16" in flags,
     }
@@ -64,7 +68,7 @@ def describe(device: torch.device) -> dict[str, str | int | bool | None]:
 
 @torch.inference_mode()
 def measure_peaks(device: torch.device, wall_s: Callable[[], float] = time.perf_counter) -> Peaks:
-    """A second or so of products and copies."""
+    """A second or so of products, convolutions and copies."""
 
     def fastest(work: Callable[[], object]) -> float:
         return min(_took_s(work, device, wall_s) for _ in range(_REPEATS))
@@ -73,14 +77,21 @@ def measure_peaks(device: torch.device, wall_s: Callable[[], float] = time.perf_
         a, b = torch.ones(m, k, dtype=dtype, device=device), torch.ones(k, n, dtype=dtype, device=device)
         return 2 * m * k * n / fastest(lambda: a @ b)
 
-    fp32, bf16 = (
-        max(product_flops(dtype, *shape) for shape in _PRODUCTS[device.type])
-        for dtype in (torch.float32, torch.bfloat16)
-    )
+    def convolution_flops(dtype: torch.dtype, channels: int, side_px: int) -> float:
+        maps = torch.ones(1, channels, side_px, side_px, dtype=dtype, device=device)
+        maps = maps.contiguous(memory_format=torch.channels_last)
+        weight = torch.ones(channels, channels, 3, 3, dtype=dtype, device=device)
+        return 2 * 9 * (channels * side_px) ** 2 / fastest(lambda: conv2d(maps, weight, padding=1))
+
+    def peak_flops(dtype: torch.dtype) -> float:
+        products = (product_flops(dtype, *shape) for shape in _PRODUCTS[device.type])
+        return max(*products, convolution_flops(dtype, *_CONVOLUTION[device.type]))
+
     source = torch.zeros(_COPY_MB[device.type] * 2**18, device=device)
     target = torch.zeros_like(source)
     copied = 2 * source.numel() * source.element_size()
-    return Peaks(fp32, bf16, copied / fastest(lambda: target.copy_(source)))
+    bytes_per_s = copied / fastest(lambda: target.copy_(source))
+    return Peaks(peak_flops(torch.float32), peak_flops(torch.bfloat16), bytes_per_s)
 
 
 def _took_s(work: Callable[[], object], device: torch.device, wall_s: Callable[[], float]) -> float:

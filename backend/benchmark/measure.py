@@ -49,7 +49,7 @@ class BenchmarkPlan:
     cycles_sizes_px: tuple[Size, ...] = ((334, 512),)
     frames: int = 24
     cycles_samples: tuple[int, ...] = (16, 64)
-    cycles_frames: int = 2
+    cycles_frames: int = 4
     coverage: float | None = None
     budget_s: float = 60.0
 
@@ -146,7 +146,8 @@ class Bench:
         render = self.cycles
 
         def case(samples: int) -> Case:
-            return Case(f"cycles_{samples}", lambda moment: render(moment, samples), plan.cycles_frames)
+            name = f"cycles_{samples}"
+            return Case(name, lambda moment: render(moment, samples), plan.cycles_frames, is_foreign=True)
 
         return [case(samples) for samples in plan.cycles_samples]
 

@@ -13,7 +13,7 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..kernels.compiled import in_parallel
 from ..kernels.raster import nearest_depth, surface_layers
 from ..kernels.rays import find_live
-from ..kernels.surface import DISC_ROWS, FACE_COLUMNS, LANES, face_shapes, gather_discs
+from ..kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 from ..rays import View, project
 from ..sampler import SamplerConfig
 
@@ -75,18 +75,11 @@ def live_pixels(layers: Layers) -> np.ndarray:
 
 
 def surface_arrays(mesh: PosedMesh, topology: Topology) -> tuple[np.ndarray, ...]:
-    """What laying samples on the posed surface needs: shapes, discs around, neighbours, faces, vertices, normals."""
-    vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), _padded(topology.neighbours.numpy())
-    shapes, discs = np.empty((len(faces), FACE_COLUMNS), np.float32), np.empty((len(faces), DISC_ROWS), np.float32)
-    around = np.empty((len(faces), DISC_ROWS, neighbours.shape[1]), np.float32)
+    """What laying samples on the posed surface needs: shapes, those around, neighbours, faces, vertices, normals."""
+    vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), topology.neighbours.numpy()
+    shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
+    around = np.empty((len(faces), FACE_COLUMNS, neighbours.shape[1] - 1), np.float32)
     threads = torch.get_num_threads()
-    in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes, discs), len(faces), threads)
-    in_parallel(lambda first, last: gather_discs(discs, neighbours, first, last, around), len(faces), threads)
+    in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes), len(faces), threads)
+    in_parallel(lambda first, last: gather_shapes(shapes, neighbours, first, last, around), len(faces), threads)
     return shapes, around, neighbours, faces, vertices, mesh.normals.numpy()
-
-
-def _padded(neighbours: np.ndarray) -> np.ndarray:
-    """[F, K] faces around each, without itself; itself again up to a whole number of lanes."""
-    others = neighbours[:, 1:].astype(np.int32)
-    missing = np.repeat(neighbours[:, :1].astype(np.int32), -others.shape[1] % LANES, 1)
-    return np.ascontiguousarray(np.concatenate([others, missing], 1))

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..hand.model import MIRROR_POINT, HandModel
+from ..kernels.tolerances import LANES
 from ..shot import Side
 from .local_rotation import LocalFrames
 
@@ -23,7 +24,8 @@ class Topology(NamedTuple):
     Attributes:
         faces: [F, 3] vertex indices.
         corner_uv: [F, 3, 2] atlas coordinates of each face's corners.
-        neighbours: [F, K] the faces that share a vertex with each face: itself first, and again up to K.
+        neighbours: [F, 1 + K] each face, and the faces that share a vertex with it; itself again up to K, a multiple of
+            LANES.
         edges: [E, 2] vertex indices, for the scale.
         edge_length_m: [] mean edge length of the template.
         lbs_weights: [V, 16].
@@ -89,8 +91,8 @@ def mean_edge_length(vertices: Float[Tensor, "V 3"], edges: Int[Tensor, "E 2"]) 
     return (ends[:, 0] - ends[:, 1]).norm(dim=-1).mean()
 
 
-def face_neighbours(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F K"]:
-    """The faces that share a vertex with each face: itself first, then the others, then itself again up to K."""
+def face_neighbours(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F M"]:
+    """Each face, the faces that share a vertex with it, and itself again up to K, a multiple of LANES."""
     corner_of = faces.reshape(-1)
     order = torch.argsort(corner_of, stable=True)
     count = torch.bincount(corner_of)
@@ -100,6 +102,7 @@ def face_neighbours(faces: Int[Tensor, "F 3"]) -> Int[Tensor, "F K"]:
     for face, corners in enumerate(faces.tolist()):
         others = {other for corner in corners for other in around[corner]} - {face}
         rows.append([face, *sorted(others)])
-    width = max(len(row) for row in rows)
+    most = max(len(row) - 1 for row in rows)
+    width = 1 + -(-most // LANES) * LANES
     padded = [row + [row[0]] * (width - len(row)) for row in rows]
     return torch.tensor(padded, dtype=torch.long, device=faces.device)

@@ -38,7 +38,7 @@ def march(
     """Composite the features, alpha and depth of rays [first, last)."""
     samples, shell_m, focal_px, scale = units
     start, end, part = ray_buffers(layers)
-    bounds = np.empty(surface[2].shape[1], np.float32)
+    tried = np.empty((3, surface[1].shape[2]), np.float32)
     told, channels = np.zeros(features.shape[1], np.float32), np.empty(skin[1].shape[1], np.float32)
     relief, hidden = np.empty(4, np.float32), np.empty(len(field[5]), np.float32)
     for ray in range(first, last):
@@ -49,7 +49,7 @@ def march(
             offset = (np.float32(index) + _HALF) / np.float32(samples) * total
             since, depth = placed(offset, start, end, intervals)
             x, y, z = point_at(origin, directions, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, bounds)
+            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, tried)
             height /= scale * shell_m
             _tell(face, wb, wc, height, depth / (focal_px * scale), surface[3], skin, field, told, channels, relief)
             optical = _density(height, told, field, hidden) * step_mm

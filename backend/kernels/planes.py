@@ -25,7 +25,7 @@ def read_plane(table, start, resolution, heights, channels, u, v, height, fade, 
     texel = heights * channels
     layer, share = 0, _0
     if heights > 1:
-        layer, share = _texel((min(max(height, -_1), _1) + _1) * np.float32(heights - 1) / _2, heights)
+        layer, share = _texel((height + _1) * np.float32(heights - 1) / _2, heights)
     corner = start + (y * resolution + x) * texel + layer * channels
     # Unsigned, because numba lets signed indices count from the end, which costs a comparison each.
     a, b = np.uintp(corner), np.uintp(corner + texel)

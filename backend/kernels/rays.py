@@ -40,7 +40,7 @@ def lay_samples(
     """Place the samples of rays [first, last) and lay each on the part of the surface that holds it deepest."""
     samples = offsets.shape[1]
     start, end, part = ray_buffers(layers)
-    bounds = np.empty(surface[2].shape[1], np.float32)
+    tried = np.empty((3, surface[1].shape[2]), np.float32)
     for ray in range(first, last):
         intervals, total, is_stopped[ray] = begin_ray(pixels[ray], layers, start, end, part)
         dt[ray] = total / np.float32(samples)
@@ -48,7 +48,7 @@ def lay_samples(
             since, depth = placed(offsets[ray, index] * total, start, end, intervals)
             t[ray, index] = depth
             x, y, z = point_at(origin, directions, ray, depth)
-            found, wb, wc, h = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, bounds)
+            found, wb, wc, h = deepest_part(x, y, z, depth, since, pixels[ray], layers, surface, part, tried)
             face[ray, index], height[ray, index] = found, h
             barycentric[ray, index, 0] = _1 - wb - wc
             barycentric[ray, index, 1], barycentric[ray, index, 2] = wb, wc
@@ -81,7 +81,7 @@ def point_at(origin, directions, ray, depth):
 
 
 @compiled
-def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, bounds):
+def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, tried):
     """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
 
     Every part entered since the interval's start is followed, from the face `part` has for it.
@@ -95,7 +95,7 @@ def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, bounds):
             break
         if layer_face[pixel, crossing] < 0 or entry < since:
             continue
-        found, b, c, squared = closest_on_part(x, y, z, part[crossing], shapes, around, neighbours, bounds)
+        found, b, c, squared = closest_on_part(x, y, z, part[crossing], shapes, around, neighbours, tried)
         part[crossing] = found
         height = signed_height(x, y, z, found, b, c, squared, faces, vertices, normals)
         if height < deepest:

@@ -11,3 +11,6 @@ MIN_DETERMINANT = 1e-24
 
 MAX_STEPS = 4
 """Walking steps per sample: neighbouring samples lie less than a face apart, but for long steps at grazing angles."""
+
+LANES = 16
+"""Faces around a face are tried so many at once: one register of the widest processors."""
