@@ -38,15 +38,15 @@ class PlaneRead(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, outward: Tensor) -> tuple[Tensor | None, ...]:
+    @once_differentiable  # type: ignore[override]
+    def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients of the table and, where one of them is asked for, of the place."""
         table, *places = ctx.saved_tensors
-        outward = outward.contiguous()
-        of_table = _table_gradient(table, places, outward, ctx.sizes) if ctx.needs_input_grad[0] else None
+        of_features = outward[0].contiguous()
+        of_table = _table_gradient(table, places, of_features, ctx.sizes) if ctx.needs_input_grad[0] else None
         if not any(ctx.needs_input_grad[1:4]):
             return of_table, None, None, None, None
-        of_place = _place_gradient(table.detach(), places, outward, ctx.sizes)
+        of_place = _place_gradient(table.detach(), places, of_features, ctx.sizes)
         return of_table, of_place[:, :2], of_place[:, 2], of_place[:, 3], None
 
 
