@@ -88,8 +88,8 @@ class _AlongRays(torch.autograd.Function):
         return seen
 
     @staticmethod
-    @once_differentiable  # type: ignore[override]
-    def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:
+    @once_differentiable
+    def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         near_weight, density_weight, *tables, _, alpha, depth = ctx.saved_tensors
         uv, told, relief, near, hidden, logit, weight, after = ctx.kept
         scene, precision = ctx.scene, near.dtype

@@ -38,8 +38,8 @@ class PlaneRead(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable  # type: ignore[override]
-    def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:
+    @once_differentiable
+    def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         """Gradients of the table and, where one of them is asked for, of the place."""
         table, *places = ctx.saved_tensors
         of_features = outward[0].contiguous()
