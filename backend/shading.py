@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from .device import has_kernels
 from .field.conditions import FrameConditions, field_inputs
 from .field.field import PaperField, PlaneField
 from .geometry.mesh import PosedMesh, Topology
@@ -48,7 +49,19 @@ def shade(
     """Ask the field at the samples and composite each ray."""
     length = rays.directions.norm(dim=-1)
     footprint_m = (rays.t / (view.K[0, 0] * scale)).flatten()
-    exposure = field.exposure(conditions.visibility)
     unit = rays.directions / length[:, None]
+    steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
+    if isinstance(field, PlaneField) and has_kernels(rays.t.device) and not _moves(rays, conditions, steps):
+        from .cpu.shading import composite_told
+
+        told = composite_told(field, rays.samples, topology, conditions, footprint_m, steps, shell_m)
+        return field.decode(told, unit)
+    exposure = field.exposure(conditions.visibility)
     inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)
-    return field(inputs, Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped))
+    return field(inputs, steps)
+
+
+def _moves(rays: SurfaceRays, conditions: FrameConditions, steps: Steps) -> bool:
+    """Whether gradients are to reach the geometry, which the kernels take as given."""
+    geometry = (*rays.samples, conditions.vertex_channels, conditions.visibility, rays.directions, *steps)
+    return torch.is_grad_enabled() and any(values.requires_grad for values in geometry)

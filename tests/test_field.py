@@ -173,8 +173,8 @@ def test_planes_along_a_ray_written_out():
     torch.manual_seed(8)
     field, inputs = build_field(PLANES).double(), inputs_of(1, 3)
     inputs = FieldInputs(*(values.double() for values in inputs))
-    offset = field.relief(inputs.uv, inputs.height) / 4
-    planes = [plane(inputs.uv, inputs.height) for plane in field.planes]
+    offset = field.relief.read_with_torch(inputs.uv, inputs.height) / 4
+    planes = [plane.read_with_torch(inputs.uv, inputs.height) for plane in field.planes]
     height = inputs.height[:, None]
     near = torch.cat([*planes, height, height * height, inputs.local_pose], 1)
     tilted = normalize(inputs.normal + torch.stack([inputs.rotation[k] @ offset[k] for k in range(3)]), dim=1)

@@ -6,6 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from ..device import has_kernels
+from .plane_kernels import PlaneRead
+
 
 def positional_encoding(x: Float[Tensor, "*n C"], octaves: int) -> Float[Tensor, "*n D"]:
     """[x, sin(2^k x), cos(2^k x)] for k = 0..octaves-1 (the paper's, without a factor pi): D = C (1 + 2 octaves)."""
@@ -25,8 +28,17 @@ class FeaturePlane(nn.Module):
         self.resolution, self.heights, self.channels = resolution, heights, channels
         self.table = nn.Parameter(torch.empty(resolution * resolution * heights, channels).uniform_(-init, init))
 
-    def forward(self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
-        """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell)."""
+    def forward(
+        self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"], fade: Float[Tensor, " S"]
+    ) -> Float[Tensor, "S C"]:
+        """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell), times `fade`."""
+        if has_kernels(uv.device):
+            sizes = self.resolution, self.heights, self.channels
+            return PlaneRead.apply(self.table, uv, height, fade, sizes)
+        return self.read_with_torch(uv, height) * fade[:, None]
+
+    def read_with_torch(self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
+        """Features without fading, on any device, and the reference of the kernels."""
         texel, weights = self._corners(uv)
         layer, layer_weights = self._layers(height)
         index = texel[:, :, None] * self.heights + layer[:, None, :]  # [S, 4, 2]

@@ -139,18 +139,18 @@ class PlaneField(nn.Module):
 
     def _relief_normal(self, inputs: FieldInputs) -> Float[Tensor, "S 3"]:
         """The posed normal with the relief's offset, unit length, world."""
-        offset = RELIEF_GAIN * self.relief(inputs.uv, inputs.height) * self._fade(self.relief, inputs)
+        offset = self.relief(inputs.uv, inputs.height, RELIEF_GAIN * self.fade(self.relief, inputs.footprint_m))
         turned = (inputs.rotation * offset[:, None, :]).sum(-1)
         return torch.nn.functional.normalize(inputs.normal + turned, dim=-1)
 
     def _read(self, inputs: FieldInputs) -> list[Tensor]:
         planes = [plane for plane in self.planes if isinstance(plane, FeaturePlane)]
-        return [plane(inputs.uv, inputs.height) * self._fade(plane, inputs) for plane in planes]
+        return [plane(inputs.uv, inputs.height, self.fade(plane, inputs.footprint_m)) for plane in planes]
 
-    def _fade(self, plane: FeaturePlane, inputs: FieldInputs) -> Float[Tensor, "S 1"]:
+    def fade(self, plane: FeaturePlane, footprint_m: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
         """1, less for planes finer than a pixel at the sample, which would shimmer."""
         texel_m = self.config.atlas_m / plane.resolution
-        return (2 * texel_m / inputs.footprint_m).clamp(max=1)[:, None]
+        return (2 * texel_m / footprint_m).clamp(max=1)
 
 
 def _density(logit: Tensor, height: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value i
 _TRANSPARENT = np.float32(1 / 256)
 """A ray that lets less than this through is opaque: one 8-bit level."""
 _OPAQUE = np.float32(30)
-_NORMAL, _ROTATION, _POSE = 0, 3, 12
+NORMAL, ROTATION, POSE = 0, 3, 12
 """Where these begin among the vertices' channels."""
 
 
@@ -90,19 +90,19 @@ def _tell(face, wb, wc, height, footprint_m, faces, skin, field, told, channels,
         at += layout[plane, 4]  # what is told next covers the padding
     told[at], told[at + 1] = height, height * height
     for k in range(pose_channels):
-        told[at + 2 + k] = channels[_POSE + k]
+        told[at + 2 + k] = channels[POSE + k]
     at += 2 + pose_channels
     fade = relief_gain * min(_1, _2 * texels_m[planes] / footprint_m)
     read_plane(table, layout[planes, 0], layout[planes, 1], 1, layout[planes, 3], u, v, height, fade, relief, 0)
-    _tell_normals(channels, relief, told, at)
-    for k in range(len(channels) - _POSE - pose_channels):
-        told[at + 6 + k] = channels[_POSE + pose_channels + k]
+    tell_normals(channels, relief, told, at)
+    for k in range(len(channels) - POSE - pose_channels):
+        told[at + 6 + k] = channels[POSE + pose_channels + k]
 
 
 @compiled
-def _tell_normals(channels, relief, told, at):
+def tell_normals(channels, relief, told, at):
     """The posed normal, unit length, to told[at : at + 3], and after it the one with the relief's offset."""
-    nx, ny, nz = _unit(channels[_NORMAL], channels[_NORMAL + 1], channels[_NORMAL + 2])
+    nx, ny, nz = _unit(channels[NORMAL], channels[NORMAL + 1], channels[NORMAL + 2])
     told[at], told[at + 1], told[at + 2] = nx, ny, nz
     x, y, z = _turned(channels, relief)
     told[at + 3], told[at + 4], told[at + 5] = _unit(nx + x, ny + y, nz + z)
@@ -111,7 +111,7 @@ def _tell_normals(channels, relief, told, at):
 @compiled
 def _turned(channels, offset):
     """An offset in the canonical hand's axes, turned into the world."""
-    r, x, y, z = _ROTATION, offset[0], offset[1], offset[2]
+    r, x, y, z = ROTATION, offset[0], offset[1], offset[2]
     turned_x = channels[r] * x + channels[r + 1] * y + channels[r + 2] * z
     turned_y = channels[r + 3] * x + channels[r + 4] * y + channels[r + 5] * z
     turned_z = channels[r + 6] * x + channels[r + 7] * y + channels[r + 8] * z
