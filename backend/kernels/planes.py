@@ -140,7 +140,7 @@ def _cell(uv, height, sample, sizes):
     y, fy = _texel(uv[sample, 1] * np.float32(resolution) - _HALF, resolution)
     layer, share = 0, _0 * height[sample]
     if heights > 1:
-        layer, share = _texel((min(max(height[sample], -_1), _1) + _1) * np.float32(heights - 1) / _2, heights)
+        layer, share = _texel((height[sample] + _1) * np.float32(heights - 1) / _2, heights)
     return np.uintp(((y * resolution + x) * heights + layer) * channels), fx, fy, share
 
 
