@@ -44,12 +44,15 @@ class Regions(NamedTuple):
     interior: Tensor
 
 
+REGIONS = Regions._fields
+
+
 class Breakdown(NamedTuple):
     """Shares of one image's squared error by cause (they add up to 1), and of the hand's pixels by region.
 
     Attributes:
         share: of `CAUSES`; zeros where the pictures are equal.
-        area: of `silhouette` (the hand's side of the band), `occlusion`, `contact`, `interior`; they add up to 1.
+        area: of `REGIONS` (of the silhouette, the hand's side of the band).
         psnr_true_alpha: dB, full image: our colours with the ground truth's alpha.
     """
 
@@ -58,9 +61,7 @@ class Breakdown(NamedTuple):
     psnr_true_alpha: float
 
 
-def error_breakdown(
-    image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: SeenSurface
-) -> Breakdown:
+def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: SeenSurface) -> Breakdown:
     """Break one image's error down; encoded colour times alpha, and alpha."""
     regions = regions_of(image[..., 3], truth[..., 3], surface)
     difference = (image - truth)[..., :3]
@@ -98,9 +99,7 @@ def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
     return _pairs(differ, depth.shape)
 
 
-def low_frequency_share(
-    difference: Float[Tensor, "H W 3"], region: Bool[Tensor, "H W"], sigma_px: float
-) -> float:
+def low_frequency_share(difference: Float[Tensor, "H W 3"], region: Bool[Tensor, "H W"], sigma_px: float) -> float:
     """Of the squared error in a region, the part that a Gaussian blur within the region leaves; 1 where all is zero.
 
     The blur and what it takes away are not quite orthogonal: what they add to neither is shared out in proportion.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,7 +11,7 @@ from ..capture import Capture, CaptureView
 
 
 def camera_gap_deg(
-    origin: Float[np.ndarray, "3"], train_origins: Float[np.ndarray, "T 3"], hand_centre: Float[np.ndarray, "3"]
+    origin: Float[np.ndarray, 3], train_origins: Float[np.ndarray, "T 3"], hand_centre: Float[np.ndarray, 3]
 ) -> float:
     """Angle at the hand's centre between a camera and the nearest of the training cameras, degrees; NaN without any.
 
@@ -30,7 +32,7 @@ def train_origins(capture: Capture) -> Float[np.ndarray, "T 3"]:
 
 
 def camera_gaps_deg(
-    capture: Capture, views: list[CaptureView], hand_centres: Float[np.ndarray, "P 3"]
+    capture: Capture, views: Sequence[CaptureView], hand_centres: Float[np.ndarray, "P 3"]
 ) -> list[float]:
     """The gap of each view, degrees; `hand_centres` by pose."""
     known = train_origins(capture)

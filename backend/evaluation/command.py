@@ -102,9 +102,10 @@ def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureV
 def _distances(args: argparse.Namespace) -> list[Distance]:
     if args.perceptual_weights is None:
         return []
-    from .distances import vgg19_distance
+    from ..training.perceptual import load_perceptual_loss
+    from .distances import Distance
 
-    return [vgg19_distance(args.perceptual_weights)]
+    return [Distance("vgg19", load_perceptual_loss(args.perceptual_weights))]
 
 
 def _left_out(total: Summary) -> list[str]:

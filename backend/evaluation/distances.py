@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..training.perceptual import load_perceptual_loss
 from .metrics import Similarity
 
 _MARGIN_PX = 16
@@ -21,15 +19,6 @@ class Distance(NamedTuple):
 
     name: str
     between: Callable[[Tensor, Tensor], Tensor]
-
-
-def vgg19_distance(weights: Path) -> Distance:
-    """Training's perceptual loss: relative L1 between VGG19 features. Uncalibrated, and not LPIPS.
-
-    Raises:
-        LiveHandError: the file does not hold VGG19.
-    """
-    return Distance("vgg19", load_perceptual_loss(weights))
 
 
 @torch.inference_mode()
@@ -44,4 +33,8 @@ def distance_of(
 
 def _hand_box(hand: Bool[Tensor, "H W"]) -> tuple[slice, slice]:
     rows, columns = (hand.any(axis).nonzero() for axis in (1, 0))
-    return tuple(slice(max(int(p[0]) - _MARGIN_PX, 0), int(p[-1]) + 1 + _MARGIN_PX) for p in (rows, columns))
+    return _around(rows), _around(columns)
+
+
+def _around(places: Tensor) -> slice:
+    return slice(max(int(places[0]) - _MARGIN_PX, 0), int(places[-1]) + 1 + _MARGIN_PX)

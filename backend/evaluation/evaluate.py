@@ -14,9 +14,10 @@ from ..avatar import Avatar
 from ..capture import Capture, CaptureView, Split
 from ..colour import linear_to_srgb
 from ..errors import LiveHandError
+from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
 from ..renderer import Precision, Renderer
-from ..shot import Frame, Shot
+from ..shot import Frame, HandPose, Shot
 from .camera_gap import camera_gaps_deg
 from .distances import Distance
 from .figures import view_figures
@@ -64,8 +65,9 @@ def scored_views(
     """
     if capture.hand_sha256 != renderer.hand.sha256:
         raise LiveHandError(f"capture {capture.folder} must be of hand '{renderer.hand.name}', got one of another hand")
-    hands = PosedHands(renderer.hand, capture)
-    gaps = camera_gaps_deg(capture, views, hands.centres)
+    vertices = [posed_vertices(renderer.hand, pose) for pose in capture.poses]
+    hands = PosedHands(renderer.hand, [pose.side for pose in capture.poses], vertices)
+    gaps = camera_gaps_deg(capture, views, np.array([of_pose.mean(0) for of_pose in vertices]))
     if max_camera_gap_deg is not None and np.isnan(gaps).any():
         raise LiveHandError(f"a camera gap needs training images, capture {capture.folder} has none; leave the gap out")
     limit_deg = np.inf if max_camera_gap_deg is None else max_camera_gap_deg
@@ -73,7 +75,7 @@ def scored_views(
     for view, gap in tqdm(chosen, unit="image", desc="evaluate"):
         truth = capture.read_image(view)
         if (truth[..., 3] > 0.5).any():
-            shot = Shot(capture.poses[view.pose_index], hands.vertices[view.pose_index], view.camera)
+            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera)
             image = encoded_on_black(renderer.render(shot))
             figures = view_figures(image, truth, hands.seen_by(view), distances)
             score = ViewScore(view.file, view.split, view.camera_index, view.pose_index, gap, figures)
@@ -128,6 +130,13 @@ def check_any(scores: Sequence, capture: Capture) -> None:
     """
     if not scores:
         raise LiveHandError(f"capture {capture.folder} must have views of the asked split that show the hand, got none")
+
+
+def posed_vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
+    """[V, 3] m, world."""
+    skin = SkinTensors.of(hand.for_side(pose.side), dtype=torch.float64)
+    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
+    return pose_hand(skin, *parameters).vertices.numpy()
 
 
 def encoded_on_black(frame: Frame) -> np.ndarray:

@@ -10,7 +10,7 @@ import torch
 from .breakdown import error_breakdown
 from .distances import Distance, distance_of
 from .flip import flip_map, has_flip
-from .metrics import alpha_iou, ms_ssim_of, psnr_db, ssim_of
+from .metrics import alpha_iou, psnr_db, similarities
 from .seen_surface import SeenSurface
 
 
@@ -24,8 +24,8 @@ def view_figures(
     ours, true = (torch.as_tensor(x, dtype=torch.float32) for x in (image, truth))
     pair, hand = (ours[..., :3], true[..., :3]), true[..., 3] > 0.5
     figures = {"psnr_full": psnr_db(*pair), "psnr_hand": psnr_db(*pair, hand)}
-    figures["ssim"], figures["ssim_hand"] = ssim_of(*pair, hand)
-    figures["ms_ssim"], figures["ms_ssim_hand"] = ms_ssim_of(*pair, hand)
+    for name, found in zip(("ssim", "ms_ssim"), similarities(*pair, hand), strict=True):
+        figures[name], figures[f"{name}_hand"] = found
     if has_flip():
         errors = flip_map(*pair)
         figures["flip"], figures["flip_hand"] = float(errors.mean()), float(errors[hand].mean())

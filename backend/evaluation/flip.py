@@ -16,7 +16,7 @@ from torch import Tensor
 from ..errors import LiveHandError
 from .metrics import difference_box
 
-# More than twice the reach of FLIP's filters at 67 pixels a degree (10 px): where the pictures agree so far around, it is 0.
+# More than twice the reach of FLIP's filters (10 px): where the pictures agree so far around, it is 0.
 _MARGIN_PX = 32
 
 

@@ -54,35 +54,33 @@ def alpha_iou(alpha: Float[Tensor, "H W"], truth: Float[Tensor, "H W"]) -> float
 
 def ssim(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"]) -> float:
     """Structural similarity (Wang et al. 2004): Gaussian window 11 px, sigma 1.5, valid region, mean over channels."""
-    return ssim_of(image, truth, torch.ones(image.shape[:2], dtype=torch.bool)).full
-
-
-def ssim_of(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> Similarity:
-    """Structural similarity of the image and of the hand."""
     windows = _compare(_channels_first(image), _channels_first(truth)).similarity
-    return _means(windows, hand)
+    return float(windows.mean()) if windows.numel() else math.nan
 
 
-def ms_ssim_of(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> Similarity:
-    """Multi-scale structural similarity (Wang et al. 2003), five scales; NaN below 161 px a side, as it is defined.
+def similarities(
+    image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]
+) -> tuple[Similarity, Similarity]:
+    """`ssim`, and multi-scale structural similarity (Wang et al. 2003) of five scales.
 
-    Contrast and structure at four scales, the whole similarity at the fifth; each scale is the mean of the one before
-    over 2 x 2 px (an odd last row or column is dropped). A negative mean counts as 0.
+    MS-SSIM takes contrast and structure from four scales and the whole similarity from the fifth; each scale is the
+    mean of the one before over 2 x 2 px (of an odd last row or column, over those that are there). A negative mean counts as 0. Images
+    under 161 px a side have none: NaN.
     """
     a, b, mask = _channels_first(image), _channels_first(truth), hand.double()[None]
-    full = on_hand = 1.0
-    for scale, exponent in enumerate(_SCALE_EXPONENTS):
-        compared = _compare(a, b)
-        is_last = scale == len(_SCALE_EXPONENTS) - 1
-        means = _means(compared.similarity if is_last else compared.structure, mask[0] > 0.5)
-        full *= _power(means.full, exponent)
-        on_hand *= _power(means.hand, exponent)
-        a, b, mask = (avg_pool2d(x, 2) if min(x.shape[1:]) > 1 else x for x in (a, b, mask))
-    return Similarity(full, on_hand)
+    per_scale = []
+    for _ in _SCALE_EXPONENTS:
+        per_scale.append([_means(windows, mask[0] > 0.5) for windows in _compare(a, b)])
+        a, b, mask = (avg_pool2d(x, 2, ceil_mode=True) for x in (a, b, mask))
+    terms = [structure for _, structure in per_scale[:-1]] + [per_scale[-1][0]]
+    return per_scale[0][0], Similarity(*(_product(means) for means in zip(*terms, strict=True)))
 
 
-def _power(mean: float, exponent: float) -> float:
-    return mean if math.isnan(mean) else max(mean, 0.0) ** exponent
+def _product(means: tuple[float, ...]) -> float:
+    powers = (
+        mean if math.isnan(mean) else max(mean, 0.0) ** e for mean, e in zip(means, _SCALE_EXPONENTS, strict=True)
+    )
+    return math.prod(powers)
 
 
 def _means(windows: Float[Tensor, "h w"], hand: Bool[Tensor, "H W"]) -> Similarity:
@@ -110,9 +108,7 @@ def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Compariso
     return compared
 
 
-def difference_box(
-    a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"], margin_px: int
-) -> tuple[slice, slice] | None:
+def difference_box(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"], margin_px: int) -> tuple[slice, slice] | None:
     """(rows, columns) that hold every pixel where two pictures differ, and a margin; None where they are equal."""
     differs = (a != b).any(0)
     sides = []

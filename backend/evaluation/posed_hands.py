@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from ..capture import Capture, CaptureView
+from ..capture import CaptureView
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
-from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
 from ..rays import view_of
-from ..shot import HandPose, Side
+from ..shot import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
 
 
@@ -26,22 +24,18 @@ class _Posed(NamedTuple):
 
 
 class PosedHands:
-    """The capture's hand in each of its poses."""
+    """The capture's hand in each of its poses.
 
-    def __init__(self, hand: HandModel, capture: Capture):
-        self.hand, self.poses = hand, capture.poses
+    Args:
+        hand: the model, of either side.
+        sides: of each pose.
+        vertices: [V, 3] m, world, of each pose.
+    """
+
+    def __init__(self, hand: HandModel, sides: Sequence[Side], vertices: Sequence[np.ndarray]):
+        self._hand, self._sides, self._vertices = hand, sides, vertices
         self._topologies: dict[Side, Topology] = {}
         self._posed: dict[int, _Posed] = {}
-
-    @cached_property
-    def vertices(self) -> list[np.ndarray]:
-        """[V, 3] m, world, of each pose."""
-        return [posed_vertices(self.hand, pose) for pose in self.poses]
-
-    @cached_property
-    def centres(self) -> Float[np.ndarray, "P 3"]:
-        """Mean vertex of each pose, m, world."""
-        return np.array([vertices.mean(0) for vertices in self.vertices])
 
     def seen_by(self, view: CaptureView) -> SeenSurface:
         """The posed mesh as a view sees it."""
@@ -50,17 +44,10 @@ class PosedHands:
 
     def _posed_mesh(self, index: int) -> _Posed:
         if index not in self._posed:
-            side = self.poses[index].side
+            side = self._sides[index]
             if side not in self._topologies:
-                self._topologies[side] = Topology.of(self.hand.for_side(side))
+                self._topologies[side] = Topology.of(self._hand.for_side(side))
             topology = self._topologies[side]
-            mesh = posed_mesh(topology, torch.as_tensor(self.vertices[index], dtype=torch.float32))
+            mesh = posed_mesh(topology, torch.as_tensor(self._vertices[index], dtype=torch.float32))
             self._posed[index] = _Posed(topology, mesh, vertex_openness(mesh, topology))
         return self._posed[index]
-
-
-def posed_vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
-    """[V, 3] m, world."""
-    skin = SkinTensors.of(hand.for_side(pose.side), dtype=torch.float64)
-    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
-    return pose_hand(skin, *parameters).vertices.numpy()

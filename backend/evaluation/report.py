@@ -10,7 +10,7 @@ from math import isfinite
 from pathlib import Path
 
 from ..errors import LiveHandError
-from .breakdown import CAUSES
+from .breakdown import CAUSES, REGIONS
 from .evaluate import ViewScore
 from .summary import Summary, gain_db
 
@@ -62,11 +62,11 @@ def summary_tables(summaries: Mapping[str, Summary]) -> str:
 
 def _breakdown_rows(name: str, figures: Summary) -> list[list[str]]:
     shares = [figures[f"share_{cause}"] for cause in CAUSES]
-    areas = [figures.get(f"area_{region}") for region in ("silhouette", "occlusion", "contact", "interior")]
+    areas = [figures[f"area_{region}"] for region in REGIONS]
     gains = [gain_db(share) for share in shares] + [figures["psnr_true_alpha"] - figures["psnr_full"]]
     return [
         [name, *(f"{100 * share:.1f} %" for share in shares), ""],
-        ["  of the hand's area", *("" if area is None else f"{100 * area:.1f} %" for area in areas), "", ""],
+        ["  of the hand's area", *(f"{100 * area:.1f} %" for area in areas), "(same)", ""],
         ["  PSNR without it", *(f"{gain:+.2f} dB" for gain in gains)],
     ]
 
