@@ -63,8 +63,8 @@ def similarities(
 ) -> tuple[Similarity, Similarity]:
     """`ssim`, and multi-scale structural similarity (Wang et al. 2003) of five scales.
 
-    MS-SSIM takes contrast and structure from four scales and the whole similarity from the fifth; each scale is the
-    mean of the one before over 2 x 2 px (of an odd last row or column, over those that are there). A negative mean counts as 0. Images
+    MS-SSIM takes contrast and structure from four scales and the whole similarity from the fifth. Each scale is the
+    mean of the one before over 2 x 2 px; an odd last row or column stands for two. A negative mean counts as 0. Images
     under 161 px a side have none: NaN.
     """
     a, b, mask = _channels_first(image), _channels_first(truth), hand.double()[None]
