@@ -137,7 +137,7 @@ def _pairs(differ, shape: tuple[int, ...]) -> Bool[Tensor, "H W"]:
 
 def _near(edge: Bool[Tensor, "H W"], band_px: float) -> Bool[Tensor, "H W"]:
     """Pixels within the band; the edge itself runs half a pixel beside the centres of those it is marked by."""
-    return distance_px(edge, max(band_px - 0.5, 0)).isfinite()
+    return distance_px(edge, max(band_px - 0.5, 0.0)).isfinite()
 
 
 def _scaled(length_px: float, image: Tensor) -> float:

@@ -80,7 +80,7 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def _digits(value: float | None, digits: int) -> str:
+def _digits(value: float | int | None, digits: int) -> str:
     return "" if value is None or not isfinite(value) else f"{value:.{digits}f}"
 
 

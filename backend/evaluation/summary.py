@@ -38,7 +38,7 @@ def by_split(scores: Sequence[ViewScore]) -> dict[str, Summary]:
 
 def gain_db(share: float) -> float:
     """By how much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
-    return min(-10 * log10(1 - share), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB
+    return min(10 * log10(1 / (1 - share)), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB
 
 
 def _pooled_shares(figures: Sequence[dict[str, float]]) -> Summary:
