@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from ..command import Command
 
 if TYPE_CHECKING:
+    import torch
+
     from ..avatar import Avatar
     from ..capture import Capture, CaptureView
     from .distances import Distance
@@ -45,6 +47,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--worst", type=_count, default=8, metavar="K", help="views in worst.png (default: %(default)s)"
     )
     parser.add_argument(
+        "--lpips-weights",
+        type=Path,
+        nargs=2,
+        metavar=("NETWORK", "HEADS"),
+        help="adds LPIPS: torchvision's VGG16, AlexNet or SqueezeNet 1.1, and the published linear heads for it",
+    )
+    parser.add_argument(
         "--perceptual-weights", type=Path, metavar="FILE", help="VGG19's, as in training: adds a distance, not LPIPS"
     )
     parser.add_argument("--record", action="store_true", help="write the figures into the avatar's own header")
@@ -67,7 +76,7 @@ def _run(args: argparse.Namespace) -> dict:
     capture = load_capture(args.capture)
     views = _views_of(capture, args.split, args.max_images)
     shown = ShownViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))
-    measured = scored_views(renderer, capture, views, _distances(args), args.max_camera_gap)
+    measured = scored_views(renderer, capture, views, _distances(args, renderer.torch_device), args.max_camera_gap)
     scores = [view.score for view in shown.watch(measured)]
     check_any(scores, capture)
     total, splits = summary(scores), by_split(scores)
@@ -99,13 +108,14 @@ def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureV
     return [views[index * len(views) // most] for index in range(most)]
 
 
-def _distances(args: argparse.Namespace) -> list[Distance]:
-    if args.perceptual_weights is None:
-        return []
-    from ..training.perceptual import load_perceptual_loss
-    from .distances import Distance
+def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]:
+    from .distances import lpips_distance, vgg19_distance
 
-    return [Distance("vgg19", load_perceptual_loss(args.perceptual_weights))]
+    found = [vgg19_distance(args.perceptual_weights, device)] if args.perceptual_weights else []
+    if args.lpips_weights:
+        network, heads = args.lpips_weights
+        found.append(lpips_distance(network, heads, device))
+    return found
 
 
 def _left_out(total: Summary) -> list[str]:
@@ -119,6 +129,8 @@ def _write_results(
     from .report import scores_csv, summary_json, write_text
 
     facts = {"capture": str(args.capture), "avatar": str(args.avatar or shipped_avatar_path()), "split": args.split}
+    if args.lpips_weights:
+        facts["lpips_weights"] = " ".join(path.name for path in args.lpips_weights)
     write_text(scores_csv(scores), args.output / "scores.csv")
     write_text(summary_json(facts, *figures), args.output / "summary.json")
     write_text(text + "\n", args.output / "summary.txt")

@@ -28,6 +28,8 @@ _QUALITY = (
     ("flip_hand", "hand", 4),
     ("lpips", "LPIPS", 4),
     ("lpips_hand", "hand", 4),
+    ("uncalibrated", "uncalibrated", 4),
+    ("uncalibrated_hand", "hand", 4),
     ("vgg19", "VGG19", 4),
     ("vgg19_hand", "hand", 4),
     ("alpha_iou", "alpha IoU", 4),
