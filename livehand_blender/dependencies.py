@@ -27,7 +27,7 @@ REQUIREMENTS = (
     Requirement("jaxtyping", "jaxtyping>=0.2.34"),
     Requirement("trimesh", "trimesh>=4.4"),
     Requirement("xatlas", "xatlas>=0.0.9"),
-    Requirement("PIL", "pillow>=10"),
+    Requirement("PIL", "pillow>=10.1"),
     Requirement("tqdm", "tqdm>=4.66"),
 )
 

@@ -12,8 +12,23 @@ from livehand.backend.capture import save_capture_index
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
-from livehand.backend.evaluation.contact_sheet import GROUND, comparison_sheet, on_ground, save_sheet, tile
-from livehand.backend.evaluation.evaluate import encoded_on_black, posed_vertices, score_views, summary
+from livehand.backend.evaluation.contact_sheet import (
+    GROUND,
+    comparison_sheet,
+    label_strip,
+    on_ground,
+    save_sheet,
+    tile,
+)
+from livehand.backend.evaluation.distances import Distance
+from livehand.backend.evaluation.evaluate import (
+    encoded_on_black,
+    evaluate_views,
+    posed_vertices,
+    score_views,
+    scored_views,
+)
+from livehand.backend.evaluation.summary import summary
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import load_default_hand
@@ -55,11 +70,12 @@ def own_capture(painted_capture, renderer, hand, tmp_path_factory):
 def test_an_avatar_is_nearly_perfect_on_its_own_pictures(renderer, own_capture):
     scores = score_views(renderer, own_capture, own_capture.views)
     assert len(scores) == 8
-    for score in scores:
-        assert score.psnr_full > 45
-        assert score.psnr_hand > 45
-        assert score.ssim > 0.999
-        assert score.alpha_iou > 0.99
+    for figures in (score.figures for score in scores):
+        assert figures["psnr_full"] > 45
+        assert figures["psnr_hand"] > 45
+        assert figures["ssim"] > 0.999
+        assert figures["alpha_iou"] > 0.99
+        assert sum(share for name, share in figures.items() if name.startswith("share_")) == pytest.approx(1)
 
 
 def test_and_worse_on_others(renderer, painted_capture, own_capture):
@@ -70,14 +86,56 @@ def test_and_worse_on_others(renderer, painted_capture, own_capture):
     assert others["psnr_hand"] < 20
     assert others["psnr_full"] < 30
     assert 0.5 < others["alpha_iou"] < own["alpha_iou"]
+    assert others["ssim_hand"] < others["ssim"] < own["ssim"]
 
 
-def test_a_score_names_its_view_and_keeps_its_pictures(renderer, own_capture):
+def test_a_score_names_its_view_and_comes_with_its_pictures(renderer, own_capture):
     view = own_capture.of_split("test")[1]
-    (score,) = score_views(renderer, own_capture, [view])
-    assert (score.file, score.split) == (view.file, "test")
-    np.testing.assert_array_equal(score.truth, own_capture.read_image(view))
-    assert score.image.shape == score.truth.shape
+    (scored,) = scored_views(renderer, own_capture, [view])
+    score = scored.score
+    assert (score.file, score.split, score.camera_index, score.pose_index) == (view.file, "test", 3, 1)
+    assert 15 < score.camera_gap_deg < 35
+    np.testing.assert_array_equal(scored.truth, own_capture.read_image(view))
+    assert scored.image.shape == scored.truth.shape
+
+
+def test_views_far_from_every_training_camera_can_be_left_out(renderer, own_capture):
+    def count(limit_deg):
+        return len(list(scored_views(renderer, own_capture, own_capture.views, max_camera_gap_deg=limit_deg)))
+
+    assert (count(0.01), count(35.0), count(None)) == (6, 8, 8)
+    untrained = replace(own_capture, views=own_capture.of_split("test"))
+    assert np.isnan(score_views(renderer, untrained, untrained.views)[0].camera_gap_deg)
+    with pytest.raises(LiveHandError, match="needs training images"):
+        list(scored_views(renderer, untrained, untrained.views, max_camera_gap_deg=25.0))
+
+
+def test_a_distance_has_its_own_columns(renderer, own_capture):
+    seen = []
+
+    def between(image, truth):
+        seen.append(tuple(truth.shape))
+        return (image - truth).abs().max() + truth.mean()
+
+    view = own_capture.of_split("test")[0]
+    (score,) = score_views(renderer, own_capture, [view], [Distance("mine", between)])
+    assert 0 < score.figures["mine"] <= score.figures["mine_hand"]
+    assert seen[0] == (1, 3, 32, 24)
+
+
+def test_a_few_views_for_a_training_leave_its_networks_as_they_were(renderer, hand, own_capture):
+    avatar = renderer.avatar
+    views = own_capture.of_split("test")
+    for networks_train in (True, False):
+        avatar.field.train(networks_train)
+        avatar.superres.train(networks_train)
+        scores, pairs = evaluate_views(avatar, hand, own_capture, views, "cpu")
+        assert avatar.field.training is avatar.superres.training is networks_train
+    assert [score.file for score in scores] == [view.file for view in views]
+    assert summary(scores) == summary(score_views(renderer, own_capture, views))
+    assert comparison_sheet(pairs).shape == (32, 12 * 24, 3)
+    with pytest.raises(LiveHandError, match="must have views of the asked split"):
+        evaluate_views(avatar, hand, own_capture, [], "cpu")
 
 
 def test_views_without_the_hand_are_left_out_and_none_is_an_error(renderer, own_capture, tmp_path):
@@ -90,12 +148,6 @@ def test_views_without_the_hand_are_left_out_and_none_is_an_error(renderer, own_
             score_views(renderer, own_capture, views)
     with pytest.raises(LiveHandError, match="another hand"):
         score_views(renderer, replace(own_capture, hand_sha256="0" * 64), [view])
-
-
-def test_means_are_means(renderer, own_capture):
-    scores = score_views(renderer, own_capture, own_capture.of_split("test"))
-    figures = summary([replace(scores[0], psnr_full=10.0, ssim=0.5), replace(scores[1], psnr_full=20.0, ssim=0.25)])
-    assert (figures["images"], figures["psnr_full"], figures["ssim"]) == (2, 15.0, 0.375)
 
 
 def test_frames_are_encoded_on_black():
@@ -137,6 +189,27 @@ def test_a_sheet_shows_truth_image_and_error(tmp_path):
         np.testing.assert_array_equal(np.asarray(stored), sheet)
 
 
+def test_pictures_of_all_sizes_keep_theirs_on_one_sheet(tmp_path):
+    wide, high = np.ones((2, 6, 4), np.float32), np.ones((5, 3, 4), np.float32)
+    sheet = comparison_sheet([(wide, wide), (high, high)], triples_per_row=1)
+    assert sheet.shape == (10, 18, 3)
+    np.testing.assert_array_equal((sheet[:, :, 0] == 255).sum(), 2 * (2 * 6 + 5 * 3))
+    np.testing.assert_array_equal(sheet[5:, :3], np.full((5, 3, 3), 255))
+    np.testing.assert_array_equal(sheet[5:, 3:6], round(GROUND * 255))
+
+
+def test_labels_stand_above_and_can_be_read():
+    picture = np.zeros((30, 100, 4), np.float32)
+    plain = comparison_sheet([(picture, picture)] * 2, triples_per_row=1)
+    strip = label_strip("38.55 dB", 300)
+    labelled = comparison_sheet([(picture, picture)] * 2, 1, ["38.55 dB", ""])
+    assert labelled.shape == (60 + 2 * len(strip), 300, 3)
+    np.testing.assert_array_equal(labelled[len(strip) : len(strip) + 30], plain[:30])
+    assert (strip > 0.6).any(axis=(0, 2)).sum() > 25  # columns that hold ink
+    assert strip[:, 150:].max() == pytest.approx(GROUND, abs=0.002)
+    assert labelled[len(strip) + 30 : 2 * len(strip) + 30].max() == round(GROUND * 255)
+
+
 @pytest.fixture
 def avatar_path(renderer, tmp_path):
     save_avatar(renderer.avatar, tmp_path / "mine.safetensors")
@@ -147,19 +220,59 @@ def evaluate(*arguments):
     return run_commands("livehand", "", COMMANDS, ["evaluate", *map(str, arguments)])
 
 
-def test_the_command_writes_figures_and_a_sheet(own_capture, avatar_path, tmp_path, capsys):
+def test_the_command_writes_figures_and_sheets(own_capture, avatar_path, tmp_path, capsys):
     out = tmp_path / "figures"
-    arguments = (own_capture.folder, "--avatar", avatar_path, "-o", out, "--device", "cpu")
+    arguments = (own_capture.folder, "--avatar", avatar_path, "-o", out, "--device", "cpu", "--worst", 1)
     assert evaluate(*arguments, "--json") == 0
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert figures["images"] == 2
     assert figures["psnr_full"] > 40  # weights went through half precision
-    with Image.open(out / "contact_sheet.png") as sheet:
-        assert sheet.size == (12 * 24, 32)
+    label = len(label_strip("", 1))
+    for name, triples in (("contact_sheet.png", 4), ("worst.png", 2)):
+        with Image.open(out / name) as sheet:
+            assert sheet.size == (triples * 3 * 24, 32 + label)
     with (out / "scores.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["file"] for row in rows] == [view.file for view in own_capture.of_split("test")]
-    assert np.mean([float(row["psnr_full"]) for row in rows]) == pytest.approx(figures["psnr_full"], abs=1e-3)
+    for name in ("psnr_full", "psnr_hand", "ssim", "alpha_iou", "camera_gap_deg", "psnr_true_alpha"):
+        assert np.mean([float(row[name]) for row in rows]) == pytest.approx(figures[name], abs=1e-2)
+    written = json.loads((out / "summary.json").read_text())
+    assert written["all"] == written["splits"]["test"] == figures
+    assert written["avatar"] == str(avatar_path)
+    assert f"{figures['psnr_hand']:.2f}" in (out / "summary.txt").read_text()
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        ["contact_sheet.png", "scores.csv", "summary.json", "summary.txt", "worst.png"]
+    )
+
+
+def test_the_command_measures_fewer(own_capture, avatar_path, capsys):
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--split", "all", "--json")
+    counts = []
+    for more in (("--max-images", 1), ("--max-images", 4), ("--max-camera-gap", 1)):
+        assert evaluate(*arguments, *more) == 0
+        counts.append(json.loads(capsys.readouterr().out.splitlines()[-1])["images"])
+    assert counts == [2, 6, 6]
+    for wrong in (("--max-images", 0), ("--max-camera-gap", "near"), ("--max-camera-gap", -1)):
+        assert evaluate(*arguments, *wrong) == 2
+        assert "must be" in capsys.readouterr().err
+
+
+def test_without_flip_its_columns_are_absent_and_the_remedy_is_told(own_capture, avatar_path, monkeypatch, capsys):
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
+    monkeypatch.setattr("livehand.backend.evaluation.figures.has_flip", lambda: False)
+    assert evaluate(*arguments) == 0
+    told = capsys.readouterr().out
+    assert 'pip install "livehand[metrics]"' in told
+    assert "FLIP  " not in told
+    assert evaluate(*arguments, "--json") == 0
+    assert "flip" not in json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_an_output_that_cannot_be_written_is_told(own_capture, avatar_path, tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "-o", tmp_path / "taken")
+    assert evaluate(*arguments) == 1
+    assert "choose another folder with -o" in capsys.readouterr().err
 
 
 def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture, avatar_path, capsys):
@@ -176,8 +289,9 @@ def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture
 def test_the_command_knows_splits(own_capture, avatar_path, capsys):
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
     assert evaluate(*arguments, "--split", "all") == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:2] for line in lines] == [["test", "2"], ["train", "6"], ["all", "8"]]
+    heading, *lines = capsys.readouterr().out.splitlines()
+    assert heading.split()[0] == "images"
+    assert [line.split()[:2] for line in lines[:3]] == [["test", "2"], ["train", "6"], ["all", "8"]]
     assert evaluate(*arguments, "--split", "train", "--json") == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 6
 

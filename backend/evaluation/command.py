@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING
 from ..command import Command
 
 if TYPE_CHECKING:
+    import torch
+
     from ..avatar import Avatar
     from ..capture import Capture, CaptureView
+    from .distances import Distance
     from .evaluate import ViewScore
+    from .summary import Summary
 
 _SHEET_VIEWS = 24
-_COLUMNS = ("psnr_full", "psnr_hand", "ssim", "alpha_iou")
+_NO_FLIP = 'FLIP is left out: it needs the package flip-evaluator; pip install "livehand[metrics]"'
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +33,29 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default="test",
         help="test: held-out poses from held-out cameras (default); all: every split, a figure for each",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for contact_sheet.png and scores.csv")
+    parser.add_argument(
+        "--max-camera-gap",
+        type=_degrees,
+        metavar="DEG",
+        help="only views whose camera, seen from the hand, is at most so many degrees from a training camera",
+    )
+    parser.add_argument("--max-images", type=_count, metavar="N", help="only N views of each split, evenly spaced")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder for scores.csv, the summary, and sheets of pictures"
+    )
+    parser.add_argument(
+        "--worst", type=_count, default=8, metavar="K", help="views in worst.png (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--lpips-weights",
+        type=Path,
+        nargs=2,
+        metavar=("NETWORK", "HEADS"),
+        help="adds LPIPS: torchvision's VGG16, AlexNet or SqueezeNet 1.1, and the published linear heads for it",
+    )
+    parser.add_argument(
+        "--perceptual-weights", type=Path, metavar="FILE", help="VGG19's, as in training: adds a distance, not LPIPS"
+    )
     parser.add_argument("--record", action="store_true", help="write the figures into the avatar's own header")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
@@ -40,49 +66,90 @@ def _run(args: argparse.Namespace) -> dict:
     from ..capture import load_capture
     from ..hand.model import load_default_hand, load_hand_model
     from ..renderer import Renderer
-    from .evaluate import score_views, summary
+    from .evaluate import check_any, scored_views
+    from .pictures import ShownViews
+    from .report import summary_tables
+    from .summary import by_split, summary
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
     capture = load_capture(args.capture)
-    scores = score_views(renderer, capture, _views_of(capture, args.split))
+    views = _views_of(capture, args.split, args.max_images)
+    shown = ShownViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))
+    measured = scored_views(renderer, capture, views, _distances(args, renderer.torch_device), args.max_camera_gap)
+    scores = [view.score for view in shown.watch(measured)]
+    check_any(scores, capture)
+    total, splits = summary(scores), by_split(scores)
+    lines = {**splits, "all": total} if args.split == "all" else {args.split: total}
+    text = "\n".join([summary_tables(lines), *_left_out(total)])
     if args.output:
-        _write_results(scores, args.output)
-    by_split = {split: summary([s for s in scores if s.split == split]) for split in sorted({s.split for s in scores})}
+        _write_results(args, scores, (total, splits), text)
+        shown.save(args.output)
     if args.record:
-        _record(renderer.avatar, by_split, args.avatar or shipped_avatar_path())
-    result = summary(scores)
-    lines = by_split if args.split == "all" else {}
-    table = "".join(_line(name, figures) + "\n" for name, figures in lines.items())
-    return {**result, "summary": table + _line(args.split, result)}
+        _record(renderer.avatar, splits, args.avatar or shipped_avatar_path())
+    return {**total, "summary": text}
 
 
-def _record(avatar: Avatar, by_split: dict[str, dict[str, float | int]], path: Path) -> None:
+def _record(avatar: Avatar, by_split: dict[str, Summary], path: Path) -> None:
     from ..avatar import save_avatar
 
     save_avatar(replace(avatar, metrics={**avatar.metrics, **by_split}), path)
 
 
-def _views_of(capture: Capture, split: str) -> tuple[CaptureView, ...]:
-    return capture.views if split == "all" else capture.of_split(split)  # type: ignore[arg-type]
+def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureView]:
+    names = sorted({view.split for view in capture.views}) if split == "all" else [split]
+    return [view for name in names for view in _spaced(capture.of_split(name), most)]  # type: ignore[arg-type]
 
 
-def _line(name: str, figures: dict[str, float | int]) -> str:
-    return (
-        f"{name:13s} {figures['images']:5d} images  PSNR {figures['psnr_full']:.2f} dB full, "
-        f"{figures['psnr_hand']:.2f} dB hand  SSIM {figures['ssim']:.4f}  alpha IoU {figures['alpha_iou']:.4f}"
-    )
+def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
+    """At most so many, evenly spaced."""
+    if most is None or len(views) <= most:
+        return views
+    return [views[index * len(views) // most] for index in range(most)]
 
 
-def _write_results(scores: list[ViewScore], folder: Path) -> None:
-    from .contact_sheet import comparison_sheet, save_sheet
+def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]:
+    from .distances import lpips_distance, vgg19_distance
 
-    shown = scores[:: max(1, len(scores) // _SHEET_VIEWS)][:_SHEET_VIEWS]
-    save_sheet(comparison_sheet([(score.truth, score.image) for score in shown]), folder / "contact_sheet.png")
-    with (folder / "scores.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("file", "split", *_COLUMNS))
-        writer.writerows((s.file, s.split, *(f"{getattr(s, name):.4f}" for name in _COLUMNS)) for s in scores)
+    found = [vgg19_distance(args.perceptual_weights, device)] if args.perceptual_weights else []
+    if args.lpips_weights:
+        network, heads = args.lpips_weights
+        found.append(lpips_distance(network, heads, device))
+    return found
+
+
+def _left_out(total: Summary) -> list[str]:
+    return [] if "flip" in total else ["", _NO_FLIP]
+
+
+def _write_results(
+    args: argparse.Namespace, scores: list[ViewScore], figures: tuple[Summary, dict[str, Summary]], text: str
+) -> None:
+    from ..avatar import shipped_avatar_path
+    from .report import scores_csv, summary_json, write_text
+
+    facts = {"capture": str(args.capture), "avatar": str(args.avatar or shipped_avatar_path()), "split": args.split}
+    if args.lpips_weights:
+        facts["lpips_weights"] = " ".join(path.name for path in args.lpips_weights)
+    write_text(scores_csv(scores), args.output / "scores.csv")
+    write_text(summary_json(facts, *figures), args.output / "summary.json")
+    write_text(text + "\n", args.output / "summary.txt")
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
+    return int(text)
+
+
+def _degrees(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 180:
+        raise argparse.ArgumentTypeError(f"must be degrees from 0 to 180, got {text!r}")
+    return value
 
 
 COMMAND = Command("evaluate", "measure an avatar against a capture's held-out views", _add_arguments, _run)

@@ -6,24 +6,43 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 GROUND = 0.08
 ERROR_GAIN = 4.0
+_LABEL_PX, _LABEL_GREY = 15, 0.85
 
 
-def comparison_sheet(pairs: Sequence[tuple[np.ndarray, np.ndarray]], triples_per_row: int = 4) -> np.ndarray:
-    """[H, W, 3] uint8: for every (truth, image) [h, w, 4] premultiplied, truth | image | error x 4."""
-    tiles = []
-    for truth, image in pairs:
+def comparison_sheet(
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]], triples_per_row: int = 4, labels: Sequence[str] | None = None
+) -> np.ndarray:
+    """[H, W, 3] uint8: for every (truth, image) [h, w, 4] premultiplied, truth | image | error x 4.
+
+    Pictures keep their size; where sizes differ, smaller ones lie in the upper left of the largest's place. A label, if
+    given, stands above its triple.
+    """
+    height, width = (max(truth.shape[axis] for truth, _ in pairs) for axis in (0, 1))
+    triples = []
+    for index, (truth, image) in enumerate(pairs):
         error = np.abs(image[..., :3] - truth[..., :3]).mean(-1, keepdims=True) * ERROR_GAIN
-        tiles += [on_ground(truth), on_ground(image), np.repeat(error, 3, -1)]
-    return tile(tiles, 3 * triples_per_row)
+        pictures = [on_ground(truth), on_ground(image), np.repeat(error, 3, -1)]
+        triple = np.concatenate([_padded(picture, height, width) for picture in pictures], 1)
+        strip = [label_strip(labels[index], 3 * width)] if labels is not None else []
+        triples.append(np.concatenate([*strip, triple]))
+    return tile(triples, triples_per_row)
 
 
 def on_ground(image: np.ndarray) -> np.ndarray:
     """[h, w, 3]: premultiplied RGBA over the sheet's dark grey, in encoded colour, as viewers do."""
     return image[..., :3] + GROUND * (1 - image[..., 3:])
+
+
+def label_strip(text: str, width: int) -> np.ndarray:
+    """[h, width, 3] in [0, 1]: a line of light grey text; what does not fit is cut off."""
+    strip = Image.new("L", (width, _LABEL_PX + 6), round(GROUND * 255))
+    font = ImageFont.load_default(_LABEL_PX)
+    ImageDraw.Draw(strip).text((4, 1), text, round(_LABEL_GREY * 255), font)
+    return np.repeat(np.asarray(strip, np.float32)[..., None] / 255, 3, -1)
 
 
 def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
@@ -38,6 +57,13 @@ def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
 
 
 def save_sheet(sheet: np.ndarray, path: Path) -> None:
-    """Write a sheet; its folder is made."""
+    """Write a sheet under a temporary name, then in place; its folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(sheet).save(path)
+    partial = path.with_stem(f".{path.stem}.partial")
+    Image.fromarray(sheet).save(partial)
+    partial.replace(path)
+
+
+def _padded(picture: np.ndarray, height: int, width: int) -> np.ndarray:
+    padding = ((0, height - picture.shape[0]), (0, width - picture.shape[1]), (0, 0))
+    return np.pad(picture, padding, constant_values=GROUND)

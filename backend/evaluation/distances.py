@@ -1,0 +1,63 @@
+"""Distances between what a network sees in two pictures, for which the user brings the weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from ..perceptual.lpips import load_lpips
+from ..perceptual.vgg import load_vgg_distance
+from .metrics import Similarity
+
+_MARGIN_PX = 16
+
+
+class Distance(NamedTuple):
+    """A column's name; the distance of two pictures [1, 3, H, W], sRGB-encoded in [0, 1]; where it is computed."""
+
+    name: str
+    between: Callable[[Tensor, Tensor], Tensor]
+    device: torch.device = torch.device("cpu")
+
+
+def vgg19_distance(weights: Path, device: torch.device) -> Distance:
+    """Training's perceptual loss: relative L1 between VGG19 features. Uncalibrated, and not LPIPS.
+
+    Raises:
+        LiveHandError: the file does not hold VGG19.
+    """
+    return Distance("vgg19", load_vgg_distance(weights).to(device), device)
+
+
+def lpips_distance(weights: Path, heads: Path, device: torch.device) -> Distance:
+    """`lpips` where both files are the published ones, images in [-1, 1]; else `uncalibrated`, the same formula.
+
+    Raises:
+        LiveHandError: a file is not there, or of another network.
+    """
+    distance = load_lpips(weights, heads).to(device)
+    return Distance("lpips" if distance.is_lpips else "uncalibrated", distance, device)
+
+
+@torch.inference_mode()
+def distance_of(
+    distance: Distance, image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]
+) -> Similarity:
+    """Distance of the whole image, and of the hand's crop (its bounding box and 16 px around, within the image)."""
+    a, b = (x.permute(2, 0, 1)[None].float().to(distance.device) for x in (image, truth))
+    box = _hand_box(hand)
+    return Similarity(float(distance.between(a, b)), float(distance.between(a[..., *box], b[..., *box])))
+
+
+def _hand_box(hand: Bool[Tensor, "H W"]) -> tuple[slice, slice]:
+    rows, columns = (hand.any(axis).nonzero() for axis in (1, 0))
+    return _around(rows), _around(columns)
+
+
+def _around(places: Tensor) -> slice:
+    return slice(max(int(places[0]) - _MARGIN_PX, 0), int(places[-1]) + 1 + _MARGIN_PX)

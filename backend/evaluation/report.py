@@ -1,0 +1,106 @@
+"""An evaluation on disk and in words: scores.csv, summary.json, summary.txt."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+
+from ..errors import LiveHandError
+from .breakdown import CAUSES, REGIONS
+from .evaluate import ViewScore
+from .summary import Summary, gain_db
+
+# Figure, heading, digits. A figure that was not measured has no column.
+_QUALITY = (
+    ("images", "images", 0),
+    ("camera_gap_deg", "gap deg", 1),
+    ("psnr_full", "PSNR dB", 2),
+    ("psnr_hand", "hand", 2),
+    ("ssim", "SSIM", 4),
+    ("ssim_hand", "hand", 4),
+    ("ms_ssim", "MS-SSIM", 4),
+    ("ms_ssim_hand", "hand", 4),
+    ("flip", "FLIP", 4),
+    ("flip_hand", "hand", 4),
+    ("lpips", "LPIPS", 4),
+    ("lpips_hand", "hand", 4),
+    ("uncalibrated", "uncalibrated", 4),
+    ("uncalibrated_hand", "hand", 4),
+    ("vgg19", "VGG19", 4),
+    ("vgg19_hand", "hand", 4),
+    ("alpha_iou", "alpha IoU", 4),
+)
+_IDENTITY = ("file", "split", "camera_index", "pose_index", "camera_gap_deg")
+
+
+def scores_csv(scores: Sequence[ViewScore]) -> str:
+    """A line for each image; empty where an image cannot have a figure."""
+    names = list(dict.fromkeys(name for score in scores for name in score.figures))
+    lines = io.StringIO()
+    writer = csv.writer(lines, lineterminator="\n")
+    writer.writerow((*_IDENTITY, *names))
+    for score in scores:
+        identity = [getattr(score, name) for name in _IDENTITY[:-1]]
+        numbers = [_digits(score.camera_gap_deg, 2), *(_digits(score.figures[name], 5) for name in names)]
+        writer.writerow((*identity, *numbers))
+    return lines.getvalue()
+
+
+def summary_tables(summaries: Mapping[str, Summary]) -> str:
+    """Two tables to read, a line for each name: how good it is, and where the squared error lies."""
+    columns = [column for column in _QUALITY if any(column[0] in figures for figures in summaries.values())]
+    quality = [["", *(heading for _, heading, _ in columns)]]
+    for name, figures in summaries.items():
+        quality.append([name, *(_digits(figures.get(key), digits) for key, _, digits in columns)])
+    lies = [["squared error at", *CAUSES, "true alpha"]]
+    for name, figures in summaries.items():
+        lies += _breakdown_rows(name, figures)
+    return _table(quality) + "\n\n" + _table(lies)
+
+
+def _breakdown_rows(name: str, figures: Summary) -> list[list[str]]:
+    shares = [figures[f"share_{cause}"] for cause in CAUSES]
+    areas = [figures[f"area_{region}"] for region in REGIONS]
+    gains = [gain_db(share) for share in shares] + [figures["psnr_true_alpha"] - figures["psnr_full"]]
+    return [
+        [name, *(f"{100 * share:.1f} %" for share in shares), ""],
+        ["  of the hand's area", *(f"{100 * area:.1f} %" for area in areas), "(same)", ""],
+        ["  PSNR without it", *(f"{gain:+.2f} dB" for gain in gains)],
+    ]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for first, *others in rows:
+        cells = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+        lines.append("  ".join([first.ljust(widths[0]), *cells]).rstrip())
+    return "\n".join(lines)
+
+
+def _digits(value: float | int | None, digits: int) -> str:
+    return "" if value is None or not isfinite(value) else f"{value:.{digits}f}"
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a file under a temporary name, then in place; its folder is made.
+
+    Raises:
+        LiveHandError: it cannot be written.
+    """
+    partial = path.with_name(path.name + ".partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text)
+        partial.replace(path)
+    except OSError as error:
+        raise LiveHandError(f"{path} must be writable ({error}); choose another folder with -o") from error
+
+
+def summary_json(facts: Mapping[str, str], total: Summary, splits: Mapping[str, Summary]) -> str:
+    """What was evaluated, the figures of all of it, and of each split."""
+    return json.dumps({**facts, "all": total, "splits": splits}, indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,50 @@
+"""The figures of many views as one line: means, and shares of all their squared error together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite, log10
+from statistics import fmean
+
+from .breakdown import CAUSES
+from .evaluate import ViewScore
+
+Summary = dict[str, float | int]
+_DIGITS = 4
+_MAX_GAIN_DB = 99.0
+
+
+def summary(scores: Sequence[ViewScore]) -> Summary:
+    """`images`, mean and largest camera gap, and the mean of every figure over the views that have it.
+
+    Figures that no view has are left out. `share_*` are shares of the squared error of all images together, each image
+    counted by its mean squared error.
+    """
+    figures = [{"camera_gap_deg": score.camera_gap_deg, **score.figures} for score in scores]
+    names = dict.fromkeys(name for of_view in figures for name in of_view)
+    columns = {name: [of_view[name] for of_view in figures if isfinite(of_view[name])] for name in names}
+    found: Summary = {"images": len(scores)}
+    found |= {name: round(fmean(values), _DIGITS) for name, values in columns.items() if values}
+    if columns["camera_gap_deg"]:
+        found["camera_gap_max_deg"] = round(max(columns["camera_gap_deg"]), _DIGITS)
+    return found | _pooled_shares(figures)
+
+
+def by_split(scores: Sequence[ViewScore]) -> dict[str, Summary]:
+    """A summary of each split that has views."""
+    splits = sorted({score.split for score in scores})
+    return {split: summary([score for score in scores if score.split == split]) for split in splits}
+
+
+def gain_db(share: float) -> float:
+    """By how much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
+    return min(10 * log10(1 / (1 - share)), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB
+
+
+def _pooled_shares(figures: Sequence[dict[str, float]]) -> Summary:
+    errors = [10 ** (-of_view["psnr_full"] / 10) for of_view in figures]
+    pooled = {}
+    for name in (f"share_{cause}" for cause in CAUSES):
+        of_images = (error * of_view[name] for error, of_view in zip(errors, figures, strict=True))
+        pooled[name] = round(sum(of_images) / sum(errors), _DIGITS)
+    return pooled
