@@ -37,6 +37,7 @@ ROWS = [
         "backend.hand.atlas",
         "backend.hand.gestures",
         "backend.hand.mano_pickle",
+        "backend.perceptual",
         "backend.volume",
     ),
     ("backend.shot",),

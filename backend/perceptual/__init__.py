@@ -1,0 +1,1 @@
+"""How alike two pictures look: distances between the features of networks trained on photographs by others."""
