@@ -132,13 +132,11 @@ def test_patches_lie_on_the_hand_and_in_the_window():
 
 def test_the_perceptual_term_rises_from_nothing():
     config = LossConfig(perceptual_share=0.4, perceptual_rise=0.25)
-    shares = [perceptual_ramp(step, 100, config) for step in range(100)]
-    assert shares[:60] == [0.0] * 60
-    assert shares[60:70] == pytest.approx([k / 10 for k in range(1, 11)])
-    assert shares[70:] == [1.0] * 30
-    at_once = [perceptual_ramp(step, 100, replace(config, perceptual_rise=0.0)) for step in range(100)]
-    assert at_once == [0.0] * 60 + [1.0] * 40
-    assert perceptual_ramp(99, 100, replace(config, perceptual=0.0)) == 0
+    at = {share: perceptual_ramp(share, config) for share in (0.0, 0.59, 0.61, 0.65, 0.7, 0.75, 1.0)}
+    assert list(at.values()) == pytest.approx([0, 0, 0.1, 0.5, 1, 1, 1])
+    at_once = replace(config, perceptual_rise=0.0)
+    assert [perceptual_ramp(share, at_once) for share in (0.59, 0.6, 0.9)] == [0, 1, 1]
+    assert perceptual_ramp(0.9, replace(config, perceptual=0.0)) == 0
 
 
 EXTREMES = {

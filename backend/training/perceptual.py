@@ -26,13 +26,13 @@ def load_perceptual_loss(
     return load_vgg_distance(path) if heads is None else load_lpips(path, heads, range_mode)
 
 
-def perceptual_ramp(step: int, steps: int, config: LossConfig) -> float:
-    """Share of the term's weight at a step: 0 before its share of training, then a linear rise to 1."""
-    first = steps * (1 - config.perceptual_share)
-    if step < first or config.perceptual == 0:
+def perceptual_ramp(share: float, config: LossConfig) -> float:
+    """Share of the term's weight when so much of training is done: 0 before its own part, then a linear rise to 1."""
+    since = share - (1 - config.perceptual_share)
+    if since < 0 or config.perceptual == 0:
         return 0.0
-    rise = config.perceptual_rise * config.perceptual_share * steps
-    return min(1.0, (step - first + 1) / max(rise, 1.0))
+    rise = config.perceptual_rise * config.perceptual_share
+    return min(1.0, since / rise) if rise else 1.0
 
 
 def patch_corner(alpha: Float[Tensor, "H W"], side_px: int, generator: torch.Generator | None) -> tuple[int, int]:
