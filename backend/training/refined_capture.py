@@ -29,10 +29,17 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
     """
     folder.mkdir(parents=True, exist_ok=True)
     refined = _refined_hand(refinement, hand, folder)
-    views = tuple(replace(view, file=_seen_from(folder, capture.folder / view.file)) for view in capture.views)
     provenance = {**capture.provenance, "refined_by": "livehand train"}
-    save_capture_index(Capture(folder, refined.sha256, provenance, refinement.poses(), views))
+    poses, sha256 = refinement.poses(), refined.sha256
+    save_by_reference(replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses), folder)
     return refined
+
+
+def save_by_reference(capture: Capture, folder: Path) -> None:
+    """Write the capture's index to another folder, whose images are the ones of the capture's own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    views = tuple(replace(view, file=_seen_from(folder, capture.folder / view.file)) for view in capture.views)
+    save_capture_index(replace(capture, folder=folder, views=views))
 
 
 def _seen_from(folder: Path, image: Path) -> str:
