@@ -13,8 +13,8 @@ from tqdm import tqdm
 from ..avatar import Avatar
 from ..capture import Capture, Split
 from ..hand.model import HandModel
-from .config import LossConfig, TrainConfig
-from .loop import rate_at, render_view, view_of_step
+from .config import LossConfig
+from .loop import render_view
 from .losses import window_loss
 from .refinement import Refinement, RefinementConfig
 from .views import TrainingViews
@@ -60,12 +60,13 @@ def fit_poses(
 def _fit(refinement: Refinement, views: TrainingViews, avatar: Avatar, config: PoseFitConfig) -> None:
     rate = config.refinement.learning_rate
     optimiser = torch.optim.Adam(refinement.parameters(), lr=rate, betas=(0.9, 0.99))
-    schedule = TrainConfig(steps=config.visits * len(views), warmup_steps=1, seed=config.seed)
-    for step in tqdm(range(schedule.steps), unit="step", desc="fit poses"):
-        optimiser.param_groups[0]["lr"] = rate * rate_at(step, schedule)
-        refinement.begin_step(views, step, step / schedule.steps)
-        index, jitter = view_of_step(step, len(views), schedule)
-        view = refinement.refined(views.get(index, jitter), views.views[index].pose_index)
+    random = torch.Generator().manual_seed(config.seed)
+    order = [index for _ in range(config.visits) for index in torch.randperm(len(views), generator=random).tolist()]
+    for step, index in enumerate(tqdm(order, unit="step", desc="fit poses")):
+        done = step / len(order)
+        optimiser.param_groups[0]["lr"] = rate * (1 - done)
+        refinement.begin_step(views, step, done)
+        view = refinement.refined(views.get(index, 0), views.views[index].pose_index)
         low, image = render_view(avatar, views, view)
         loss = window_loss(low, image, view.target, view.is_inside, config.loss, None).total + refinement.penalty()
         optimiser.zero_grad(set_to_none=True)
