@@ -192,9 +192,10 @@ def _load_state(avatar: Avatar, tensors: dict[str, Tensor]) -> None:
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
     try:
         planes = tuple(tuple(plane) for plane in values["field"]["planes"])
+        superres: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["superres"].items()}
         return AvatarConfig(
             FieldConfig(**{**values["field"], "planes": planes}),
-            SuperResConfig(**values["superres"]),
+            SuperResConfig(**superres),
             SamplerConfig(**values["sampler"]),
         )
     except (KeyError, TypeError) as error:

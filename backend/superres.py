@@ -30,11 +30,15 @@ class SuperResConfig:
     """Of `light`."""
     depth: int = 4
     """Convolutions of `light` before the last."""
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of the picture's colour, after the network: a training camera's, where its look was asked for."""
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Added to the colour, times alpha."""
 
 
 def build_superres(config: SuperResConfig) -> nn.Module:
     """The network the configuration names, with fresh weights."""
-    return PaperSuperRes() if config.kind == "paper" else LightSuperRes(config)
+    return PaperSuperRes(config) if config.kind == "paper" else LightSuperRes(config)
 
 
 class LightSuperRes(nn.Module):
@@ -42,6 +46,7 @@ class LightSuperRes(nn.Module):
 
     def __init__(self, config: SuperResConfig):
         super().__init__()
+        self.config = config
         self.head = nn.Conv2d(CHANNELS + 1, config.width, 3, padding=1)
         self.body = nn.ModuleList(nn.Conv2d(config.width, config.width, 3, padding=1) for _ in range(config.depth - 1))
         self.tail = nn.Conv2d(config.width, RGBA * 4, 3, padding=1)
@@ -53,7 +58,7 @@ class LightSuperRes(nn.Module):
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
-        return _sum(enlarge(_rgba(maps)), pixel_shuffle(self.tail(hidden), 2))
+        return _graded(_sum(enlarge(_rgba(maps)), pixel_shuffle(self.tail(hidden), 2)), self.config)
 
 
 class PaperSuperRes(nn.Module):
@@ -63,8 +68,9 @@ class PaperSuperRes(nn.Module):
     folding them in leaves 295,878 of 320,906 parameters and the same functions; the fourth output adds 194.
     """
 
-    def __init__(self):
+    def __init__(self, config: SuperResConfig):
         super().__init__()
+        self.config = config
         self.low = nn.ModuleList([nn.Conv2d(CHANNELS, 128, 3, padding=1), nn.Conv2d(128, 128, 3, padding=1)])
         self.low_rgba = nn.Conv2d(128, RGBA, 1)
         self.high = nn.ModuleList([nn.Conv2d(128, 64, 3, padding=1), nn.Conv2d(64, 64, 3, padding=1)])
@@ -81,7 +87,7 @@ class PaperSuperRes(nn.Module):
         hidden = enlarge(hidden)
         for layer in self.high:
             hidden = leaky_relu(layer(hidden), 0.2, inplace=True)
-        return enlarge(low) + self.high_rgba(hidden)
+        return _graded(enlarge(low) + self.high_rgba(hidden), self.config)
 
 
 def enlarge(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B C 2*H 2*W"]:
@@ -92,6 +98,14 @@ def enlarge(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B C 2*H 2*W"]:
 def _sum(a: Tensor, b: Tensor) -> Tensor:
     """The sum, in `a`'s place where no gradient will ask for a: fresh memory costs as much as the convolutions."""
     return a + b if torch.is_grad_enabled() else a.add_(b)
+
+
+def _graded(rgba: Float[Tensor, "B 4 H W"], config: SuperResConfig) -> Float[Tensor, "B 4 H W"]:
+    """The premultiplied picture with the configured gain and bias."""
+    if config.gain == (1, 1, 1) and config.bias == (0, 0, 0):
+        return rgba
+    gain, bias = (rgba.new_tensor(values)[:, None, None] for values in (config.gain, config.bias))
+    return torch.cat([gain * rgba[:, :3] + bias * rgba[:, 3:], rgba[:, 3:]], 1)
 
 
 def _rgba(maps: Tensor) -> Tensor:

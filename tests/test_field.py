@@ -17,7 +17,7 @@ from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import SurfaceSamples
 from livehand.backend.hand.model import load_default_hand
-from livehand.backend.superres import PaperSuperRes
+from livehand.backend.superres import PaperSuperRes, SuperResConfig
 from livehand.backend.volume import Steps
 from torch.nn.functional import normalize
 
@@ -78,7 +78,7 @@ def test_the_papers_field_has_the_papers_size():
 
 def test_the_papers_superresolution_has_the_papers_size_but_for_the_folded_modulation():
     """320,906 published; folding drops the affine maps of 6 modulated layers (45 + 1 inputs each) and 4 noise gains."""
-    network = PaperSuperRes()
+    network = PaperSuperRes(SuperResConfig(kind="paper"))
     alpha_channel = 128 + 1 + 64 + 1
     assert parameters(network) == 295_878 + alpha_channel
     affine_outputs = 32 + 128 + 128 + 128 + 64 + 64  # the layers' input channels: four convolutions, two toRGB

@@ -51,6 +51,7 @@ ROWS = [
     ("backend.renderer",),
     ("backend.training", "backend.evaluation.metrics"),
     ("backend.training.loop",),
+    ("backend.training.pose_fit",),
     ("backend.evaluation", "backend.benchmark"),
     (
         "backend.training.command",

@@ -13,6 +13,7 @@ from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model import load_default_hand
+from livehand.backend.perceptual.vgg import PerceptualLoss
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import HandPose
 from livehand.backend.superres import SuperResConfig
@@ -21,7 +22,7 @@ from livehand.backend.training import loop
 from livehand.backend.training.checkpoint import checkpoint_path, load_checkpoint
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.loop import rate_at, train, view_of_step
-from livehand.backend.training.perceptual import PerceptualLoss
+from livehand.backend.training.losses import LossTerms
 from livehand.backend.training.views import TrainingViews, _packed, _unpacked
 from safetensors import safe_open
 
@@ -271,7 +272,7 @@ def test_the_last_part_has_the_perceptual_term(painted_capture, hand, tmp_path, 
 
     def noted(low, image, target, is_inside, config, perceptual):
         used.append(perceptual is not None)
-        return image.square().mean()
+        return LossTerms(*[image.square().mean()] * 6)
 
     monkeypatch.setattr(loop, "window_loss", noted)
     train(painted_capture, hand, tmp_path / "a.safetensors", config, SMALL, perceptual, CPU)

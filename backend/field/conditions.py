@@ -73,9 +73,16 @@ class FrameConditions(NamedTuple):
     @classmethod
     def of(cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh) -> FrameConditions:
         """The conditions of one posed hand; `theta` mirrored to the avatar's own side."""
+        return cls.with_visibility(theta, topology, mesh, visibility_transfer(mesh, topology))
+
+    @classmethod
+    def with_visibility(
+        cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh, visibility: Float[Tensor, "V K"]
+    ) -> FrameConditions:
+        """The conditions where the visibility is known: the rest has gradients to the pose and the mesh."""
         rotation = local_rotations(mesh.vertices, mesh.normals, topology.frames).flatten(1)
         channels = torch.cat([mesh.normals, rotation, vertex_local_pose(theta, topology)], -1)
-        return cls(theta.reshape(-1), channels, visibility_transfer(mesh, topology))
+        return cls(theta.reshape(-1), channels, visibility)
 
 
 def field_inputs(

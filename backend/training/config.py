@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,13 @@ class LossConfig:
     """VGG feature distance, at both resolutions."""
     perceptual_share: float = 0.2
     """The last part of training that has the perceptual term: on a CPU it doubles a step's cost."""
+    perceptual_rise: float = 0.1
+    """Share of that part over whose start the term's weight rises linearly from nothing."""
+    perceptual_region: Literal["window", "patch"] = "window"
+    """What the term sees: the whole window that holds the hand, which is the paper's full image without its empty
+    border, or one random patch on the hand, the paper's ablation."""
+    perceptual_patch_px: int = 64
+    """Side of that patch at full resolution; the same skin at half resolution."""
 
 
 @dataclass(frozen=True)

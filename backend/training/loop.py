@@ -23,7 +23,7 @@ from ..shading import shade
 from .checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
 from .config import TrainConfig
 from .losses import window_loss
-from .perceptual import PerceptualLoss
+from .perceptual import PerceptualDistance
 from .views import TrainingView, TrainingViews
 
 LOGGER = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ def train(
     output: Path,
     config: TrainConfig,
     avatar_config: AvatarConfig,
-    perceptual: PerceptualLoss | None,
+    perceptual: PerceptualDistance | None,
     device: torch.device,
     precision: Precision = "fp32",
     resume: bool = False,
@@ -73,7 +73,7 @@ def _train_step(
     views: TrainingViews,
     optimiser: torch.optim.Optimizer,
     config: TrainConfig,
-    perceptual: PerceptualLoss | None,
+    perceptual: PerceptualDistance | None,
     step: int,
     device: torch.device,
     precision: Precision,
@@ -91,7 +91,7 @@ def _train_step(
             training_view.is_inside,
             config.loss,
             perceptual if is_perceptual else None,
-        )
+        ).total
     optimiser.zero_grad(set_to_none=True)
     loss.backward()
     optimiser.step()

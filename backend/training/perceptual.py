@@ -1,8 +1,4 @@
-"""Perceptual distance: L1 between VGG19 features (Johnson et al. 2016; paper section 3.5), full images.
-
-The network's weights are not ours to ship. They come from a file the user names, or from torchvision's download cache,
-or from its download server.
-"""
+"""The perceptual term of training: which distance, when, and of which part of the picture."""
 
 from __future__ import annotations
 
@@ -10,94 +6,47 @@ from pathlib import Path
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d
+from torch import Tensor
 
-from ..errors import LiveHandError
+from ..perceptual.lpips import LpipsDistance, RangeMode, load_lpips
+from ..perceptual.vgg import PerceptualLoss, load_vgg_distance
+from .config import LossConfig
 
-_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-# torchvision's VGG19 up to relu3_4: convolution index in its `features`, channels in and out, pooled before or not.
-_LAYERS = (
-    (0, 3, 64, False), (2, 64, 64, False), (5, 64, 128, True), (7, 128, 128, False),
-    (10, 128, 256, True), (12, 256, 256, False), (14, 256, 256, False), (16, 256, 256, False),
-)  # fmt: skip
-_COMPARED = (2, 7, 16)  # relu1_2, relu2_2, relu3_4
-_MIN_FEATURE = 1e-3  # keeps the quotient finite on an empty picture; features are of order 0.1 to 100
-VGG19_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
+PerceptualDistance = PerceptualLoss | LpipsDistance
 
 
-class PerceptualLoss(nn.Module):
-    """Mean absolute difference of VGG19 features at three depths, each relative to the target's mean, summed.
-
-    Relative, because publications of the same network differ in the scale of their features.
-    """
-
-    mean: Tensor
-    std: Tensor
-
-    def __init__(self, weights: dict[str, Tensor]):
-        super().__init__()
-        self.layers = nn.ModuleDict({str(k): nn.Conv2d(a, b, 3, padding=1) for k, a, b, _ in _LAYERS})
-        for k, *_ in _LAYERS:
-            self.layers[str(k)].load_state_dict({p: weights[f"{k}.{p}"].float() for p in ("weight", "bias")})
-        self.register_buffer("mean", torch.tensor(_MEAN)[:, None, None])
-        self.register_buffer("std", torch.tensor(_STD)[:, None, None])
-        self.requires_grad_(False)
-
-    def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
-        """Distance of sRGB-encoded images in [0, 1]."""
-        pairs = zip(self._features(image), self._features(target), strict=True)
-        return torch.stack([(a - b).abs().mean() / (b.mean() + _MIN_FEATURE) for a, b in pairs]).sum()
-
-    def _features(self, image: Tensor) -> list[Tensor]:
-        hidden, compared = (image - self.mean) / self.std, []
-        for k, _, _, is_pooled in _LAYERS:
-            hidden = self.layers[str(k)](avg_pool2d(hidden, 2) if is_pooled else hidden).relu()
-            if k in _COMPARED:
-                compared.append(hidden)
-        return compared
-
-
-def load_perceptual_loss(path: Path | None) -> PerceptualLoss:
-    """The loss with weights from `path` (.safetensors or torchvision's .pth), or from torchvision's cache or server.
+def load_perceptual_loss(
+    path: Path | None, heads: Path | None = None, range_mode: RangeMode = "standard"
+) -> PerceptualDistance:
+    """VGG19's feature distance; LPIPS, as in the paper, where its heads are named too.
 
     Raises:
-        LiveHandError: the file does not hold VGG19, or there is none to be had.
+        LiveHandError: weights are not there, or of another network.
     """
-    weights = _read_weights(path) if path is not None else _torchvision_weights()
-    names = [f"{k}.{parameter}" for k, *_ in _LAYERS for parameter in ("weight", "bias")]
-    missing = [name for name in names if name not in weights]
-    if missing:
-        raise LiveHandError(f"perceptual weights must hold VGG19's convolutions, got none named {missing[0]} in {path}")
-    try:
-        return PerceptualLoss(weights)
-    except RuntimeError as error:
-        raise LiveHandError(f"perceptual weights must be of VGG19's sizes, got others in {path} ({error})") from error
+    return load_vgg_distance(path) if heads is None else load_lpips(path, heads, range_mode)
 
 
-def _read_weights(path: Path) -> dict[str, Tensor]:
-    if not path.is_file():
-        raise LiveHandError(f"no perceptual weights at {path}; give a VGG19 .safetensors or torchvision's .pth")
-    try:
-        if path.suffix == ".safetensors":
-            from safetensors.torch import load_file
-
-            return load_file(path)
-        state = dict(torch.load(path, weights_only=True, map_location="cpu"))
-    except Exception as error:  # any reader's own kind of error means the same here
-        raise LiveHandError(f"perceptual weights {path} must be readable, got {error}") from error
-    return {key.removeprefix("features."): value for key, value in state.items()}
+def perceptual_ramp(share: float, config: LossConfig) -> float:
+    """Share of the term's weight when so much of training is done: 0 before its own part, then a linear rise to 1."""
+    since = share - (1 - config.perceptual_share)
+    if since < 0 or config.perceptual == 0:
+        return 0.0
+    rise = config.perceptual_rise * config.perceptual_share
+    return min(1.0, since / rise) if rise else 1.0
 
 
-def _torchvision_weights() -> dict[str, Tensor]:
-    cached = Path(torch.hub.get_dir()) / "checkpoints" / VGG19_URL.rsplit("/", 1)[1]
-    if cached.is_file():
-        return _read_weights(cached)
-    try:
-        state = torch.hub.load_state_dict_from_url(VGG19_URL, progress=True, weights_only=True)
-    except OSError as error:
-        raise LiveHandError(
-            f"the perceptual loss needs VGG19's weights, which could not be downloaded ({error}); fetch {VGG19_URL} "
-            "and pass --perceptual-weights FILE, or train without it: --perceptual 0"
-        ) from error
-    return {key.removeprefix("features."): value for key, value in state.items()}
+def patch_corner(alpha: Float[Tensor, "H W"], side_px: int, generator: torch.Generator | None) -> tuple[int, int]:
+    """Upper left corner (row, column), even, of a patch about a pixel drawn from the hand (alpha > 0.5), or from all.
+
+    `generator` is a CPU one.
+    """
+    is_hand = (alpha > 0.5).flatten().cpu()
+    candidates = is_hand.nonzero()[:, 0] if is_hand.any() else torch.arange(is_hand.numel())
+    drawn = int(candidates[torch.randint(len(candidates), (), generator=generator)])
+    height, width = alpha.shape
+    centre = divmod(drawn, width)
+    low = (
+        max(0, min(middle - side_px // 2, side - side_px)) for middle, side in zip(centre, (height, width), strict=True)
+    )
+    row, column = (corner // 2 * 2 for corner in low)
+    return row, column

@@ -63,7 +63,9 @@ class TrainingViews:
                 f"capture {capture.folder} must be of hand '{hand.name}', got one of hand {capture.hand_sha256[:12]}..."
             )
         self.capture, self.hand, self.sampler, self.device, self.seed = capture, hand, sampler, device, seed
-        self.views = [view for view in views if self._window(view) is not None]
+        windows = [(view, window) for view in views if (window := self._window(view)) is not None]
+        self.views = [view for view, _ in windows]
+        self._windows = [window for _, window in windows]
         self._traced: dict[tuple[int, int], tuple[Tensor, ...]] = {}
         self._targets: dict[int, Tensor] = {}
 
@@ -92,8 +94,7 @@ class TrainingViews:
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """View `index` with its `jitter`-th set of samples."""
-        window = self._window(self.views[index])
-        assert window is not None
+        window = self._windows[index]
         mesh, conditions = self._poses[self.views[index].pose_index]
         view = view_of(window.camera_of(self.views[index].camera), self.device)
         return TrainingView(
@@ -104,6 +105,19 @@ class TrainingViews:
             conditions=conditions,
             mesh=mesh,
         )
+
+    def move_pose(self, pose_index: int, theta: Float[Tensor, "16 3"], vertices: Float[Tensor, "V 3"]) -> None:
+        """Put a pose's hand elsewhere; its views are traced anew when next asked for. Their windows stay.
+
+        Args:
+            pose_index: which pose.
+            theta: rad.
+            vertices: posed, world, m; of no gradient.
+        """
+        mesh = posed_mesh(self.topology, vertices)
+        self._poses[pose_index] = mesh, FrameConditions.of(theta, self.topology, mesh)
+        of_pose = {index for index, view in enumerate(self.views) if view.pose_index == pose_index}
+        self._traced = {key: rays for key, rays in self._traced.items() if key[0] not in of_pose}
 
     def _window(self, view: CaptureView) -> Window | None:
         mesh, _ = self._poses[view.pose_index]

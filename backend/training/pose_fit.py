@@ -1,0 +1,86 @@
+"""Poses fitted to images with a finished avatar: what evaluation may use instead of held-out poses as given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import nn
+from tqdm import tqdm
+
+from ..avatar import Avatar
+from ..capture import Capture, Split
+from ..hand.model import HandModel
+from .config import LossConfig
+from .loop import render_view
+from .losses import window_loss
+from .refinement import Refinement, RefinementConfig
+from .views import TrainingViews
+
+
+@dataclass(frozen=True)
+class PoseFitConfig:
+    """How poses are fitted."""
+
+    visits: int = 30
+    """Of each image."""
+    refinement: RefinementConfig = field(
+        default_factory=lambda: RefinementConfig(
+            beta_deviation=0.0, learning_rate=2e-2, start_share=0.0, retrace_every=25, is_centred=False
+        )
+    )
+    """What is fitted: angles and places."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """What the pictures are compared by; without the perceptual term."""
+    seed: int = 0
+    """Of the order of images and the samples' jitter."""
+
+
+def fit_poses(
+    avatar: Avatar, capture: Capture, split: Split, hand: HandModel, config: PoseFitConfig, device: torch.device
+) -> Capture:
+    """The capture with the poses of one split's images fitted to them; the avatar stays as it is.
+
+    Scores of the same images then no longer count the poses' errors, and must say so. Poses fitted to the images of
+    `novel_pose` may be scored on those of `test`, which show the same poses from other cameras.
+
+    Raises:
+        LiveHandError: the capture is of another hand.
+    """
+    networks = torch.nn.ModuleList([avatar.field, avatar.superres]).to(device)
+    views = TrainingViews(capture, capture.of_split(split), hand, avatar.config.sampler, device, config.seed)
+    refinement = Refinement(capture, hand, config.refinement, device, split)
+    with _frozen(networks):
+        _fit(refinement, views, avatar, config)
+    return replace(capture, poses=refinement.poses())
+
+
+def _fit(refinement: Refinement, views: TrainingViews, avatar: Avatar, config: PoseFitConfig) -> None:
+    rate = config.refinement.learning_rate
+    optimiser = torch.optim.Adam(refinement.parameters(), lr=rate, betas=(0.9, 0.99))
+    random = torch.Generator().manual_seed(config.seed)
+    order = [index for _ in range(config.visits) for index in torch.randperm(len(views), generator=random).tolist()]
+    for step, index in enumerate(tqdm(order, unit="step", desc="fit poses")):
+        done = step / len(order)
+        optimiser.param_groups[0]["lr"] = rate * (1 - done)
+        refinement.begin_step(views, step, done)
+        view = refinement.refined(views.get(index, 0), views.views[index].pose_index)
+        low, image = render_view(avatar, views, view)
+        loss = window_loss(low, image, view.target, view.is_inside, config.loss, None).total + refinement.penalty()
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+
+
+@contextmanager
+def _frozen(networks: nn.Module) -> Iterator[None]:
+    """The networks without gradients, for a while."""
+    learnt = [parameter for parameter in networks.parameters() if parameter.requires_grad]
+    networks.requires_grad_(False)
+    try:
+        yield
+    finally:
+        for parameter in learnt:
+            parameter.requires_grad_(True)

@@ -1,0 +1,77 @@
+"""Poses made worse by a known amount, and how far poses are from the true ones: what shows that refinement works."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from math import degrees, radians, sqrt
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ..capture import Capture
+from ..hand.lbs import SkinTensors, pose_hand
+from ..hand.model import HandModel
+from ..shot import HandPose
+
+
+class PoseError(NamedTuple):
+    """Root mean squares over poses: of joints' axis-angle offsets, of places, and of vertices."""
+
+    theta_deg: float
+    transl_mm: float
+    vertex_mm: float
+
+
+def with_noise(capture: Capture, theta_deg: float, transl_mm: float, seed: int) -> Capture:
+    """The capture with Gaussian errors in its training poses; held-out poses stay.
+
+    Args:
+        capture: with true poses.
+        theta_deg: root mean square length of each joint's axis-angle offset.
+        transl_mm: root mean square length of each place's offset.
+        seed: of the errors.
+    """
+    random = np.random.default_rng(seed)
+    trained = {view.pose_index for view in capture.of_split("train")}
+    poses = [
+        _moved(pose, radians(theta_deg), transl_mm / 1000, random) if index in trained else pose
+        for index, pose in enumerate(capture.poses)
+    ]
+    return replace(capture, poses=tuple(poses))
+
+
+def pose_error(
+    poses: tuple[HandPose, ...], truth: tuple[HandPose, ...], indices: Iterable[int], hand: HandModel
+) -> PoseError:
+    """How far the poses of these indices are from the true ones, but for what all of them share.
+
+    The mean offset of angles and places is left out: the avatar's look takes it up, and `Refinement` leaves it to it.
+    """
+    pairs = [(poses[index], truth[index]) for index in indices]
+    theta, transl = (np.stack([getattr(a, name) - getattr(b, name) for a, b in pairs]) for name in ("theta", "transl"))
+    mean_theta, mean_transl = theta.mean(0), transl.mean(0)
+    centred = [replace(a, theta=a.theta - mean_theta, transl=a.transl - mean_transl) for a, _ in pairs]
+    vertices = np.stack([_vertices(hand, a) - _vertices(hand, b) for a, (_, b) in zip(centred, pairs, strict=True)])
+    return PoseError(
+        theta_deg=degrees(_rms(theta - mean_theta)),
+        transl_mm=1000 * _rms(transl - mean_transl),
+        vertex_mm=1000 * _rms(vertices),
+    )
+
+
+def _moved(pose: HandPose, angle_rad: float, distance_m: float, random: np.random.Generator) -> HandPose:
+    theta = pose.theta + random.normal(0, angle_rad / sqrt(3), (16, 3))
+    return replace(pose, theta=theta, transl=pose.transl + random.normal(0, distance_m / sqrt(3), 3))
+
+
+def _vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
+    skin = SkinTensors.of(hand, dtype=torch.float64)
+    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
+    return pose_hand(skin, *parameters).vertices.numpy()
+
+
+def _rms(vectors: np.ndarray) -> float:
+    """Of the vectors' lengths."""
+    return float(np.sqrt((vectors**2).sum(-1).mean()))
