@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ..errors import LiveHandError
 
 
+@runtime_checkable
 class Journal(Protocol):
     """Takes down figures by step."""
 
@@ -109,7 +110,7 @@ def _lines(path: Path) -> list[str]:
 def _step_of(line: str) -> float:
     """The step of a line; of one that a kill cut short, a step that never comes."""
     try:
-        return json.loads(line)["step"]
+        return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):
         return float("inf")
 

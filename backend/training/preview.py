@@ -61,7 +61,7 @@ class Preview:
 
     def _shown(self, views: tuple[CaptureView, ...]) -> list[tuple[np.ndarray, Shot]]:
         found: list[tuple[np.ndarray, Shot]] = []
-        for view in _spread(views):
+        for view in (views[index] for index in _spread_order(len(views))):
             truth = self._capture.read_image(view)
             is_like_first = not found or truth.shape == found[0][0].shape  # the sheet's tiles are equally large
             if is_like_first and (truth[..., 3] > 0.5).any():
@@ -79,10 +79,9 @@ def save_preview(sheet: np.ndarray, path: Path) -> None:
     partial.replace(path)
 
 
-def _spread(views: tuple[CaptureView, ...]) -> list[CaptureView]:
-    """The same views in an order whose every beginning is spread over them (multiples of the golden ratio)."""
-    places = np.arange(len(views)) * 0.6180339887498949 % 1
-    return [views[index] for index in np.argsort(places, kind="stable")]
+def _spread_order(count: int) -> list[int]:
+    """The indices below `count` in an order whose every beginning is spread over them (the golden ratio's multiples)."""
+    return np.argsort(np.arange(count) * 0.6180339887498949 % 1, kind="stable").tolist()
 
 
 def _figures(truth: np.ndarray, image: np.ndarray) -> dict[str, float]:

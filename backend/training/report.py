@@ -118,7 +118,7 @@ class Report:
             "time/step_s": pace_s,
             "time/eta_s": self._schedule.eta_s(step, self._clock.total_s, pace_s),
             "time/data_wait_share": self._clock.data_wait_share,
-            "skipped": self._skipped,
+            "skipped": float(self._skipped),
         }
         for journal in self._journals:
             journal.figures(step, figures)

@@ -36,11 +36,11 @@ class Schedule:
     @property
     def whole(self) -> float:
         """All of training: steps, or seconds."""
-        return self.config.steps if self.config.minutes is None else 60 * self.config.minutes
+        return float(self.config.steps) if self.config.minutes is None else 60 * self.config.minutes
 
     def done(self, step: int, seconds: float) -> float:
         """What of `whole` lies behind, after so many steps and seconds."""
-        return step if self.config.minutes is None else min(seconds, self.whole)
+        return float(step) if self.config.minutes is None else min(seconds, self.whole)
 
     def is_over(self, step: int, seconds: float) -> bool:
         """Whether training ends here."""
