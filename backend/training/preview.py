@@ -80,7 +80,7 @@ def save_preview(sheet: np.ndarray, path: Path) -> None:
 
 
 def _spread_order(count: int) -> list[int]:
-    """The indices below `count` in an order whose every beginning is spread over them (the golden ratio's multiples)."""
+    """The indices below `count`; every beginning of the order is spread over them (multiples of the golden ratio)."""
     return np.argsort(np.arange(count) * 0.6180339887498949 % 1, kind="stable").tolist()
 
 

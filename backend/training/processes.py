@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
 import torch.distributed as dist
@@ -16,6 +17,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..device import torch_device
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Processes:
         """Whether this is the one that writes."""
         return self.rank == 0
 
-    def share(self, items: Sequence) -> Sequence:
+    def share(self, items: Sequence[Item]) -> Sequence[Item]:
         """This process's part of a step's work."""
         return items[self.rank :: self.count]
 

@@ -97,7 +97,8 @@ class Stepper:
         means: dict[str, Tensor] = {}
         losses = torch.zeros(len(visits), device=self.machine.device)
         for place in mine:
-            loss, terms = self._loss(*visits[place], moment)
+            index, jitter = visits[place]
+            loss, terms = self._loss(index, jitter, moment)
             (loss / len(visits)).backward()
             losses[place] = loss.detach()
             for name, value in {**terms, "total": loss}.items():
