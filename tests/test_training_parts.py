@@ -63,13 +63,21 @@ def test_corrections_have_rates_of_their_own_too(avatar):
 
 def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_path):
     """A gain that is learnt, a view whose truth is made dark, and a penalty that is counted."""
-    gain, seen = Gain(4), []
+    gain, seen, begun = Gain(4), [], []
 
     def darker(view, source):
         seen.append(source.file)
         return view._replace(target=torch.cat([view.target[:3] * 0.25, view.target[3:]]))
 
-    correction = Correction("gain", gain, 0.05, darker, gain, lambda: {"gain_l2": gain.log_gain.square().sum() * 1e-3})
+    correction = Correction(
+        "gain",
+        gain,
+        learning_rate=0.05,
+        begin=lambda views, moment: begun.append((len(views), moment.step)),
+        before=darker,
+        after=gain,
+        penalty=lambda: {"gain_l2": gain.log_gain.square().sum() * 1e-3},
+    )
     task = Task(painted_capture, load_default_hand(), SMALL, corrections=(correction,))
     output = tmp_path / "a.safetensors"
     outcome = train(
@@ -79,6 +87,7 @@ def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_
         Machine(torch.device("cpu")),
         ReportConfig(log_every=6, preview_minutes=0.0),
     )
+    assert begun == [(6, step) for step in range(12)]
     assert sorted(set(seen)) == sorted(view.file for view in painted_capture.of_split("train"))
     assert (gain.log_gain[:3] < -0.05).all()  # as the truth is darker than anything the networks begin with
     assert gain.log_gain[3] == 0  # of the held-out camera

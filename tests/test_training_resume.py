@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 from livehand.backend.avatar import AvatarConfig, load_avatar
+from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.sampler import SamplerConfig
@@ -161,3 +162,10 @@ def test_a_checkpoint_gives_back_its_progress(tmp_path):
     assert torch.equal(other.parts.weight, module.weight)
     assert torch.equal(other.average.weight, state.average.weight)
     assert not torch.equal(other.average.weight, other.parts.weight)
+
+
+def test_a_checkpoint_that_cannot_be_written_is_told(tmp_path):
+    module = torch.nn.Linear(2, 2)
+    state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
+    with pytest.raises(LiveHandError, match=r"checkpoint .*gone/a\.checkpoint must be writable, got .*--resume"):
+        save_checkpoint(checkpoint_path(tmp_path / "gone" / "a.safetensors"), state, Progress(), "run")

@@ -70,12 +70,20 @@ def save_checkpoint(path: Path, state: TrainState, progress: Progress, run: str)
 
     The one before it stays until this one is whole and on the disk, so that a kill or a power cut at any moment leaves
     one of the two.
+
+    Raises:
+        LiveHandError: it cannot be written; the one before it is still there.
     """
     partial = path.with_suffix(".checkpoint_partial")
-    save_file(state.tensors(), partial, metadata={"progress": json.dumps(asdict(progress)), "run": run})
-    with partial.open("rb+") as file:
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        save_file(state.tensors(), partial, metadata={"progress": json.dumps(asdict(progress)), "run": run})
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except (SafetensorError, OSError) as error:
+        raise LiveHandError(
+            f"checkpoint {path} must be writable, got {error}; make room, and go on from the one before with --resume"
+        ) from error
 
 
 def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:

@@ -13,7 +13,8 @@ from ..avatar import Avatar
 from ..capture import CaptureView
 from ..field.encoding import FeaturePlane
 from .config import TrainConfig
-from .views import TrainingView
+from .schedule import Moment
+from .views import TrainingView, TrainingViews
 
 
 class Rendered(NamedTuple):
@@ -21,6 +22,10 @@ class Rendered(NamedTuple):
 
     low: Tensor
     image: Tensor
+
+
+def _begin_nothing(views: TrainingViews, moment: Moment) -> None:
+    pass
 
 
 def _same_view(view: TrainingView, source: CaptureView) -> TrainingView:
@@ -39,6 +44,7 @@ class Correction:
         name: its key in checkpoints.
         module: holds its parameters.
         learning_rate: of these; it follows the networks' schedule.
+        begin: is told of each step before it is taken, in every process alike.
         before: the training view as the networks shall see it (poses, places); in fp32, with gradients.
         after: the rendered window as the capture would show it (colours); in fp32, with gradients.
         penalty: named scalars that are added to the loss once an image.
@@ -47,6 +53,7 @@ class Correction:
     name: str
     module: nn.Module
     learning_rate: float
+    begin: Callable[[TrainingViews, Moment], None] = _begin_nothing
     before: Callable[[TrainingView, CaptureView], TrainingView] = _same_view
     after: Callable[[Rendered, CaptureView], Rendered] = _same_picture
     penalty: Callable[[], Mapping[str, Tensor]] = dict

@@ -81,6 +81,8 @@ class Stepper:
         """Render and compare the step's views, and move the weights unless something is not finite."""
         set_rates(self.optimiser, moment.rate)
         self.optimiser.zero_grad(set_to_none=True)
+        for correction in self.corrections:
+            correction.begin(self.views, moment)
         visits = views_of_step(moment.step, len(self.views), self.config)
         terms, losses = self._losses(visits, moment)
         self.machine.processes.sum_gradients(self.parts.parameters())
