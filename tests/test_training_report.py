@@ -17,7 +17,7 @@ from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.training.clock import Clock, Every
 from livehand.backend.training.config import ReportConfig, TrainConfig
-from livehand.backend.training.journal import LogFile
+from livehand.backend.training.journal import LogFile, TensorBoard
 from livehand.backend.training.loop import train
 from livehand.backend.training.preview import Preview, _spread_order
 from livehand.backend.training.report import Report, preview_path
@@ -170,6 +170,20 @@ def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand
     assert "step 4: held-out PSNR" in capsys.readouterr().err
 
 
+def test_looking_changes_nothing(painted_capture, hand, tmp_path):
+    task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=6, warmup_steps=1)
+    often = ReportConfig(preview_minutes=1e-9, preview_views=1, log_every=1)
+    looked, blind = (
+        train(task, config, tmp_path / f"{name}.safetensors", Machine(CPU), reporting)
+        for name, reporting in (("a", often), ("b", SILENT))
+    )
+    assert len([line for line in lines(tmp_path) if "held_out/psnr_full" in line]) == 7  # one more at the end
+    assert blind.held_out == {}
+    for part in ("field", "superres"):
+        for key, value in getattr(looked.avatar, part).state_dict().items():
+            assert torch.equal(value, getattr(blind.avatar, part).state_dict()[key])
+
+
 def test_recurring_things_are_due_by_their_interval(now):
     every, never = Every(10.0), Every(0.0)
     due = []
@@ -195,6 +209,18 @@ def test_tensorboard_holds_figures_and_pictures(painted_capture, hand, tmp_path)
     assert [event.step for event in events.Scalars("held_out/psnr_hand")] == [8]
     (picture,) = events.Images("held_out/preview")
     assert (picture.width, picture.height) == (24 * 12, 32)
+
+
+def test_a_resumed_tensorboard_hides_what_comes_again(tmp_path):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    for first_step, steps, value in ((0, (4, 8, 12, 16), 1.0), (8, (12, 16), 2.0)):
+        board = TensorBoard(tmp_path, first_step)
+        for step in steps:
+            board.figures(step, {"x": value})
+        board.close()
+    events = EventAccumulator(str(tmp_path)).Reload().Scalars("x")
+    assert [(event.step, event.value) for event in events] == [(4, 1), (8, 1), (12, 2), (16, 2)]
 
 
 def test_tensorboard_that_is_missing_is_told(painted_capture, hand, tmp_path, monkeypatch):

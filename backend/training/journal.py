@@ -70,7 +70,7 @@ class TensorBoard:
         from torch.utils.tensorboard import SummaryWriter
 
         try:
-            self._writer = SummaryWriter(str(folder), purge_step=first_step or None)
+            self._writer = SummaryWriter(str(folder), purge_step=first_step + 1 if first_step else None)
         except OSError as error:
             raise LiveHandError(f"the folder for TensorBoard must be writable, got {error}") from error
 
