@@ -46,8 +46,9 @@ class TrainConfig:
     """Linear rise of the learning rates at the start."""
     warmup_share: float = 0.01
     """The same as a share of `minutes`."""
-    ema_decay: float = 0.999
-    """Of the moving average of the weights, which is what the avatar gets; 0: the last step's weights."""
+    ema_decay: float = 0.0
+    """Of the moving average of the weights, which is what the avatar gets; 0: the last step's weights, which the decay
+    of the learning rates has calmed already."""
     max_skipped: int = 10
     """Steps in a row that may be skipped because a loss or gradient was not finite; after that training ends."""
     jitter_sets: int = 1
