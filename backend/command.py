@@ -29,7 +29,7 @@ class Command:
         help: one line.
         add_arguments: declares its arguments.
         run: does the work and returns a result that JSON can hold; a key `summary` is the text printed at the end
-            without `--json`, and is left out of the JSON.
+            without `--json`, and is left out of the JSON. Nothing is printed of an empty one.
     """
 
     name: str
@@ -53,7 +53,8 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
     except KeyboardInterrupt:
         sys.stderr.write(f"{program} {args.command}: interrupted\n")
         return INTERRUPTED
-    _print_result(result, args.json)
+    if result:
+        _print_result(result, args.json)
     return OK
 
 

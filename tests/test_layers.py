@@ -50,9 +50,10 @@ ROWS = [
     ("backend.avatar", "backend.capture"),
     ("backend.renderer",),
     ("backend.training", "backend.evaluation.metrics"),
-    ("backend.training.loop",),
     ("backend.training.pose_fit",),
     ("backend.evaluation", "backend.benchmark"),
+    ("backend.training.preview",),
+    ("backend.training.loop",),
     (
         "backend.training.command",
         "backend.evaluation.command",

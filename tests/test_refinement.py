@@ -16,12 +16,12 @@ from livehand.backend.hand.model import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.shot import HandPose, Shot
 from livehand.backend.training.config import LossConfig
-from livehand.backend.training.loop import render_view
 from livehand.backend.training.losses import window_loss
 from livehand.backend.training.pose_fit import PoseFitConfig, fit_poses
 from livehand.backend.training.pose_noise import pose_error, with_noise
 from livehand.backend.training.refined_capture import save_refined_capture
 from livehand.backend.training.refinement import Refinement, RefinementConfig
+from livehand.backend.training.step import render_view
 from livehand.backend.training.views import TrainingViews
 from PIL import Image
 

@@ -18,11 +18,13 @@ from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import HandPose
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.tracing import trace
-from livehand.backend.training import loop
-from livehand.backend.training.checkpoint import checkpoint_path, load_checkpoint
-from livehand.backend.training.config import LossConfig, TrainConfig
-from livehand.backend.training.loop import rate_at, train, view_of_step
+from livehand.backend.training.checkpoint import TrainState, checkpoint_path, load_checkpoint
+from livehand.backend.training.config import LossConfig, ReportConfig, TrainConfig
+from livehand.backend.training.loop import train
 from livehand.backend.training.losses import LossTerms
+from livehand.backend.training.parts import TrainedParts, optimiser_of
+from livehand.backend.training.step import Machine, Stepper
+from livehand.backend.training.task import Task
 from livehand.backend.training.views import TrainingViews, _packed, _unpacked
 from safetensors import safe_open
 
@@ -31,6 +33,7 @@ SMALL = AvatarConfig(
 )
 CPU = torch.device("cpu")
 SHORT = TrainConfig(steps=60, warmup_steps=5, checkpoint_every=20, learning_rate=1e-2, plane_learning_rate=3e-2)
+SILENT = ReportConfig(preview_minutes=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -41,18 +44,20 @@ def hand():
 @pytest.fixture
 def losses(monkeypatch):
     """The loss of every step that is taken from here on."""
-    seen, original = [], loop._train_step
+    seen, original = [], Stepper.take
 
-    def noted(*arguments):
-        seen.append(original(*arguments))
-        return seen[-1]
+    def noted(stepper, moment):
+        result = original(stepper, moment)
+        seen.append(result.terms["total"])
+        return result
 
-    monkeypatch.setattr(loop, "_train_step", noted)
+    monkeypatch.setattr(Stepper, "take", noted)
     return seen
 
 
-def run(capture, hand, output, config=SHORT, resume=False, avatar_config=SMALL, precision="fp32"):
-    return train(capture, hand, output, config, avatar_config, None, CPU, precision, resume)
+def run(capture, hand, output, config=SHORT, resume=False, avatar_config=SMALL, precision="fp32", **task):
+    task = Task(capture, hand, avatar_config, **task)
+    return train(task, config, output, Machine(CPU, precision), SILENT, resume).avatar
 
 
 def test_it_learns_and_saves_what_it_learnt(painted_capture, hand, tmp_path, losses):
@@ -81,16 +86,16 @@ class Killed(Exception):
 
 def test_an_interrupted_run_ends_as_an_unbroken_one(painted_capture, hand, tmp_path, monkeypatch):
     whole = run(painted_capture, hand, tmp_path / "whole.safetensors")
-    original, count = loop._train_step, Counter()
+    original, count = Stepper.take, Counter()
 
-    def dies(*arguments):
+    def dies(stepper, moment):
         count["steps"] += 1
         if count["steps"] == 34:
             raise Killed
-        return original(*arguments)
+        return original(stepper, moment)
 
     output = tmp_path / "broken.safetensors"
-    monkeypatch.setattr(loop, "_train_step", dies)
+    monkeypatch.setattr(Stepper, "take", dies)
     with pytest.raises(Killed):
         run(painted_capture, hand, output)
     assert checkpoint_path(output).is_file()
@@ -151,10 +156,11 @@ def test_damaged_checkpoints_are_refused(painted_capture, hand, tmp_path):
 def test_a_checkpoint_holds_the_optimiser_too(painted_capture, hand, tmp_path):
     output, config = tmp_path / "a.safetensors", replace(SHORT, steps=4, checkpoint_every=4)
     avatar = run(painted_capture, hand, output, config)
-    networks = torch.nn.ModuleList([avatar.field, avatar.superres])
-    optimiser = loop._optimiser(networks, config)
+    parts = TrainedParts(avatar)
+    optimiser = optimiser_of(parts.requires_grad_(), config)
     path = checkpoint_path(output)
-    assert load_checkpoint(path, networks, optimiser, read_run(path)) == 4
+    progress = load_checkpoint(path, TrainState(parts, TrainedParts(avatar), optimiser), read_run(path))
+    assert (progress.step, progress.skipped) == (4, 0)
     states = [optimiser.state[p] for group in optimiser.param_groups for p in group["params"]]
     assert all(float(state["step"]) == 4 for state in states if state)
     assert sum(bool(state) for state in states) == len(states)
@@ -176,29 +182,6 @@ def test_a_capture_of_another_hand_or_without_views_is_refused(painted_capture, 
     with pytest.raises(LiveHandError, match="must all be of the right hand"):
         run(replace(painted_capture, poses=(left, left)), hand, output)
     assert not output.exists()
-
-
-def test_the_rate_rises_then_falls():
-    config = TrainConfig(steps=1000, warmup_steps=10, final_learning_rate=0.02)
-    rates = [rate_at(step, config) for step in range(1000)]
-    assert rates[0] == pytest.approx(0.1, rel=0.01)
-    assert rates[9] == pytest.approx(1.0, rel=0.01)
-    assert max(rates) <= 1
-    assert rates[9:] == sorted(rates[9:], reverse=True)
-    assert rate_at(500, config) == pytest.approx(0.02 + 0.98 * 0.5)
-    assert rate_at(1000, config) == pytest.approx(0.02)
-
-
-@pytest.mark.parametrize("count", [1, 7])
-def test_every_epoch_visits_every_view_once_in_an_order_of_its_own(count):
-    config = TrainConfig(seed=3, jitter_sets=2)
-    epochs = [[view_of_step(epoch * count + k, count, config) for k in range(count)] for epoch in range(6)]
-    for epoch, visits in enumerate(epochs):
-        assert sorted(view for view, _ in visits) == list(range(count))
-        assert {jitter for _, jitter in visits} == {epoch % 2}
-    if count > 1:
-        assert len({tuple(view for view, _ in visits) for visits in epochs}) > 3
-        assert [view_of_step(k, count, replace(config, seed=8)) for k in range(count)] != epochs[0]
 
 
 @pytest.fixture(scope="module")
@@ -253,17 +236,6 @@ def test_views_without_the_hand_are_left_out(painted_capture, hand):
     assert len(views) == 1
 
 
-def test_planes_have_a_rate_of_their_own(hand):
-    avatar = new_avatar("a", hand.name, hand.sha256, SMALL)
-    networks = torch.nn.ModuleList([avatar.field, avatar.superres])
-    others, planes = loop._optimiser(networks, SHORT).param_groups
-    assert {id(p) for p in planes["params"]} == {id(avatar.field.planes[0].table), id(avatar.field.relief.table)}
-    assert (others["initial_lr"], planes["initial_lr"]) == (SHORT.learning_rate, SHORT.plane_learning_rate)
-    assert len(others["params"]) + 2 == len(list(networks.parameters()))
-    paper = new_avatar("a", hand.name, hand.sha256, replace(SMALL, field=FieldConfig(kind="paper")))
-    assert len(loop._optimiser(paper.field, SHORT).param_groups) == 1
-
-
 def test_the_last_part_has_the_perceptual_term(painted_capture, hand, tmp_path, monkeypatch):
     config = replace(SHORT, steps=10, loss=LossConfig(perceptual_share=0.3))
     perceptual = PerceptualLoss.__new__(PerceptualLoss)
@@ -274,8 +246,8 @@ def test_the_last_part_has_the_perceptual_term(painted_capture, hand, tmp_path, 
         used.append(perceptual is not None)
         return LossTerms(*[image.square().mean()] * 6)
 
-    monkeypatch.setattr(loop, "window_loss", noted)
-    train(painted_capture, hand, tmp_path / "a.safetensors", config, SMALL, perceptual, CPU)
+    monkeypatch.setattr("livehand.backend.training.step.window_loss", noted)
+    run(painted_capture, hand, tmp_path / "a.safetensors", config, perceptual=perceptual)
     assert used == [False] * 7 + [True] * 3
 
 
@@ -286,6 +258,8 @@ def test_the_command_trains(painted_capture, tmp_path, capsys, monkeypatch):
     assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--json"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["steps"] == 3
+    assert 0 < result["data_wait_share"] < 1
+    assert result["held_out"]["psnr_hand"] > 5
     assert load_avatar(output).provenance["precision"] == "bf16"
 
 
@@ -296,12 +270,35 @@ def test_the_command_trains(painted_capture, tmp_path, capsys, monkeypatch):
         (["--hand", "gone.npz"], "no hand model at gone.npz"),
         (["--perceptual-weights", "gone.pth"], "no perceptual weights at gone.pth"),
         (["--steps", "0"], "steps"),
+        (["--minutes", "0"], "must be a number of minutes above 0, got '0'"),
+        (["--minutes", "5", "--steps", "5"], "not allowed with argument"),
+        (["--batch", "two"], "must be a whole number above 0"),
+        (["--ema-decay", "1"], "must be a number from 0 to below 1"),
+        (["--from", "gone.safetensors"], "no avatar at gone.safetensors"),
     ],
 )
 def test_the_command_tells_bad_input(painted_capture, tmp_path, capsys, changes, message):
     arguments = ["train", str(painted_capture.folder), "-o", str(tmp_path / "a.safetensors"), "--device", "cpu"]
     assert run_commands("livehand", "", COMMANDS, [*arguments, *changes]) in (1, 2)
     assert message in capsys.readouterr().err
+
+
+def test_the_command_fine_tunes_for_a_time(painted_capture, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(PRESETS, "default", SMALL)
+    outputs = [str(tmp_path / name) for name in ("a.safetensors", "b.safetensors")]
+    common = ["--perceptual", "0", "--device", "cpu", "--preview-minutes", "0", "--json"]
+    lengths = (["--steps", "1"], ["--minutes", "0.005", "--batch", "2", "--from", outputs[0], "--ema-decay", "0.5"])
+    for output, length in zip(outputs, lengths, strict=True):
+        arguments = ["train", str(painted_capture.folder), "-o", output, *length, *common]
+        assert run_commands("livehand", "", COMMANDS, arguments) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["steps"] >= 1
+    assert result["minutes"] >= 0.005
+    assert result["held_out"] == {}
+    provenance = load_avatar(outputs[1]).provenance
+    assert provenance["fine_tuned_from"]["name"] == "a"
+    settings = provenance["training"]
+    assert (settings["minutes"], settings["batch"], settings["ema_decay"]) == (0.005, 2, 0.5)
 
 
 def test_the_seed_is_part_of_the_run(painted_capture, hand, tmp_path, losses):

@@ -2,141 +2,138 @@
 
 from __future__ import annotations
 
-import json
-import logging
-from dataclasses import asdict, replace
-from math import cos, pi
+from dataclasses import replace
 from pathlib import Path
 
-import torch
-from torch import Tensor, nn
-from tqdm import tqdm
-
-from ..avatar import Avatar, AvatarConfig, new_avatar, save_avatar
-from ..capture import Capture
+from ..avatar import Avatar, save_avatar
 from ..errors import LiveHandError
-from ..field.encoding import FeaturePlane
-from ..hand.model import HandModel
-from ..image import image_of, low_resolution_maps
-from ..renderer import Precision
-from ..shading import shade
-from .checkpoint import checkpoint_path, load_checkpoint, save_checkpoint
-from .config import TrainConfig
-from .losses import window_loss
-from .perceptual import PerceptualDistance
-from .views import TrainingView, TrainingViews
-
-LOGGER = logging.getLogger(__name__)
+from .average import WeightAverage
+from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
+from .clock import Clock, Every
+from .config import ReportConfig, TrainConfig
+from .faults import FaultStreak
+from .origin import first_avatar
+from .parts import TrainedParts, optimiser_of
+from .preview import Preview
+from .report import Report
+from .schedule import Schedule
+from .step import Machine, Stepper, StepResult
+from .task import Outcome, Task, provenance_of, run_identity
+from .views import TrainingViews
 
 
 def train(
-    capture: Capture,
-    hand: HandModel,
-    output: Path,
+    task: Task,
     config: TrainConfig,
-    avatar_config: AvatarConfig,
-    perceptual: PerceptualDistance | None,
-    device: torch.device,
-    precision: Precision = "fp32",
+    output: Path,
+    machine: Machine,
+    reporting: ReportConfig,
     resume: bool = False,
-) -> Avatar:
+) -> Outcome:
     """Train an avatar and save it to `output`; `resume` goes on from its checkpoint.
 
     Raises:
-        LiveHandError: the capture is of another hand, has no training images, or the checkpoint is of another run.
+        LiveHandError: the capture or the origin is of another hand, there are no training images, the checkpoint is of
+            another run, the batch cannot be shared by the processes, or nothing finite comes of the images.
     """
-    avatar = new_avatar(output.stem, hand.name, hand.sha256, avatar_config, config.seed)
-    networks = nn.ModuleList([avatar.field, avatar.superres]).to(device).train()
-    views = TrainingViews(capture, capture.of_split("train"), hand, avatar_config.sampler, device, config.seed)
+    training = Training(task, config, output, machine, resume)
+    with training.report(reporting) as report:
+        while not training.is_over():
+            training.step(report)
+        return training.finish(report)
+
+
+class Training:
+    """One session of a training; arguments and errors as `train`."""
+
+    def __init__(self, task: Task, config: TrainConfig, output: Path, machine: Machine, resume: bool):
+        self._task, self._config, self._output, self._machine = task, config, output, machine
+        self._avatar = first_avatar(output.stem, task.hand, task.avatar_config, config.seed, task.origin)
+        views = _views_of(task, config, machine)
+        self._parts = TrainedParts(self._avatar, task.corrections).to(machine.device).train()
+        self._average = WeightAverage(self._parts, config.ema_decay)
+        optimiser = optimiser_of(self._parts, config, task.corrections)
+        self._state = TrainState(self._parts, self._average.module, optimiser)
+        self._identity = run_identity(task, config, machine.precision, len(views))
+        self._progress = self._saved = self._resumed() if resume else Progress()
+        self._schedule, self._clock = Schedule(config), Clock(self._progress.seconds)
+        perceptual = task.perceptual.to(machine.device) if task.perceptual is not None else None
+        surroundings = (config, machine, self._clock, perceptual, task.corrections)
+        self._stepper = Stepper(self._avatar, self._parts, optimiser, views, *surroundings)
+        self._streak = FaultStreak(config.max_skipped)
+        self._checkpoint_due = Every(60 * config.checkpoint_minutes)
+
+    def is_over(self) -> bool:
+        """Whether all steps are taken, or all time is spent."""
+        self._progress = replace(self._progress, seconds=self._seconds())
+        return self._schedule.is_over(self._progress.step, self._progress.seconds)
+
+    def step(self, report: Report) -> None:
+        """Take the next step, tell of it, and save the state when it is time."""
+        moment = self._schedule.at(self._progress.step, self._progress.seconds)
+        result = self._stepper.take(moment)
+        self._average.update(self._parts, moment.step)
+        self._advance(result)
+        report.step(moment, result, self._look)
+        self._streak.note(result.faulty_files)
+        if self._progress.step % self._config.checkpoint_every == 0 or self._checkpoint_due.is_due():
+            self._save_checkpoint()
+
+    def finish(self, report: Report) -> Outcome:
+        """Save the avatar, and the state so that nothing is done again."""
+        if not self._schedule.is_over(self._saved.step, self._saved.seconds):
+            self._save_checkpoint()
+        provenance = provenance_of(self._task, self._config, self._machine.precision, self._progress)
+        avatar = replace(self._look(), provenance=provenance)
+        if self._machine.processes.is_first:
+            for correction in self._task.corrections:
+                avatar = correction.finish(avatar)
+            save_avatar(avatar, self._output)
+        report.finish(self._progress.step, avatar)
+        return Outcome(avatar, self._progress, self._clock.data_wait_share, report.held_out)
+
+    def report(self, config: ReportConfig) -> Report:
+        """Of this session; silent in any process but the first."""
+        preview = Preview(self._task.capture, self._task.hand, self._machine.device, config.preview_views)
+        first_step = self._progress.step
+        is_first = self._machine.processes.is_first
+        return Report(config, self._schedule, self._clock, preview, self._output if is_first else None, first_step)
+
+    def _look(self) -> Avatar:
+        """The avatar as it is now."""
+        return self._average.module.worn_by(self._avatar)
+
+    def _seconds(self) -> float:
+        """Spent so far, the same in all processes where it matters."""
+        seconds = self._clock.total_s
+        if self._config.minutes is None:
+            return seconds
+        return self._machine.processes.from_first(seconds, self._machine.device)
+
+    def _advance(self, result: StepResult) -> None:
+        skipped = self._progress.skipped + bool(result.faulty_files)
+        self._progress = Progress(self._progress.step + 1, self._clock.total_s, skipped)
+
+    def _save_checkpoint(self) -> None:
+        if self._machine.processes.is_first:
+            save_checkpoint(checkpoint_path(self._output), self._state, self._progress, self._identity)
+        self._saved = self._progress
+
+    def _resumed(self) -> Progress:
+        path = checkpoint_path(self._output)
+        return load_checkpoint(path, self._state, self._identity) if path.is_file() else Progress()
+
+
+def _views_of(task: Task, config: TrainConfig, machine: Machine) -> TrainingViews:
+    """The training images that show the hand."""
+    if config.batch % machine.processes.count:
+        raise LiveHandError(
+            f"the images of a step must be shared equally by {machine.processes.count} processes, got {config.batch}; "
+            f"give --batch {machine.processes.count} or a multiple of it"
+        )
+    capture = task.capture
+    sampler = task.avatar_config.sampler
+    views = TrainingViews(capture, capture.of_split("train"), task.hand, sampler, machine.device, config.seed)
     if not len(views):
         raise LiveHandError(f"capture {capture.folder} must have training images that show the hand, got none")
-    optimiser = _optimiser(networks, config)
-    perceptual = perceptual.to(device) if perceptual is not None else None
-    run = json.dumps([asdict(config), asdict(avatar_config), capture.provenance, len(views), precision])
-    checkpoint = checkpoint_path(output)
-    first = load_checkpoint(checkpoint, networks, optimiser, run) if resume and checkpoint.is_file() else 0
-    with tqdm(total=config.steps, initial=first, unit="step", desc="train") as progress:
-        for step in range(first, config.steps):
-            loss = _train_step(avatar, views, optimiser, config, perceptual, step, device, precision)
-            progress.update()
-            progress.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-            if (step + 1) % config.checkpoint_every == 0:
-                save_checkpoint(checkpoint, networks, optimiser, step + 1, run)
-                LOGGER.info("step %d loss %.5f", step + 1, loss)
-    avatar = replace(avatar, provenance=_provenance(capture, config, precision))
-    save_avatar(avatar, output)
-    return avatar
-
-
-def _train_step(
-    avatar: Avatar,
-    views: TrainingViews,
-    optimiser: torch.optim.Optimizer,
-    config: TrainConfig,
-    perceptual: PerceptualDistance | None,
-    step: int,
-    device: torch.device,
-    precision: Precision,
-) -> float:
-    for group in optimiser.param_groups:
-        group["lr"] = group["initial_lr"] * rate_at(step, config)
-    training_view = views.get(*view_of_step(step, len(views), config))
-    is_perceptual = step >= config.steps * (1 - config.loss.perceptual_share)
-    with torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16"):
-        low, image = render_view(avatar, views, training_view)
-        loss = window_loss(
-            low.float(),
-            image.float(),
-            training_view.target,
-            training_view.is_inside,
-            config.loss,
-            perceptual if is_perceptual else None,
-        ).total
-    optimiser.zero_grad(set_to_none=True)
-    loss.backward()
-    optimiser.step()
-    return loss.item()
-
-
-def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView) -> tuple[Tensor, Tensor]:
-    """RGBA of a training view's window before [4, h, w] and after [4, 2h, 2w] super-resolution."""
-    shell_m = avatar.config.sampler.shell_m
-    composite = shade(avatar.field, view.rays, views.topology, view.conditions, view.mesh.scale, view.view, shell_m)
-    maps, _ = low_resolution_maps(composite, view.rays.pixel, view.view.size_px)
-    image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.view.size_px)
-    return torch.cat([maps[:3], maps[-1:]]), image
-
-
-def rate_at(step: int, config: TrainConfig) -> float:
-    """Share of the learning rates at a step: linear warm-up, then cosine decay."""
-    warmup = min(1.0, (step + 1) / config.warmup_steps)
-    decay = 0.5 * (1 + cos(pi * step / config.steps))
-    return warmup * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
-
-
-def view_of_step(step: int, view_count: int, config: TrainConfig) -> tuple[int, int]:
-    """(image, jitter set) of a step: every epoch all images once, in an order drawn from (seed, epoch)."""
-    epoch, position = divmod(step, view_count)
-    generator = torch.Generator().manual_seed(config.seed * 100_003 + epoch)
-    order = torch.randperm(view_count, generator=generator)
-    return int(order[position]), epoch % config.jitter_sets
-
-
-def _optimiser(networks: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
-    planes = [module.table for module in networks.modules() if isinstance(module, FeaturePlane)]
-    is_plane = {id(table) for table in planes}
-    others = [parameter for parameter in networks.parameters() if id(parameter) not in is_plane]
-    groups = [{"params": others, "initial_lr": config.learning_rate}]
-    if planes:
-        groups.append({"params": planes, "initial_lr": config.plane_learning_rate})
-    return torch.optim.Adam(groups, lr=config.learning_rate, betas=(0.9, 0.99), eps=1e-8, fused=True)
-
-
-def _provenance(capture: Capture, config: TrainConfig, precision: Precision) -> dict:
-    return {
-        "made_by": "livehand train",
-        "training": asdict(config),
-        "precision": precision,
-        "capture": capture.provenance,
-        "licence": config.licence,
-    }
+    return views

@@ -14,9 +14,9 @@ from ..avatar import Avatar
 from ..capture import Capture, Split
 from ..hand.model import HandModel
 from .config import LossConfig
-from .loop import render_view
 from .losses import window_loss
 from .refinement import Refinement, RefinementConfig
+from .step import render_view
 from .views import TrainingViews
 
 

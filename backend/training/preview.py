@@ -1,0 +1,90 @@
+"""How a training stands: a few held-out views rendered beside the truth."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from statistics import fmean
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ..avatar import Avatar
+from ..capture import Capture, CaptureView, Split
+from ..evaluation.contact_sheet import comparison_sheet, save_sheet
+from ..evaluation.evaluate import encoded_on_black, posed_vertices
+from ..evaluation.metrics import psnr_db
+from ..hand.model import HandModel
+from ..renderer import Renderer
+from ..shot import Shot
+
+# The hardest first; a capture without held-out views is previewed by its training views.
+_SPLITS: tuple[Split, ...] = ("test", "novel_pose", "novel_camera", "train")
+
+
+class PreviewResult(NamedTuple):
+    """Truth | ours | error of every view [H, W, 3] uint8, and mean figures in dB."""
+
+    sheet: np.ndarray
+    figures: dict[str, float]
+
+
+class Preview:
+    """A capture's views that are looked at again and again while an avatar learns.
+
+    Args:
+        capture: of the hand.
+        hand: that the avatar belongs to.
+        device: to render on.
+        count: views at most, spread over the split.
+    """
+
+    def __init__(self, capture: Capture, hand: HandModel, device: torch.device, count: int):
+        self._capture, self._hand, self._device, self._count = capture, hand, device, count
+
+    def of(self, avatar: Avatar) -> PreviewResult | None:
+        """The avatar's views, None where no view shows the hand; leaves its networks in evaluation mode."""
+        if not self._views:
+            return None
+        renderer = Renderer(avatar, self._hand, str(self._device))
+        pairs = [(truth, encoded_on_black(renderer.render(shot))) for truth, shot in self._views]
+        figures = [_figures(truth, image) for truth, image in pairs]
+        means = {name: fmean(figure[name] for figure in figures) for name in figures[0]}
+        return PreviewResult(comparison_sheet(pairs), means)
+
+    @cached_property
+    def _views(self) -> list[tuple[np.ndarray, Shot]]:
+        """Truth and shot of each, of the first split that shows the hand."""
+        shown = (self._shown(self._capture.of_split(split)) for split in _SPLITS)
+        return next((views for views in shown if views), [])
+
+    def _shown(self, views: tuple[CaptureView, ...]) -> list[tuple[np.ndarray, Shot]]:
+        found: list[tuple[np.ndarray, Shot]] = []
+        for view in (views[index] for index in _spread_order(len(views))):
+            truth = self._capture.read_image(view)
+            is_like_first = not found or truth.shape == found[0][0].shape  # the sheet's tiles are equally large
+            if is_like_first and (truth[..., 3] > 0.5).any():
+                pose = self._capture.poses[view.pose_index]
+                found.append((truth, Shot(pose, posed_vertices(self._hand, pose), view.camera)))
+            if len(found) == self._count:
+                break
+        return found
+
+
+def save_preview(sheet: np.ndarray, path: Path) -> None:
+    """Write a sheet to a temporary name and then in place: who looks at it meanwhile sees a whole picture."""
+    partial = path.with_name(f".{path.name}.partial.png")
+    save_sheet(sheet, partial)
+    partial.replace(path)
+
+
+def _spread_order(count: int) -> list[int]:
+    """The indices below `count`; every beginning of the order is spread over them (multiples of the golden ratio)."""
+    return np.argsort(np.arange(count) * 0.6180339887498949 % 1, kind="stable").tolist()
+
+
+def _figures(truth: np.ndarray, image: np.ndarray) -> dict[str, float]:
+    ours, theirs = torch.as_tensor(image[..., :3]), torch.as_tensor(truth[..., :3])
+    is_hand = torch.as_tensor(truth[..., 3] > 0.5)
+    return {"psnr_full": psnr_db(ours, theirs), "psnr_hand": psnr_db(ours, theirs, is_hand)}
