@@ -1,7 +1,6 @@
 """One step: batches, and what is not finite."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from livehand.backend.training.loop import train
 from livehand.backend.training.losses import window_loss
 from livehand.backend.training.parts import TrainedParts, optimiser_of
 from livehand.backend.training.schedule import Schedule, views_of_step
-from livehand.backend.training.step import Machine, Stepper, named_terms
+from livehand.backend.training.step import Machine, Stepper
 from livehand.backend.training.task import Task
 from livehand.backend.training.views import TrainingViews
 
@@ -120,13 +119,6 @@ def test_only_faults_in_a_row_count():
         streak.note(files)
     with pytest.raises(LiveHandError, match="with the images a, c;"):
         streak.note(("c",))
-
-
-def test_named_terms_of_a_scalar_and_of_a_record():
-    scalar = torch.tensor(2.0)
-    assert named_terms(scalar) == (scalar, {})
-    record = SimpleNamespace(total=scalar, _asdict=lambda: {"colour": scalar, "perceptual": None, "total": scalar})
-    assert named_terms(record) == (scalar, {"colour": scalar})
 
 
 def test_waiting_for_data_is_measured(stepper_of, views, monkeypatch):

@@ -135,9 +135,8 @@ def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
     origin = load_origin(args.origin) if args.origin else None
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_loss(*weights) if args.perceptual > 0 else None
-    return Task(
-        capture, hand, PRESETS[args.config], perceptual, _corrections(args, capture, hand, output, device), origin
-    )
+    corrections = _corrections(args, capture, hand, output, device)
+    return Task(capture, hand, PRESETS[args.config], perceptual, corrections, origin)
 
 
 def _corrections(
