@@ -47,7 +47,7 @@ def shade(
 ) -> Composite:
     """Ask the field at the samples and composite each ray."""
     length = rays.directions.norm(dim=-1)
-    footprint_m = (rays.t / (view.K[0, 0] * scale)).flatten()
+    footprint_m = (rays.t / (view.focal_px * scale)).flatten()
     exposure = field.exposure(conditions.visibility)
     unit = rays.directions / length[:, None]
     inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)

@@ -13,9 +13,9 @@ from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.evaluation.contact_sheet import GROUND, comparison_sheet, on_ground, save_sheet, tile
-from livehand.backend.evaluation.evaluate import encoded_on_black, posed_vertices, score_views, summary
+from livehand.backend.evaluation.evaluate import encoded_on_black, score_views, summary
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.lbs import SkinTensors, pose_hand
+from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.sampler import SamplerConfig

@@ -13,10 +13,9 @@ from tqdm import tqdm
 from ..capture import Capture, CaptureView, Split
 from ..colour import linear_to_srgb
 from ..errors import LiveHandError
-from ..hand.lbs import SkinTensors, pose_hand
-from ..hand.model import HandModel
+from ..hand.lbs import posed_vertices
 from ..renderer import Renderer
-from ..shot import Frame, HandPose, Shot
+from ..shot import Frame, Shot
 from .metrics import alpha_iou, psnr_db, ssim
 
 
@@ -59,13 +58,6 @@ def summary(scores: list[ViewScore]) -> dict[str, float | int]:
     names = ("psnr_full", "psnr_hand", "ssim", "alpha_iou")
     means = {name: round(fmean(getattr(score, name) for score in scores), 4) for name in names}
     return {"images": len(scores), **means}
-
-
-def posed_vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
-    """[V, 3] m, world."""
-    skin = SkinTensors.of(hand.for_side(pose.side), dtype=torch.float64)
-    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
-    return pose_hand(skin, *parameters).vertices.numpy()
 
 
 def encoded_on_black(frame: Frame) -> np.ndarray:
