@@ -36,7 +36,7 @@ Split = Literal["train", "novel_pose", "novel_camera", "test"]
 
 @dataclass(frozen=True)
 class CaptureView:
-    """One image of a capture; `mask` is the file of its alpha where the image carries none, or another than it should."""
+    """One image of a capture; `mask` is the file of its alpha, None where the image carries its own."""
 
     file: str
     camera: Camera
