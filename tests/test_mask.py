@@ -72,21 +72,19 @@ def test_the_hand_is_found_where_the_fit_is_millimetres_off(hand, camera):
 
 
 def test_the_forearm_is_cut_at_the_meshs_end(hand, camera):
-    """A cylinder of skin from the mesh's end on."""
+    """A cylinder of skin from the mesh's end to a sleeve."""
     truth = drawn(hand, camera, HandPose.rest())
     last = np.flatnonzero(truth.any(1))[-1]
     columns = np.flatnonzero(truth[last - 2])
     forearm = np.zeros_like(truth)
-    forearm[last + 1 :, columns[0] : columns[-1] + 1] = True
-    photo = photograph(truth | forearm)
-    cut, whole = (
-        grabcut_mask(photo, regions_of(hand, camera, HandPose.rest(), config), config)
-        for config in (CONFIG, replace(CONFIG, forearm_mm=0.0))
-    )
+    forearm[last + 1 : last + 9, columns[0] : columns[-1] + 1] = True
+    config = replace(CONFIG, dilate_mm=30.0)
+    regions = regions_of(hand, camera, HandPose.rest(), config)
+    mask = grabcut_mask(photograph(truth | forearm), regions, config)
     assert forearm.sum() > 100
-    assert iou(cut, truth) > 0.97
-    assert (cut & forearm)[last + 3 :].sum() == 0
-    assert iou(whole, truth) < iou(cut, truth) - 0.02  # taken for background, the forearm's colour takes the hand along
+    assert (regions.forearm & forearm).sum() > 0.8 * forearm.sum()
+    assert iou(mask, truth) > 0.97
+    assert not (mask & forearm)[last + 3 :].any()
 
 
 def test_only_the_largest_part_is_kept(hand, camera):
@@ -100,14 +98,12 @@ def test_only_the_largest_part_is_kept(hand, camera):
 
 
 def test_distances_are_millimetres_along_both_axes(hand, camera):
-    regions = regions_of(hand, camera, HandPose.rest(), replace(CONFIG, dilate_mm=10.0))
-    depth_m = np.median(camera.project(posed_arrays(hand, HandPose.rest())[0])[1])
-    for axis in (0, 1):
+    flat = replace(camera, K=np.array([[192.0, 0, 36], [0, 100, 40], [0, 0, 1]]))
+    regions = regions_of(hand, flat, HandPose.rest(), replace(CONFIG, dilate_mm=20.0))
+    depth_m = np.median(flat.project(posed_arrays(hand, HandPose.rest())[0])[1])
+    for axis, focal_px in ((0, 192), (1, 100)):
         near, inner = (np.flatnonzero(region.any(axis)) for region in (regions.near, regions.silhouette))
-        reach = (
-            round(0.010 * camera.K[1 - axis, 1 - axis] / depth_m) if axis else round(0.010 * camera.K[0, 0] / depth_m)
-        )
-        assert inner[0] - near[0] == min(reach, inner[0])
+        assert inner[0] - near[0] == round(0.020 * focal_px / depth_m)
     assert (regions.core & ~regions.silhouette).sum() == 0
     assert 0 < regions.core.sum() < regions.silhouette.sum() < regions.near.sum()
 
