@@ -117,8 +117,10 @@ class TrainingViews:
         return window_of(mesh, view.camera, self.sampler)
 
     def _target(self, index: int) -> Float[Tensor, "4 H W"]:
-        pixels = torch.as_tensor(self._pixels.get(index)).to(self.device).permute(2, 0, 1) / 255
-        return torch.cat([pixels[:3] * pixels[3:], pixels[3:]])
+        pixels = torch.as_tensor(self._pixels.get(index)).to(self.device)
+        target = pixels.permute(2, 0, 1).contiguous() / 255
+        target[:3] *= target[3:]
+        return target
 
     @cached_property
     def _pixels(self) -> WindowStore:
