@@ -131,7 +131,7 @@ class TrainingViews:
         def decode(index: int) -> np.ndarray:
             window = windows[index]
             assert window is not None
-            return window.cut(capture.read_pixels(views[index]), outside=0)
+            return window.cut(capture.read_pixels(views[index]))
 
         return WindowStore(sizes_px, decode, capture.folder)
 
