@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from livehand.backend.capture import load_capture
+from livehand.backend.capture_check import check_capture
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
@@ -13,8 +15,12 @@ from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
 from livehand.backend.importing.interhand import camera_of_image
 from livehand.backend.importing.interhand_capture import InterHandRequest, import_interhand
+from livehand.backend.importing.mask import MaskConfig
+from livehand.backend.importing.mask_capture import mask_capture
 from livehand.backend.importing.split import load_split
+from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import HandPose
+from livehand.backend.training.views import TrainingViews
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -313,6 +319,20 @@ def test_an_import_goes_on_where_it_stopped_and_takes_no_other_place(data_set, t
 def test_an_upright_camera_is_not_stretched():
     K = np.array([[1200.0, 0, 160], [0, 1190, 260], [0, 0, 1]])
     np.testing.assert_array_equal(camera_of_image(K, np.eye(4), (334, 512)).K, K)
+
+
+def test_an_imported_capture_can_be_trained_on_once_it_has_masks(data_set, tmp_path):
+    result, hand = run(data_set, tmp_path / "capture")
+    with pytest.raises(LiveHandError, match=r"has 10 faults:(?s:.*)must carry alpha .* `livehand mask` makes masks"):
+        check_capture(result.capture, hand)
+    mask_capture(tmp_path / "capture", hand, MaskConfig())
+    capture = load_capture(tmp_path / "capture")
+    check_capture(capture, hand)
+    views = TrainingViews(capture, capture.of_split("train"), hand, SamplerConfig(4, 0.003), torch.device("cpu"), 0)
+    assert len(views) == 6
+    for index, view in enumerate(views.views):  # both of square pixels and of stretched ones
+        target = views.get(index, 0).target
+        assert target[3].sum() == pytest.approx(capture.read_image(view)[..., 3].sum(), rel=1e-5)
 
 
 def test_the_command_imports(data_set, tmp_path, capsys):

@@ -37,7 +37,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--held-out-cameras",
         nargs="*",
         metavar="ID",
-        help="default: every tenth by id, from the fifth; none: no camera",
+        help="default: every tenth by id, from the fifth; without ids: none",
     )
 
 

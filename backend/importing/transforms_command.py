@@ -22,10 +22,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--metres-per-unit", type=float, default=1.0, help="of the cameras' places (default: %(default)s)"
     )
     parser.add_argument(
-        "--held-out-poses", type=int, nargs="*", metavar="I", help="default: the last tenth; none: no pose"
+        "--held-out-poses", type=int, nargs="*", metavar="I", help="default: the last tenth; without numbers: none"
     )
     parser.add_argument(
-        "--held-out-cameras", type=int, nargs="*", metavar="I", help="default: every eighth; none: no camera"
+        "--held-out-cameras", type=int, nargs="*", metavar="I", help="default: every eighth; without numbers: none"
     )
 
 
