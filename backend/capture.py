@@ -2,15 +2,19 @@
 
 A folder with
 - `transforms.json`: provenance, and per image its file, K (px), cam2world (OpenCV axes, m), size, camera index, pose
-  index and split;
+  index, split, and its mask's file where it has one;
 - `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side;
-- images: RGBA, sRGB-encoded, straight (not premultiplied) alpha, as any PNG.
+- images: RGBA, sRGB-encoded, straight (not premultiplied) alpha, as any PNG; or any picture, and beside it a mask:
+  a grey picture of its size, white where the hand is.
+
+docs/capture.md says the same for those who write one.
 """
 
 from __future__ import annotations
 
 import json
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -32,13 +36,14 @@ Split = Literal["train", "novel_pose", "novel_camera", "test"]
 
 @dataclass(frozen=True)
 class CaptureView:
-    """One image of a capture."""
+    """One image of a capture; `mask` is the file of its alpha, None where the image carries its own."""
 
     file: str
     camera: Camera
     camera_index: int
     pose_index: int
     split: Split
+    mask: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,25 +66,94 @@ class Capture:
         Raises:
             LiveHandError: the image is missing, unreadable, not RGBA, or not of the view's size.
         """
-        path = self.folder / view.file
-        try:
-            with Image.open(path) as image:
-                mode, size = image.mode, image.size
-                pixels = np.asarray(image.convert("RGBA"), np.float32) / 255
-        except OSError as error:
-            raise LiveHandError(f"capture image {path} must be a readable picture ({error})") from error
-        if mode not in ("RGBA", "LA"):
-            raise LiveHandError(f"capture image {path} must carry alpha (RGBA), got mode {mode}; mask the hand")
-        if size != tuple(view.camera.size_px):
-            raise LiveHandError(f"capture image {path} must be {view.camera.size_px} px as its camera says, got {size}")
+        pixels = self.read_pixels(view).astype(np.float32) / 255
         return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
+
+    def read_pixels(self, view: CaptureView) -> np.ndarray:
+        """[H, W, 4] uint8: sRGB-encoded colour as it was photographed, and alpha.
+
+        Raises:
+            LiveHandError: as `read_image`, of the image or of its mask.
+        """
+        mode, pixels = read_picture(self.folder / view.file, "RGBA", view.camera.size_px)
+        if view.mask is not None:
+            alpha = read_mask(self.folder / view.mask, view.camera.size_px)
+            return np.concatenate([pixels[..., :3], alpha[..., None]], -1)
+        if mode not in ALPHA_MODES:
+            raise LiveHandError(no_alpha(self.folder / view.file, mode))
+        return pixels
+
+
+ALPHA_MODES = ("RGBA", "LA")
+"""What Pillow calls pictures that carry alpha."""
+
+
+def no_alpha(path: Path, mode: str) -> str:
+    """What is wrong with an image that shows more than the hand."""
+    return f"{path} must carry alpha (RGBA) or be given a mask, got mode {mode}; `livehand mask` makes masks"
+
+
+def wrong_size(path: Path, expected: tuple[int, int], size: tuple[int, int]) -> str:
+    """What is wrong with an image that its camera did not take."""
+    return f"{path} must be {tuple(expected)} px as its camera says, got {size}"
+
+
+def read_header(path: Path) -> tuple[str, tuple[int, int]]:
+    """A picture's mode and (width, height), without decoding it.
+
+    Raises:
+        LiveHandError: missing, or no picture.
+    """
+    try:
+        with Image.open(path) as image:
+            return image.mode, image.size
+    except _PICTURE_ERRORS as error:
+        raise LiveHandError(unreadable(path, error)) from error
+
+
+def unreadable(path: Path, error: Exception) -> str:
+    """What is wrong with a file that Pillow does not read."""
+    return f"{path} must be a readable picture ({error})"
+
+
+# What Pillow raises of files that are missing, cut short, damaged, or larger than any photograph.
+_PICTURE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+
+
+def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
+    """[H, W] uint8: a mask's alpha where it has one, else its brightness.
+
+    Raises:
+        LiveHandError: missing, unreadable, or not of the given size.
+    """
+    mode, _ = read_header(path)
+    if mode in ALPHA_MODES:
+        return read_picture(path, "RGBA", size_px)[1][..., 3]
+    return read_picture(path, "L", size_px)[1]
+
+
+def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, np.ndarray]:
+    """A picture's own mode, and its pixels [H, W, ...] uint8 in the asked one.
+
+    Raises:
+        LiveHandError: missing, unreadable, or not of the given size.
+    """
+    try:
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert(mode))
+            own_mode, size = image.mode, image.size
+    except _PICTURE_ERRORS as error:
+        raise LiveHandError(unreadable(path, error)) from error
+    if size != tuple(size_px):
+        raise LiveHandError(wrong_size(path, size_px, size))
+    return own_mode, pixels
 
 
 def load_capture(folder: Path | str) -> Capture:
-    """Read and check a capture folder.
+    """Read and check a capture folder's index and poses; `capture_check` looks at the images too.
 
     Raises:
-        LiveHandError: naming the file and the fault.
+        LiveHandError: naming the file and its faults.
     """
     folder = Path(folder)
     document = _read_json(folder / "transforms.json")
@@ -92,15 +166,20 @@ def load_capture(folder: Path | str) -> Capture:
     frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
     if not isinstance(frames, list) or not isinstance(hand_sha256, str):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
-    views = tuple(_read_view(entry, len(poses), folder) for entry in frames)
+    views = _all_of(folder, ((_read_view, entry, len(poses)) for entry in frames))
     return Capture(folder, hand_sha256, document.get("provenance", {}), poses, views)
 
 
 def save_capture_index(capture: Capture) -> None:
-    """Write `transforms.json` and `poses.npz`; the images are the writer's own business."""
+    """Write `poses.npz` and `transforms.json`, each whole or not at all; the images are the writer's own business."""
     arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
-    np.savez_compressed(capture.folder / "poses.npz", side=np.array([pose.side for pose in capture.poses]), **arrays)
-    (capture.folder / "transforms.json").write_text(index_document(capture))
+    partial = capture.folder / "poses.partial"
+    with partial.open("wb") as file:
+        np.savez_compressed(file, side=np.array([pose.side for pose in capture.poses]), **arrays)
+    partial.replace(capture.folder / "poses.npz")
+    partial = capture.folder / "transforms.partial"
+    partial.write_text(index_document(capture))
+    partial.replace(capture.folder / "transforms.json")
 
 
 def index_document(capture: Capture) -> str:
@@ -116,8 +195,10 @@ def index_document(capture: Capture) -> str:
 
 
 def _view_entry(view: CaptureView) -> dict:
+    mask = {} if view.mask is None else {"mask_path": view.mask}
     return {
         "file_path": view.file,
+        **mask,
         "split": view.split,
         "camera_index": view.camera_index,
         "pose_index": view.pose_index,
@@ -127,32 +208,59 @@ def _view_entry(view: CaptureView) -> dict:
     }
 
 
-def _read_view(entry: dict | object, pose_count: int, folder: Path) -> CaptureView:
+def _all_of(subject: Path, readings: Iterable[tuple]) -> tuple:
+    """What each (function, *arguments) returns.
+
+    Raises:
+        LiveHandError: with all of their faults.
+    """
+    results, faults = [], []
+    for function, *arguments in readings:
+        try:
+            results.append(function(*arguments))
+        except LiveHandError as error:
+            faults.append(str(error))
+    if faults:
+        raise LiveHandError.of_faults(str(subject), faults)
+    return tuple(results)
+
+
+def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
-        raise LiveHandError(f"{folder}: every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
-    name, split = entry["file_path"], entry.get("split")
+        raise LiveHandError(f"every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
+    name, split, mask = entry["file_path"], entry.get("split"), entry.get("mask_path")
     if split not in get_args(Split):
-        raise LiveHandError(f"{folder}: {name}: split must be one of {get_args(Split)}, got {split!r}")
+        raise LiveHandError(f"{name}: split must be one of {get_args(Split)}, got {split!r}")
+    if not isinstance(mask, str | None):
+        raise LiveHandError(f"{name}: mask_path must be a file's name, got {mask!r}")
     try:
         width, height = (int(n) for n in entry["size_px"])
         camera = Camera(np.array(entry["K"], float), np.array(entry["cam2world"], float), (width, height))
-        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), entry["split"])
+        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), entry["split"], mask)
     except KeyError as error:
-        raise LiveHandError(f"{folder}: {name} must have a {error} in transforms.json, got none") from error
-    except (ValueError, TypeError, LiveHandError) as error:
-        raise LiveHandError(f"{folder}: {name}: {error}") from error
+        raise LiveHandError(f"{name} must have a {error} in transforms.json, got none") from error
+    except (ValueError, TypeError, OverflowError, LiveHandError) as error:
+        raise LiveHandError(f"{name}: {error}") from error
     if not 0 <= view.pose_index < pose_count:
-        raise LiveHandError(f"{folder}: {name} must name one of {pose_count} poses, got {view.pose_index}")
+        raise LiveHandError(f"{name} must name one of {pose_count} poses, got {view.pose_index}")
     return view
 
 
 def _read_poses(path: Path) -> tuple[HandPose, ...]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            rows = zip(arrays["theta"], arrays["beta"], arrays["transl"], arrays["side"], strict=True)
-            return tuple(HandPose(theta, beta, transl, _side(str(side))) for theta, beta, transl, side in rows)
-    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError, LiveHandError) as error:
+            columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
+        rows = list(zip(*columns, strict=True))
+    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
+    return _all_of(path, ((_read_pose, index, *row) for index, row in enumerate(rows)))
+
+
+def _read_pose(index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object) -> HandPose:
+    try:
+        return HandPose(theta, beta, transl, _side(str(side)))
+    except (LiveHandError, TypeError) as error:
+        raise LiveHandError(f"pose {index}: {error}") from error
 
 
 def _side(name: str) -> Side:

@@ -68,6 +68,13 @@ def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def parse_count(text: str, smallest: int = 1) -> int:
+    """A whole number from `smallest`, as an argument's type."""
+    if not text.isdecimal() or int(text) < smallest:
+        raise argparse.ArgumentTypeError(f"must be a whole number from {smallest}, got {text!r}")
+    return int(text)
+
+
 def say(text: str) -> None:
     """A line of a command's own output, at once."""
     sys.stdout.write(f"{text}\n")

@@ -23,6 +23,11 @@ class View(NamedTuple):
     world2cam: Tensor
     size_px: tuple[int, int]
 
+    @property
+    def focal_px(self) -> Tensor:
+        """[] the focal length of square pixels as large as these, px: the geometric mean of both axes'."""
+        return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
 
 class SurfaceRays(NamedTuple):
     """R rays as in `RaySamples`, their N samples laid on the surface."""

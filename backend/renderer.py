@@ -202,5 +202,5 @@ def window_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Window 
     """The window of a posed hand and its shell; None where nothing of it is in view."""
     view = view_of(camera, mesh.vertices.device)
     positions_px, depth = project(view, mesh.vertices)
-    reach_px = view.K[0, 0].abs() * config.shell_m * mesh.scale / depth
+    reach_px = view.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
     return hand_window(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)

@@ -48,7 +48,7 @@ def shade(
 ) -> Composite:
     """Ask the field at the samples and composite each ray."""
     length = rays.directions.norm(dim=-1)
-    footprint_m = (rays.t / (view.K[0, 0] * scale)).flatten()
+    footprint_m = (rays.t / (view.focal_px * scale)).flatten()
     unit = rays.directions / length[:, None]
     steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
     if isinstance(field, PlaneField) and has_kernels(rays.t.device) and not _moves(rays, conditions, steps):

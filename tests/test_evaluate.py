@@ -24,13 +24,12 @@ from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import (
     encoded_on_black,
     evaluate_views,
-    posed_vertices,
     score_views,
     scored_views,
 )
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.lbs import SkinTensors, pose_hand
+from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.sampler import SamplerConfig

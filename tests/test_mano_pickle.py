@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.mano_pickle import _ALLOWED, read_mano_pickle
-from livehand.backend.hand.model import PARENTS, load_default_hand, load_hand_model
+from livehand.backend.hand.model import PARENTS, load_default_hand, load_hand_model, load_hands_mean
 
 GLOBALS = {
     "reconstruct": "numpy.core.multiarray _reconstruct",
@@ -325,3 +325,13 @@ def test_what_is_no_dictionary_or_lacks_arrays_is_refused(tmp_path):
         load_hand_model(write(tmp_path / "part.pkl", content))
     with pytest.raises(LiveHandError, match="no hand model at"):
         load_hand_model(tmp_path / "none.pkl")
+
+
+def test_the_mean_pose_is_read_and_must_be_one(tmp_path):
+    content, path = mano_content(), tmp_path / "MANO_RIGHT.pkl"
+    write(path, content)
+    np.testing.assert_array_equal(load_hands_mean(path), content["hands_mean"].reshape(15, 3))
+    for spoilt in (content["hands_mean"][:44], content["hands_mean"] * np.float32(np.nan)):
+        write(path, {**content, "hands_mean": spoilt})
+        with pytest.raises(LiveHandError, match="hands_mean must be 45 finite numbers"):
+            load_hands_mean(path)

@@ -10,8 +10,9 @@ import torch
 from livehand.backend.avatar import load_avatar
 from livehand.backend.camera import Camera, look_at
 from livehand.backend.capture import Capture, CaptureView, load_capture, save_capture_index
-from livehand.backend.evaluation.evaluate import encoded_on_black, posed_vertices
+from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.shot import HandPose, Shot

@@ -10,14 +10,16 @@ from livehand.backend.avatar import PRESETS, AvatarConfig, new_avatar
 from livehand.backend.camera import Camera, look_at
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
+from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, load_default_hand
-from livehand.backend.renderer import Renderer, RenderStopped
+from livehand.backend.renderer import Renderer, RenderStopped, window_of
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import DEPTH_BACKGROUND, HandPose, Shot
 from livehand.backend.superres import SuperResConfig
+from livehand.backend.window import MARGIN_PX
 
 SIZE = (66, 88)
 SMALL = AvatarConfig(
@@ -334,6 +336,44 @@ def test_both_roads_meet_the_scene_alike(hand, monkeypatch):
     assert (np.abs(one.rgb - other.rgb) > STOP).mean() < FLIPPED
     whole = Renderer(an_avatar(hand), hand, "cpu").render(shot)
     assert 0.1 < (one.alpha > 0.5).sum() / (whole.alpha > 0.5).sum() < 0.9
+
+
+def anisotropic(shot, stretch):
+    """The same view in pixels that are `stretch` times as wide as high."""
+    width, height = shot.camera.size_px
+    camera = Camera(np.diag([1, stretch, 1]) @ shot.camera.K, shot.camera.cam2world, (width, round(height * stretch)))
+    return replace(shot, camera=camera)
+
+
+@pytest.mark.parametrize("stretch", [0.5, 3.0])
+def test_anisotropic_pixels_show_the_same_hand_by_both_roads(hand, monkeypatch, stretch):
+    square, avatar = a_shot(hand), an_avatar(hand)
+    with torch.no_grad():
+        for plane in avatar.field.planes:
+            plane.table.mul_(30)  # so that what fades with a pixel's footprint is seen
+    monkeypatch.setattr(f"{__name__}.an_avatar", lambda *arguments: avatar)
+    shot = anisotropic(square, stretch)
+    one, other = with_and_without_kernels(monkeypatch, hand, shot)
+    assert np.abs(one.rgb - other.rgb).mean() < 3e-5  # 9e-5 where one of the roads takes K's first focal length
+    covered, depth = outline(shot, hand.f)
+    assert iou(one.alpha > 0.5, covered) > 0.8
+    within = covered & (one.alpha > 0.95)
+    assert np.median(np.abs(one.depth - depth)[within]) < SMALL.sampler.shell_m
+
+
+@pytest.mark.parametrize("stretch", [0.25, 1.0, 4.0])
+def test_the_window_holds_the_shell_in_anisotropic_pixels(hand, stretch):
+    shot = anisotropic(a_shot(hand, (240, 320)), stretch)
+    topology = Topology.of(hand)
+    mesh = posed_mesh(topology, torch.as_tensor(shot.vertices, dtype=torch.float32))
+    config = SamplerConfig(4, 0.02)
+    window = window_of(mesh, shot.camera, config)
+    pixels, _ = shot.camera.project((mesh.vertices + 0.0195 * mesh.normals).numpy())
+    inside = pixels.clip(0, shot.camera.size_px)  # what lies past the image is not rendered
+    first = 2 * np.array([window.x0 + MARGIN_PX, window.y0 + MARGIN_PX])
+    last = 2 * np.array([window.x0 + window.width - MARGIN_PX, window.y0 + window.height - MARGIN_PX])
+    assert (inside >= first).all()
+    assert (inside <= last).all()
 
 
 def test_both_roads_in_half_precision(hand, monkeypatch):

@@ -258,7 +258,7 @@ def test_the_command_trains(painted_capture, tmp_path, capsys, monkeypatch):
     assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--json"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["steps"] == 3
-    assert 0 < result["data_wait_share"] < 1
+    assert 0 <= result["data_wait_share"] < 1
     assert result["held_out"]["psnr_hand"] > 5
     assert load_avatar(output).provenance["precision"] == "bf16"
 

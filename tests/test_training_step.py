@@ -124,19 +124,14 @@ def test_only_faults_in_a_row_count():
 def test_waiting_for_data_is_measured(stepper_of, views, monkeypatch):
     now = [0.0]
     monkeypatch.setattr("livehand.backend.training.clock.monotonic", lambda: now[0])
-    original = TrainingViews.get
-
-    def slow(*arguments):
-        now[0] += 3
-        return original(*arguments)
 
     def slow_loss(*arguments):
         now[0] += 1
         return window_loss(*arguments)
 
-    monkeypatch.setattr(TrainingViews, "get", slow)
+    monkeypatch.setattr(TrainingViews, "waited_s", 1.5)
     monkeypatch.setattr(step_module, "window_loss", slow_loss)
     stepper = stepper_of(replace(SHORT, batch=2))
     stepper.take(Schedule(stepper.config).at(0))
-    assert stepper.clock.session_s == 8
+    assert stepper.clock.session_s == 2
     assert stepper.clock.data_wait_share == 0.75

@@ -118,7 +118,7 @@ class Marcher:
         directions = ray_directions(view, pixel)
         exposure = self.field.exposure(conditions.visibility)
         channels = torch.cat([conditions.vertex_channels, exposure], -1)
-        units = (np.float32(value) for value in (self.config.shell_m, view.K[0, 0], mesh.scale))
+        units = (np.float32(value) for value in (self.config.shell_m, view.focal_px, mesh.scale))
         inputs = (
             *(values.numpy() for values in (pixel, directions, ray_origin(view))),
             tuple(layers),

@@ -14,10 +14,10 @@ from ..avatar import Avatar
 from ..capture import Capture, CaptureView, Split
 from ..colour import linear_to_srgb
 from ..errors import LiveHandError
-from ..hand.lbs import SkinTensors, pose_hand
+from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..renderer import Precision, Renderer
-from ..shot import Frame, HandPose, Shot
+from ..shot import Frame, Shot
 from .camera_gap import camera_gaps_deg
 from .distances import Distance
 from .figures import view_figures
@@ -130,13 +130,6 @@ def check_any(scores: Sequence, capture: Capture) -> None:
     """
     if not scores:
         raise LiveHandError(f"capture {capture.folder} must have views of the asked split that show the hand, got none")
-
-
-def posed_vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
-    """[V, 3] m, world."""
-    skin = SkinTensors.of(hand.for_side(pose.side), dtype=torch.float64)
-    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
-    return pose_hand(skin, *parameters).vertices.numpy()
 
 
 def encoded_on_black(frame: Frame) -> np.ndarray:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.rotation import axis_angle_to_matrix
+from ..shot import HandPose
 from .model import HandModel
 
 
@@ -60,6 +62,19 @@ def pose_hand(
     vertices = (blended[..., :3] @ v_posed[..., None])[..., 0] + blended[..., 3]
     joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
     return PosedHand(vertices + transl[..., None, :], joints + transl[..., None, :], transforms)
+
+
+def posed_vertices(model: HandModel, pose: HandPose) -> np.ndarray:
+    """[V, 3] m, world, float64, of a pose of either side."""
+    return posed_arrays(model, pose)[0]
+
+
+def posed_arrays(model: HandModel, pose: HandPose) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [V, 3] and joints [16, 3], m, world, float64, of a pose of either side."""
+    skin = SkinTensors.of(model.for_side(pose.side), dtype=torch.float64)
+    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
+    posed = pose_hand(skin, *parameters)
+    return posed.vertices.numpy(), posed.joints.numpy()
 
 
 def pose_correctives(skin: SkinTensors, rotations: Float[Tensor, "*b 16 3 3"]) -> Float[Tensor, "*b V 3"]:

@@ -127,6 +127,21 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     return replace(model, shapedirs=_unmirror_left_shapedirs(model.shapedirs, model.v_template, side))
 
 
+def load_hands_mean(path: Path | str) -> np.ndarray:
+    """[15, 3] rad: the mean pose of the finger joints that MANO's files hold, and from which many fits count.
+
+    Raises:
+        LiveHandError: no such file, or it holds no mean pose.
+    """
+    arrays = _read_arrays(Path(path))
+    if "hands_mean" not in arrays:
+        raise LiveHandError(f"{path} must hold hands_mean, as MANO's own files do; the poses count from it")
+    mean = _numbers(arrays, "hands_mean", Path(path))
+    if mean.size != 45 or not np.isfinite(mean).all():
+        raise LiveHandError(f"{path}: hands_mean must be 45 finite numbers, got {list(mean.shape)}")
+    return mean.reshape(15, 3)
+
+
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise LiveHandError(f"no hand model at {path}; give the path of a .npz or .pkl with MANO keys")

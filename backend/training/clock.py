@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from time import monotonic
 
 
@@ -32,13 +30,6 @@ class Clock:
     def data_wait_share(self) -> float:
         """Of this session's time."""
         return self.waiting_s / max(self.session_s, 1e-9)
-
-    @contextmanager
-    def waiting(self) -> Iterator[None]:
-        """What happens inside is waiting for data."""
-        start = monotonic()
-        yield
-        self.waiting_s += monotonic() - start
 
 
 class Every:

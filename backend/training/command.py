@@ -125,6 +125,7 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
 def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
     from ..avatar import PRESETS
     from ..capture import load_capture
+    from ..capture_check import check_capture
     from ..hand.model import load_default_hand, load_hand_model
     from .origin import load_origin
     from .perceptual import load_perceptual_loss
@@ -132,6 +133,7 @@ def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)
+    check_capture(capture, hand)
     origin = load_origin(args.origin) if args.origin else None
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_loss(*weights) if args.perceptual > 0 else None

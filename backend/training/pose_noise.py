@@ -8,10 +8,9 @@ from math import degrees, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from ..capture import Capture
-from ..hand.lbs import SkinTensors, pose_hand
+from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..shot import HandPose
 
@@ -53,7 +52,9 @@ def pose_error(
     theta, transl = (np.stack([getattr(a, name) - getattr(b, name) for a, b in pairs]) for name in ("theta", "transl"))
     mean_theta, mean_transl = theta.mean(0), transl.mean(0)
     centred = [replace(a, theta=a.theta - mean_theta, transl=a.transl - mean_transl) for a, _ in pairs]
-    vertices = np.stack([_vertices(hand, a) - _vertices(hand, b) for a, (_, b) in zip(centred, pairs, strict=True)])
+    vertices = np.stack(
+        [posed_vertices(hand, a) - posed_vertices(hand, b) for a, (_, b) in zip(centred, pairs, strict=True)]
+    )
     return PoseError(
         theta_deg=degrees(_rms(theta - mean_theta)),
         transl_mm=1000 * _rms(transl - mean_transl),
@@ -64,12 +65,6 @@ def pose_error(
 def _moved(pose: HandPose, angle_rad: float, distance_m: float, random: np.random.Generator) -> HandPose:
     theta = pose.theta + random.normal(0, angle_rad / sqrt(3), (16, 3))
     return replace(pose, theta=theta, transl=pose.transl + random.normal(0, distance_m / sqrt(3), 3))
-
-
-def _vertices(hand: HandModel, pose: HandPose) -> np.ndarray:
-    skin = SkinTensors.of(hand, dtype=torch.float64)
-    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
-    return pose_hand(skin, *parameters).vertices.numpy()
 
 
 def _rms(vectors: np.ndarray) -> float:

@@ -13,8 +13,9 @@ import torch
 from ..avatar import Avatar
 from ..capture import Capture, CaptureView, Split
 from ..evaluation.contact_sheet import comparison_sheet, save_sheet
-from ..evaluation.evaluate import encoded_on_black, posed_vertices
+from ..evaluation.evaluate import encoded_on_black
 from ..evaluation.metrics import psnr_db
+from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..renderer import Renderer
 from ..shot import Shot

@@ -62,7 +62,7 @@ class Stepper:
         views: what is shown.
         config: the optimisation.
         machine: what it runs on.
-        clock: is told of the time spent waiting for views.
+        clock: is told of the time spent waiting for images.
         perceptual: None: without that term.
         corrections: of the capture, in the order in which they are applied.
     """
@@ -110,8 +110,8 @@ class Stepper:
 
     def _loss(self, index: int, jitter: int, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss of one view, and its terms by name."""
-        with self.clock.waiting():
-            view, source = self.views.get(index, jitter), self.views.views[index]
+        view, source = self.views.get(index, jitter), self.views.views[index]
+        self.clock.waiting_s = self.views.waited_s
         for correction in self.corrections:
             view = correction.before(view, source)
         rendered = self._rendered(view, source)

@@ -1,6 +1,7 @@
 """Training images with everything about them that training does not change: window, target, rays on the surface.
 
-Tracing costs as much as a training step, so each image is traced once per jitter and kept in half precision.
+Tracing costs as much as a training step, so each image is traced once per jitter and kept in half precision; images are
+decoded once, ahead of need (`window_store`).
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -24,6 +26,7 @@ from ..renderer import window_of
 from ..sampler import SamplerConfig
 from ..tracing import trace
 from ..window import Window
+from .window_store import WindowStore
 
 
 class TrainingView(NamedTuple):
@@ -67,10 +70,14 @@ class TrainingViews:
         self.views = [view for view, _ in windows]
         self._windows = [window for _, window in windows]
         self._traced: dict[tuple[int, int], tuple[Tensor, ...]] = {}
-        self._targets: dict[int, Tensor] = {}
 
     def __len__(self) -> int:
         return len(self.views)
+
+    @property
+    def waited_s(self) -> float:
+        """How long training has waited for images, s: reading and decoding that had not been done ahead."""
+        return self._pixels.waited_s
 
     @cached_property
     def topology(self) -> Topology:
@@ -99,7 +106,7 @@ class TrainingViews:
         view = view_of(window.camera_of(self.views[index].camera), self.device)
         return TrainingView(
             view=view,
-            target=self._target(index, window),
+            target=self._target(index),
             is_inside=self._inside(index, window),
             rays=self._rays(index, jitter, view, mesh),
             conditions=conditions,
@@ -123,11 +130,21 @@ class TrainingViews:
         mesh, _ = self._poses[view.pose_index]
         return window_of(mesh, view.camera, self.sampler)
 
-    def _target(self, index: int, window: Window) -> Float[Tensor, "4 H W"]:
-        if index not in self._targets:
-            image = window.cut(self.capture.read_image(self.views[index]))
-            self._targets[index] = torch.as_tensor(image).permute(2, 0, 1).half().to(self.device)
-        return self._targets[index].float()
+    def _target(self, index: int) -> Float[Tensor, "4 H W"]:
+        pixels = torch.as_tensor(self._pixels.get(index)).to(self.device)
+        target = pixels.permute(2, 0, 1).contiguous() / 255
+        target[:3] *= target[3:]
+        return target
+
+    @cached_property
+    def _pixels(self) -> WindowStore:
+        sizes_px = [(2 * window.width, 2 * window.height) for window in self._windows]
+        capture, views, windows = self.capture, self.views, self._windows  # not self: the store's threads would keep it
+
+        def decode(index: int) -> np.ndarray:
+            return windows[index].cut(capture.read_pixels(views[index]))
+
+        return WindowStore(sizes_px, decode, capture.folder)
 
     def _inside(self, index: int, window: Window) -> Tensor:
         width, height = self.views[index].camera.size_px

@@ -1,0 +1,1 @@
+"""Footage that others took, turned into captures, and masks for what carries none."""
