@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from .camera import Camera
+from .geometry.mesh import PosedMesh, Topology
 from .geometry.uvh import SurfaceSamples
 
 
@@ -27,6 +28,22 @@ class View(NamedTuple):
     def focal_px(self) -> Tensor:
         """[] the focal length of square pixels as large as these, px: the geometric mean of both axes'."""
         return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
+
+class HandInView(NamedTuple):
+    """A posed hand before a (low-resolution) camera: where rays meet what.
+
+    Attributes:
+        mesh: the pose.
+        topology: of the hand.
+        view: the camera.
+        scene_depth: [H, W] depth of the scene, m: rays end there; None: nowhere.
+    """
+
+    mesh: PosedMesh
+    topology: Topology
+    view: View
+    scene_depth: Tensor | None = None
 
 
 class SurfaceRays(NamedTuple):

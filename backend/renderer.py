@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from .field.field import PlaneField
 from .geometry.mesh import PosedMesh, Topology, posed_mesh
 from .hand.model import MIRROR_AXIS_ANGLE, HandModel
 from .image import image_of
-from .rays import View, project, view_of
+from .rays import HandInView, project, view_of
 from .sampler import SamplerConfig
 from .shading import shade_in_chunks
 from .shot import DEPTH_BACKGROUND, Frame, Shot, Side, empty_frame
@@ -44,16 +44,6 @@ OnStage = Callable[[Stage], None]
 
 class RenderStopped(Exception):
     """The caller's `should_stop` said so."""
-
-
-class Scene(NamedTuple):
-    """One frame's hand and view; `depth` [H, W] is where the scene ends the rays, m."""
-
-    topology: Topology
-    mesh: PosedMesh
-    conditions: FrameConditions
-    view: View
-    depth: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -111,38 +101,40 @@ class Renderer:
             return empty_frame(shot.camera.size_px)
         view = view_of(window.camera_of(shot.camera), self.torch_device)
         conditions = FrameConditions.of(self._tensor(self._canonical_theta(shot)), topology, mesh)
-        scene = Scene(topology, mesh, conditions, view, self._scene_depth(shot, window))
+        hand = HandInView(mesh, topology, view, self._scene_depth(shot, window))
         draw = self._march if self._marcher else self._trace
-        pixel, low = draw(scene, _stopping(should_stop), on_stage)
+        pixel, low = draw(hand, conditions, _stopping(should_stop), on_stage)
         on_stage("superres")
         with self._autocast():
             image, depth = image_of(self.avatar.superres, low, pixel, view.size_px)
         on_stage("develop")
         return develop(image.float(), depth, window, shot.camera.size_px)
 
-    def _march(self, scene: Scene, check: Callable[[], None], on_stage: OnStage) -> tuple[Tensor, Composite]:
+    def _march(
+        self, hand: HandInView, conditions: FrameConditions, check: Callable[[], None], on_stage: OnStage
+    ) -> tuple[Tensor, Composite]:
         """Low-resolution rays by the kernels: pixel [R], and what is seen along each."""
         from .cpu.shell import rasterise_shell
 
         assert self._marcher is not None
         on_stage("rasterise")
-        geometry = (scene.mesh, scene.topology)
-        layers = rasterise_shell(*geometry, scene.view, self.avatar.config.sampler, scene.depth)
+        layers = rasterise_shell(hand, self.avatar.config.sampler)
         on_stage("sample")
-        pixel, direction, told = self._marcher.march(layers, *geometry, scene.conditions, scene.view, check)
+        pixel, direction, told = self._marcher.march(layers, hand, conditions, check)
         on_stage("field")
         with self._autocast():
             return pixel, self._marcher.decode(told, direction)
 
-    def _trace(self, scene: Scene, check: Callable[[], None], on_stage: OnStage) -> tuple[Tensor, Composite]:
+    def _trace(
+        self, hand: HandInView, conditions: FrameConditions, check: Callable[[], None], on_stage: OnStage
+    ) -> tuple[Tensor, Composite]:
         """Low-resolution rays by torch: pixel [R], and what is seen along each."""
         config = self.avatar.config.sampler
         on_stage("sample")
-        rays = trace(scene.mesh, scene.topology, scene.view, config, None, scene.depth)
+        rays = trace(hand, config)
         on_stage("field")
-        surroundings = (scene.topology, scene.conditions, scene.mesh, scene.view, config.shell_m)
         with self._autocast():
-            return rays.pixel, shade_in_chunks(self.avatar.field, rays, *surroundings, check)
+            return rays.pixel, shade_in_chunks(self.avatar.field, rays, hand, conditions, config.shell_m, check)
 
     @cached_property
     def _marcher(self) -> Marcher | None:

@@ -18,9 +18,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .geometry.mesh import PosedMesh, Topology
+from .geometry.mesh import Topology
 from .geometry.rasterise import Fragments, rasterise
-from .rays import View, project, ray_directions, ray_origin
+from .rays import HandInView, View, project, ray_directions, ray_origin
 
 
 @dataclass(frozen=True)
@@ -95,27 +95,17 @@ class Layers(NamedTuple):
     is_front: Tensor
 
 
-def sample_rays(
-    mesh: PosedMesh,
-    topology: Topology,
-    view: View,
-    config: SamplerConfig,
-    generator: torch.Generator | None = None,
-    scene_depth: Float[Tensor, "H W"] | None = None,
-) -> RaySamples:
+def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> RaySamples:
     """Samples of all rays that meet the shell.
 
     Args:
-        mesh: the posed hand.
-        topology: its topology.
-        view: the (low-resolution) camera.
+        hand: before its camera.
         config: how to sample.
         generator: jitters the samples within their strata; None puts them at the strata's centres.
-        scene_depth: [H, W] depth of the scene, m: intervals end there.
     """
-    intervals = shell_intervals(mesh, topology, view, config)
-    if scene_depth is not None:
-        scene = scene_depth.reshape(-1)[intervals.pixel]
+    intervals, view = shell_intervals(hand, config), hand.view
+    if hand.scene_depth is not None:
+        scene = hand.scene_depth.reshape(-1)[intervals.pixel]
         intervals = _without_empty(_stop_at(intervals, scene, is_opaque=False))
     directions = ray_directions(view, intervals.pixel)
     t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
@@ -125,8 +115,9 @@ def sample_rays(
     return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped, intervals.entry_face, is_open)
 
 
-def shell_intervals(mesh: PosedMesh, topology: Topology, view: View, config: SamplerConfig) -> Intervals:
-    """The intervals of every ray that meets the shell."""
+def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
+    """The intervals of every ray that meets the shell; the scene is not looked at."""
+    mesh, topology, view, _ = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, view)
     inner = _fragments_of(mesh.vertices - shell, topology, view)

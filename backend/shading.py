@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from .device import has_kernels
 from .field.conditions import FrameConditions, field_inputs
 from .field.field import PaperField, PlaneField
-from .geometry.mesh import PosedMesh, Topology
-from .rays import SurfaceRays, View, split_rays
+from .rays import HandInView, SurfaceRays, split_rays
 from .volume import Composite, Steps
 
 # Samples the field is asked for at once: bounds memory.
@@ -22,10 +19,8 @@ _SAMPLES_AT_ONCE = 65536
 def shade_in_chunks(
     field: PaperField | PlaneField,
     rays: SurfaceRays,
-    topology: Topology,
+    hand: HandInView,
     conditions: FrameConditions,
-    mesh: PosedMesh,
-    view: View,
     shell_m: float,
     before_chunk: Callable[[], None],
 ) -> Composite:
@@ -33,22 +28,21 @@ def shade_in_chunks(
     parts = []
     for chunk in split_rays(rays, max(1, _SAMPLES_AT_ONCE // rays.t.shape[1])):
         before_chunk()
-        parts.append(shade(field, chunk, topology, conditions, mesh.scale, view, shell_m))
+        parts.append(shade(field, chunk, hand, conditions, shell_m))
     return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
 
 def shade(
     field: PaperField | PlaneField,
     rays: SurfaceRays,
-    topology: Topology,
+    hand: HandInView,
     conditions: FrameConditions,
-    scale: Float[Tensor, ""],
-    view: View,
     shell_m: float,
 ) -> Composite:
     """Ask the field at the samples and composite each ray."""
+    topology, scale = hand.topology, hand.mesh.scale
     length = rays.directions.norm(dim=-1)
-    footprint_m = (rays.t / (view.focal_px * scale)).flatten()
+    footprint_m = (rays.t / (hand.view.focal_px * scale)).flatten()
     unit = rays.directions / length[:, None]
     steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
     if isinstance(field, PlaneField) and has_kernels(rays.t.device) and not _moves(rays, conditions, steps):

@@ -6,6 +6,7 @@ import pytest
 import torch
 from livehand.backend import shading
 from livehand.backend.field.field import FieldConfig, build_field
+from livehand.backend.rays import HandInView
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.tracing import trace_with_torch
 
@@ -20,13 +21,14 @@ FIELD = FieldConfig(width=24, density_width=12, planes=((32, 3, 4), (128, 2, 8),
 
 @pytest.fixture(scope="module")
 def scene(posed, seen_from):
-    """(rays, topology, conditions, scale, view, shell): a fist, so that some rays end at the hand and some do not."""
+    """(rays, hand in view, conditions, shell): a fist, so that some rays end at the hand and some do not."""
     hand = posed("fist")
     view = seen_from(hand.mesh, (0.2, 1, 0.4), (22, 20))
     generator = torch.Generator().manual_seed(0)
-    rays = trace_with_torch(hand.mesh, hand.topology, view, CONFIG, generator)
+    seen = HandInView(hand.mesh, hand.topology, view)
+    rays = trace_with_torch(seen, CONFIG, generator)
     assert 0 < int(rays.is_stopped.sum()) < len(rays.pixel)
-    return rays, hand.topology, hand.conditions(), hand.mesh.scale, view, CONFIG.shell_m
+    return rays, seen, hand.conditions(), CONFIG.shell_m
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 import torch
 from livehand.backend.field.field import FieldConfig, PlaneField, build_field
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.rays import View
+from livehand.backend.rays import HandInView, View
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shading import shade
 from livehand.backend.volume import Composite
@@ -54,14 +54,14 @@ class Marched:
     @torch.inference_mode()
     def __init__(self, field, hand, view, config=CONFIG, scene_depth=None, conditions=None):
         conditions = conditions or hand.conditions()
-        geometry = (hand.mesh, hand.topology)
+        in_view = HandInView(hand.mesh, hand.topology, view, scene_depth)
         marcher = Marcher(field, config)
-        layers = rasterise_shell(*geometry, view, config, scene_depth)
-        self.pixel, self.direction, self.told = marcher.march(layers, *geometry, conditions, view, lambda: None)
+        layers = rasterise_shell(in_view, config)
+        self.pixel, self.direction, self.told = marcher.march(layers, in_view, conditions)
         self.seen = marcher.decode(self.told, self.direction)
         # By the kernels: on a seam of the atlas either side's face is as near, and untrained planes differ there.
-        rays = trace(*geometry, view, config, None, scene_depth)
-        surroundings = (rays, hand.topology, conditions, hand.mesh.scale, view, config.shell_m)
+        rays = trace(in_view, config)
+        surroundings = (rays, in_view, conditions, config.shell_m)
         self.expected_pixel, self.is_stopped = rays.pixel, rays.is_stopped
         self.expected_seen = shade(field, *surroundings)
         self.expected_told = shade(Undecoded(field), *surroundings)
@@ -156,8 +156,9 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
         plane.table.fill_(0.7)
     field.density.bias.add_(3)  # solid: rays stop well before their last sample
     view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
-    layers = rasterise_shell(hand.mesh, hand.topology, view, CONFIG)
-    told = Marcher(field, CONFIG).march(layers, hand.mesh, hand.topology, hand.conditions(), view)[2]
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
+    told = Marcher(field, CONFIG).march(layers, in_view, hand.conditions())[2]
     constant = told.channels[:, : sum(channels for _, _, channels in field.config.planes)]
     torch.testing.assert_close(constant, 0.7 * told.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
     assert (told.alpha == 1).any()
@@ -224,7 +225,8 @@ def test_a_larger_world_looks_the_same(odd, scene):
 @torch.inference_mode()
 def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
     hand, view = scene
-    layers = rasterise_shell(hand.mesh, hand.topology, view, CONFIG)
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
     before, conditions, results, asked = torch.get_num_threads(), hand.conditions(), [], []
     try:
         for threads, at_once in ((1, 1 << 15), (2, 1 << 15), (2, 100), (1, 7)):
@@ -232,7 +234,7 @@ def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
             monkeypatch.setattr(marching, "_RAYS_AT_ONCE", at_once)
             asked.clear()
             marcher = Marcher(odd, CONFIG)
-            told = marcher.march(layers, hand.mesh, hand.topology, conditions, view, lambda: asked.append(None))[2]
+            told = marcher.march(layers, in_view, conditions, lambda: asked.append(None))[2]
             assert len(asked) == -(-len(told.alpha) // at_once)
             results.append(told)
     finally:
@@ -244,7 +246,8 @@ def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
 
 def test_what_is_raised_between_chunks_ends_the_march(odd, scene, monkeypatch):
     hand, view = scene
-    layers = rasterise_shell(hand.mesh, hand.topology, view, CONFIG)
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
     monkeypatch.setattr(marching, "_RAYS_AT_ONCE", 50)
     asked = []
 
@@ -254,7 +257,7 @@ def test_what_is_raised_between_chunks_ends_the_march(odd, scene, monkeypatch):
             raise KeyError("told")
 
     with torch.inference_mode(), pytest.raises(KeyError, match="told"):
-        Marcher(odd, CONFIG).march(layers, hand.mesh, hand.topology, hand.conditions(), view, before_chunk)
+        Marcher(odd, CONFIG).march(layers, in_view, hand.conditions(), before_chunk)
     assert len(asked) == 3
 
 

@@ -36,10 +36,10 @@ def layers_of(positions_px, depth, faces, size_px, layers=LAYERS, rows=None):
         np.zeros((width * height, layers), np.int32),
     )
     count = np.zeros(width * height, np.int32)
-    arrays = [values.numpy() for values in (positions_px, depth, faces)]
+    arrays = tuple(values.numpy() for values in (positions_px, depth, faces))
     rows = rows or height
     for first in range(0, height, rows):
-        surface_layers(*arrays, width, first, min(first + rows, height), layer_depth, layer_face, count)
+        surface_layers(arrays, width, first, min(first + rows, height), layer_depth, layer_face, count)
     return {
         pixel: [
             (float(z), int(mark if mark >= 0 else -1 - mark), bool(mark >= 0))
@@ -52,8 +52,8 @@ def layers_of(positions_px, depth, faces, size_px, layers=LAYERS, rows=None):
 
 def nearest_of(positions_px, depth, faces, size_px, has_backs):
     nearest = np.full(size_px[0] * size_px[1], np.inf, np.float32)
-    arrays = [values.numpy() for values in (positions_px, depth, faces)]
-    nearest_depth(*arrays, size_px[0], 0, size_px[1], has_backs, nearest)
+    arrays = tuple(values.numpy() for values in (positions_px, depth, faces))
+    nearest_depth(arrays, size_px[0], 0, size_px[1], has_backs, nearest)
     return nearest
 
 
@@ -119,9 +119,9 @@ def test_of_too_many_crossings_the_nearest_are_kept(fist, layers):
 def test_nearest_depth_only_lowers_what_is_there(fist):
     free = nearest_of(*fist, True)
     held = np.full_like(free, np.median(free[np.isfinite(free)]))
-    arrays = [values.numpy() for values in fist[:3]]
+    arrays = tuple(values.numpy() for values in fist[:3])
     lowered = held.copy()
-    nearest_depth(*arrays, fist[3][0], 0, fist[3][1], True, lowered)
+    nearest_depth(arrays, fist[3][0], 0, fist[3][1], True, lowered)
     np.testing.assert_array_equal(lowered, np.minimum(held, free))
     assert (lowered < held).any()
     assert (lowered == held).any()

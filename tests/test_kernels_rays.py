@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
-from livehand.backend.rays import View
+from livehand.backend.rays import HandInView, View
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.tracing import trace_with_torch
 
@@ -26,8 +26,8 @@ ELSEWHERE = 2e-4
 def assert_same(mesh, topology, view, config=CONFIG, seed=None, scene_depth=None, has_signs=True):
     """Both roads' rays are the same, but for the signs of heights where there are no signs; returns them."""
     generators = (None, None) if seed is None else [torch.Generator().manual_seed(seed) for _ in range(2)]
-    ours = tracing.trace(mesh, topology, view, config, generators[0], scene_depth)
-    theirs = trace_with_torch(mesh, topology, view, config, generators[1], scene_depth)
+    ours = tracing.trace(HandInView(mesh, topology, view, scene_depth), config, generators[0])
+    theirs = trace_with_torch(HandInView(mesh, topology, view, scene_depth), config, generators[1])
     assert torch.equal(ours.pixel, theirs.pixel)
     assert torch.equal(ours.is_stopped, theirs.is_stopped)
     torch.testing.assert_close(ours.directions, theirs.directions)
@@ -184,7 +184,7 @@ def test_the_number_of_threads_does_not_matter(scene, threads):
     results = []
     for count in (1, 2, 3):
         threads(count)
-        results.append(tracing.trace(*scene, CONFIG, torch.Generator().manual_seed(3)))
+        results.append(tracing.trace(HandInView(*scene), CONFIG, torch.Generator().manual_seed(3)))
     for other in results[1:]:
         for name in ("pixel", "t", "dt", "is_stopped"):
             assert torch.equal(getattr(results[0], name), getattr(other, name))
@@ -198,10 +198,10 @@ def test_live_pixels_are_those_with_samples(scene):
     width, height = view.size_px
     wall = torch.full((height, width), 100.0)
     wall[: height // 2] = 0.01
-    layers = rasterise_shell(mesh, topology, view, CONFIG, wall)
+    layers = rasterise_shell(HandInView(mesh, topology, view, wall), CONFIG)
     live = live_pixels(layers)
     assert (live >= (height // 2) * width).all()
-    expected = trace_with_torch(mesh, topology, view, CONFIG, scene_depth=wall).pixel
+    expected = trace_with_torch(HandInView(mesh, topology, view, wall), CONFIG).pixel
     np.testing.assert_array_equal(live, expected)
     crossed = layers.crossings > 0
     assert crossed.sum() > len(live)

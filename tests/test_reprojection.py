@@ -5,7 +5,7 @@ import torch
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.reprojection import reproject
 from livehand.backend.geometry.uvh import interpolate
-from livehand.backend.rays import ray_origin
+from livehand.backend.rays import HandInView, ray_origin
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.tracing import trace
 
@@ -15,7 +15,7 @@ def traced(posed, seen_from):
     """The open hand's samples: topology, mesh, points [S, 3], samples."""
     hand = posed("open")
     view = seen_from(hand.mesh, [0.2, 1, 0.3])
-    rays = trace(hand.mesh, hand.topology, view, SamplerConfig(), torch.Generator().manual_seed(0))
+    rays = trace(HandInView(hand.mesh, hand.topology, view), SamplerConfig(), torch.Generator().manual_seed(0))
     points = (ray_origin(view) + rays.t[..., None] * rays.directions[:, None]).flatten(0, 1)
     return hand.topology, hand.mesh, points, rays.samples
 

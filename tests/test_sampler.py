@@ -5,7 +5,7 @@ import pytest
 import torch
 from livehand.backend.camera import Camera, look_at
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.rays import ray_directions, view_of
+from livehand.backend.rays import HandInView, ray_directions, view_of
 from livehand.backend.sampler import SamplerConfig, sample_rays, shell_intervals
 
 SHELL_M, RADIUS_M = 0.004, 0.05
@@ -38,7 +38,7 @@ def test_intervals_of_a_sphere_are_those_of_the_ray(spheres):
     """From r + shell to r - shell; past the inner sphere, through the outer one."""
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
-    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
     outer_in, outer_out = crossings(view, (0, 0, 0), RADIUS_M + SHELL_M)
     inner_in, _ = crossings(view, (0, 0, 0), RADIUS_M - SHELL_M)
     expected_end = torch.where(inner_in.isnan(), outer_out, inner_in)[intervals.pixel]
@@ -61,7 +61,7 @@ def test_every_ray_of_the_outer_sphere_is_there_and_no_other(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
     found = torch.zeros(SIZE[0] * SIZE[1], dtype=torch.bool)
-    found[shell_intervals(mesh, topology, view, CONFIG).pixel] = True
+    found[shell_intervals(HandInView(mesh, topology, view), CONFIG).pixel] = True
     surely, perhaps = (~crossings(view, (0, 0, 0), RADIUS_M + SHELL_M + d)[0].isnan() for d in (-FACET_M, FACET_M))
     assert (found | ~surely).all()
     assert (~found | perhaps).all()
@@ -74,7 +74,7 @@ NEAR, FAR = ((0.033, -0.126, 0.051), 0.012), ((0.0, 0.0, 0.0), RADIUS_M)
 
 def test_no_samples_in_the_gap_between_two_surfaces(spheres):
     mesh, topology = spheres(NEAR, FAR)
-    rays = sample_rays(mesh, topology, a_view(), CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, a_view()), CONFIG)
     away = torch.stack([(rays.points - torch.tensor(c)).norm(dim=-1) - r for c, r in (NEAR, FAR)])
     assert (away.abs().amin(0) <= SHELL_M + 2 * FACET_M).all()
     assert (away[0] < 0.01).any()
@@ -84,7 +84,7 @@ def test_a_grazing_ray_goes_on_to_what_lies_behind(spheres):
     """Past the small sphere's core, through its shell: the rest of the samples is on the large sphere."""
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
-    rays = sample_rays(mesh, topology, view, CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, view), CONFIG)
     through_shell = ~crossings(view, NEAR[0], NEAR[1] + SHELL_M - 3 * FACET_M)[0].isnan()
     through_core = ~crossings(view, NEAR[0], NEAR[1] - SHELL_M - 3 * FACET_M)[0].isnan()
     past_core = crossings(view, NEAR[0], NEAR[1] - SHELL_M + 3 * FACET_M)[0].isnan()
@@ -102,7 +102,7 @@ def test_a_ray_that_grazes_one_sphere_twice_over_nothing_is_sampled_through(sphe
     """Through the shell but past the core: the whole chord, entry to exit."""
     mesh, topology = spheres(FAR)
     view = a_view()
-    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
     outer_in, outer_out = crossings(view, FAR[0], RADIUS_M + SHELL_M)
     inner_in, _ = crossings(view, FAR[0], RADIUS_M - SHELL_M + 3 * FACET_M)
     grazing = (inner_in.isnan() & (outer_out - outer_in > 0.02))[intervals.pixel]
@@ -128,8 +128,8 @@ def union_places(intervals, pixel, t):
 def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
-    intervals = shell_intervals(mesh, topology, view, CONFIG)
-    rays = sample_rays(mesh, topology, view, CONFIG)
+    intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, view), CONFIG)
     places = union_places(intervals, rays.pixel, rays.t.numpy())
     total = (intervals.end - intervals.start).sum(1, keepdim=True).numpy()
     np.testing.assert_allclose(places, total * (np.arange(8) + 0.5) / 8, atol=2e-6)
@@ -142,9 +142,9 @@ def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
 def test_jitter_stays_in_its_stratum_and_is_reproducible(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
-    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
     one, again, other = (
-        sample_rays(mesh, topology, view, CONFIG, torch.Generator().manual_seed(seed)) for seed in (5, 5, 6)
+        sample_rays(HandInView(mesh, topology, view), CONFIG, torch.Generator().manual_seed(seed)) for seed in (5, 5, 6)
     )
     assert torch.equal(one.t, again.t)
     assert not torch.equal(one.t, other.t)
@@ -159,20 +159,20 @@ def test_jitter_stays_in_its_stratum_and_is_reproducible(spheres):
 def test_scene_depth_ends_the_samples(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
-    free = sample_rays(mesh, topology, view, CONFIG)
+    free = sample_rays(HandInView(mesh, topology, view), CONFIG)
     wall = float(free.t[:, 0].median())
-    behind = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), 10.0))
+    behind = sample_rays(HandInView(mesh, topology, view, torch.full((SIZE[1], SIZE[0]), 10.0)), CONFIG)
     assert torch.equal(behind.t, free.t)
-    cut = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), wall))
+    cut = sample_rays(HandInView(mesh, topology, view, torch.full((SIZE[1], SIZE[0]), wall)), CONFIG)
     assert 0 < len(cut.pixel) < len(free.pixel)
     assert cut.t.max() <= wall
     assert (cut.dt > 0).all()
-    none = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), 0.01))
+    none = sample_rays(HandInView(mesh, topology, view, torch.full((SIZE[1], SIZE[0]), 0.01)), CONFIG)
     assert none.t.shape == (0, 8)
     # A wall over one half of the image leaves the other as it was.
     half = torch.full((SIZE[1], SIZE[0]), torch.inf)
     half[:, : SIZE[0] // 2] = 0.01
-    kept = sample_rays(mesh, topology, view, CONFIG, scene_depth=half)
+    kept = sample_rays(HandInView(mesh, topology, view, half), CONFIG)
     assert (kept.pixel % SIZE[0] >= SIZE[0] // 2).all()
     assert torch.equal(kept.t, free.t[free.pixel % SIZE[0] >= SIZE[0] // 2])
 
@@ -183,7 +183,8 @@ def test_a_larger_world_has_a_larger_shell(spheres):
     large = posed_mesh(topology, mesh.vertices * 10)
     far_away = view._replace(world2cam=torch.cat([view.world2cam[:, :3], view.world2cam[:, 3:] * 10], 1))
     far_away.world2cam[3, 3] = 1
-    one, other = sample_rays(mesh, topology, view, CONFIG), sample_rays(large, topology, far_away, CONFIG)
+    one = sample_rays(HandInView(mesh, topology, view), CONFIG)
+    other = sample_rays(HandInView(large, topology, far_away), CONFIG)
     shared = torch.isin(one.pixel, other.pixel), torch.isin(other.pixel, one.pixel)
     assert shared[0].double().mean() > 0.99
     torch.testing.assert_close(other.t[shared[1]], one.t[shared[0]] * 10, rtol=1e-3, atol=1e-4)
@@ -193,8 +194,8 @@ def test_layers_beyond_those_kept_do_not_disturb_the_first(spheres):
     places = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
     mesh, topology = spheres(*places)
     view = a_view(origin=(0.01, -0.42, 0.012))
-    few = shell_intervals(mesh, topology, view, SamplerConfig(shell_m=0.004, max_layers=2))
-    many = shell_intervals(mesh, topology, view, SamplerConfig(shell_m=0.004, max_layers=20))
+    few = shell_intervals(HandInView(mesh, topology, view), SamplerConfig(shell_m=0.004, max_layers=2))
+    many = shell_intervals(HandInView(mesh, topology, view), SamplerConfig(shell_m=0.004, max_layers=20))
     assert torch.equal(few.pixel, many.pixel)
     first = [torch.where(i.end > i.start, i.start, torch.inf).amin(1) for i in (few, many)]
     torch.testing.assert_close(*first)
@@ -203,7 +204,7 @@ def test_layers_beyond_those_kept_do_not_disturb_the_first(spheres):
 
 def test_the_camera_within_the_shell_is_no_error(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
-    rays = sample_rays(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0)), CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0))), CONFIG)
     assert rays.t.isfinite().all()
     assert rays.points.isfinite().all()
 
@@ -212,7 +213,7 @@ def test_a_ray_is_stopped_by_the_deflated_mesh_only(spheres):
     """Not where it grazes the shell, and not by the scene in front of the hand."""
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
-    rays = sample_rays(mesh, topology, view, CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, view), CONFIG)
     surely = ~crossings(view, (0, 0, 0), RADIUS_M - SHELL_M - 3 * FACET_M)[0].isnan()[rays.pixel]
     never = crossings(view, (0, 0, 0), RADIUS_M - SHELL_M + 3 * FACET_M)[0].isnan()[rays.pixel]
     assert rays.is_stopped[surely].all()
@@ -220,7 +221,7 @@ def test_a_ray_is_stopped_by_the_deflated_mesh_only(spheres):
     assert int(surely.sum()) > 300
     assert int(never.sum()) > 50
     wall = float(rays.t[:, 0].median())
-    cut = sample_rays(mesh, topology, view, CONFIG, scene_depth=torch.full((SIZE[1], SIZE[0]), wall))
+    cut = sample_rays(HandInView(mesh, topology, view, torch.full((SIZE[1], SIZE[0]), wall)), CONFIG)
     whole = dict(zip(rays.pixel.tolist(), (rays.t[:, -1] + rays.dt / 2).tolist(), strict=True))
     ends_at_wall = torch.tensor([whole[pixel] > wall + 1e-5 for pixel in cut.pixel.tolist()])
     assert ends_at_wall.any()
@@ -231,7 +232,7 @@ def test_crossings_are_those_of_the_inflated_fronts(spheres):
     """Nearest first, on the sphere that the ray meets there; where there is no more, infinitely far."""
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
-    intervals = shell_intervals(mesh, topology, view, CONFIG)
+    intervals = shell_intervals(HandInView(mesh, topology, view), CONFIG)
     depth = torch.stack([crossings(view, c, r + SHELL_M)[0] for c, r in (NEAR, FAR)], 1).nan_to_num(torch.inf)
     expected, order = depth[intervals.pixel].sort(1)
     found = intervals.entry.sort(1).values[:, :2].double()  # backs lie between, infinitely far as well
@@ -249,7 +250,7 @@ def test_crossings_are_those_of_the_inflated_fronts(spheres):
 
 def test_of_two_spheres_apart_the_one_that_holds_the_sample_is_open(spheres):
     mesh, topology = spheres(NEAR, FAR)
-    rays = sample_rays(mesh, topology, a_view(), CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, a_view()), CONFIG)
     assert (rays.is_open.sum(2) == 1).all()
     face = rays.entry_face[:, None].expand(-1, 8, -1)[rays.is_open].reshape(-1, 8)
     away = torch.stack([(rays.points - torch.tensor(c)).norm(dim=-1) - r for c, r in (NEAR, FAR)]).abs()
@@ -262,7 +263,7 @@ def test_of_two_spheres_whose_shells_overlap_both_are_open_behind_the_second_fro
     close = (tuple((RADIUS_M + radius_m + 0.001) * direction), radius_m)
     mesh, topology = spheres(close, FAR)
     view = a_view()
-    rays = sample_rays(mesh, topology, view, CONFIG)
+    rays = sample_rays(HandInView(mesh, topology, view), CONFIG)
     ends = [crossings(view, centre, radius + SHELL_M) for centre, radius in (close, FAR)]
     entry = torch.stack([of_one[0] for of_one in ends], 1)[rays.pixel].nan_to_num(torch.inf)
     overlap = (ends[0][1] - ends[1][0])[rays.pixel].nan_to_num(torch.inf)  # alone: as if they did
@@ -277,5 +278,5 @@ def test_of_two_spheres_whose_shells_overlap_both_are_open_behind_the_second_fro
 def test_every_sample_lies_behind_a_crossing(posed, seen_from):
     for gesture in ("open", "fist"):
         hand = posed(gesture)
-        rays = sample_rays(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, -1, 0.3)), CONFIG)
+        rays = sample_rays(HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, -1, 0.3))), CONFIG)
         assert rays.is_open.any(2).all()

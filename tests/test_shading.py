@@ -5,7 +5,7 @@ import torch
 from livehand.backend import shading
 from livehand.backend.field.field import FieldConfig, PaperField, build_field
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.rays import split_rays
+from livehand.backend.rays import HandInView, split_rays
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shading import shade, shade_in_chunks
 from livehand.backend.tracing import trace_with_torch
@@ -25,30 +25,30 @@ class Recorder(PaperField):
 
 @pytest.fixture(scope="module")
 def scene(posed, seen_from):
-    """(rays, topology, conditions, mesh, view)."""
+    """(rays, hand in view, conditions)."""
     hand = posed("relaxed")
-    view = seen_from(hand.mesh, (0.2, 1, 0.4), (20, 22))
-    return trace_with_torch(hand.mesh, hand.topology, view, CONFIG), hand.topology, hand.conditions(), hand.mesh, view
+    seen = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, 1, 0.4), (20, 22)))
+    return trace_with_torch(seen, CONFIG), seen, hand.conditions()
 
 
 @torch.inference_mode()
 @pytest.mark.parametrize("kind", FIELDS)
 @pytest.mark.parametrize("at_once", [1, 70, 1000, 1 << 20])
 def test_chunks_do_not_show(scene, monkeypatch, kind, at_once):
-    rays, topology, conditions, mesh, view = scene
+    rays, hand, conditions = scene
     torch.manual_seed(0)
     field, few = build_field(FIELDS[kind]), split_rays(rays, 60)[0]
     monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", at_once)
     asked = []
-    chunked = shade_in_chunks(field, few, topology, conditions, mesh, view, 0.003, lambda: asked.append(None))
-    whole = shade(field, few, topology, conditions, mesh.scale, view, 0.003)
+    chunked = shade_in_chunks(field, few, hand, conditions, 0.003, lambda: asked.append(None))
+    whole = shade(field, few, hand, conditions, 0.003)
     for one, other in zip(chunked, whole, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-5)
     assert len(asked) == -(-60 // max(1, at_once // 4))
 
 
 def test_what_is_raised_before_a_chunk_ends_it(scene, monkeypatch):
-    rays, topology, conditions, mesh, view = scene
+    rays, hand, conditions = scene
     monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", 100)
     recorder, asked = Recorder(), []
 
@@ -58,18 +58,20 @@ def test_what_is_raised_before_a_chunk_ends_it(scene, monkeypatch):
             raise KeyError("told")
 
     with pytest.raises(KeyError, match="told"):
-        shade_in_chunks(recorder, rays, topology, conditions, mesh, view, 0.003, before_chunk)
+        shade_in_chunks(recorder, rays, hand, conditions, 0.003, before_chunk)
     assert len(asked) == 3
 
 
 @torch.inference_mode()
 def test_steps_are_millimetres_of_the_template_and_footprints_pixels_of_it(scene):
     """In a world ten times as large the field is asked the same."""
-    rays, topology, conditions, mesh, view = scene
+    rays, hand, conditions = scene
     small, large = Recorder(), Recorder()
-    shade(small, rays, topology, conditions, mesh.scale, view, 0.003)
+    mesh, topology, view, _ = hand
+    shade(small, rays, hand, conditions, 0.003)
     bigger = rays._replace(t=rays.t * 10, dt=rays.dt * 10)
-    shade(large, bigger, topology, conditions, posed_mesh(topology, mesh.vertices * 10).scale, view, 0.003)
+    large_hand = hand._replace(mesh=posed_mesh(topology, mesh.vertices * 10))
+    shade(large, bigger, large_hand, conditions, 0.003)
     length = rays.directions.norm(dim=-1)
     torch.testing.assert_close(small.steps.step_mm, rays.dt * length / mesh.scale * 1000)
     torch.testing.assert_close(large.steps.step_mm, small.steps.step_mm)

@@ -7,6 +7,7 @@ from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.geometry.tracking import track
 from livehand.backend.geometry.uvh import interpolate
+from livehand.backend.rays import HandInView
 from livehand.backend.sampler import SamplerConfig, sample_rays
 from livehand.backend.tracing import trace
 
@@ -26,7 +27,7 @@ def tracked(posed, seen_from, nearest_face):
         for seed, side in enumerate(SIDES):
             view = seen_from(hand.mesh, side)
             generator = torch.Generator().manual_seed(seed)
-            rays = sample_rays(hand.mesh, hand.topology, view, CONFIG, generator)
+            rays = sample_rays(HandInView(hand.mesh, hand.topology, view), CONFIG, generator)
             rays = type(rays)(*(values[::2] for values in rays))
             samples = track(rays.points, rays.entry_face, rays.is_open, hand.topology, hand.mesh)
             seen.append((rays, samples, nearest_face(rays.points.flatten(0, 1), triangles)[1]))
@@ -102,7 +103,7 @@ def test_a_sample_in_two_parts_belongs_to_the_one_that_holds_it_deepest(spheres,
     """Two spheres that overlap by 1 mm. Nearest is the skin that is about to end; deepest is the other's inside."""
     mesh, topology = spheres((A, RADIUS_M), (B, RADIUS_M))
     view = seen_from(mesh, (0.02, -1, 0.03), (96, 80), field_m=0.06)
-    rays = trace(mesh, topology, view, SamplerConfig(16, SHELL_M))
+    rays = trace(HandInView(mesh, topology, view), SamplerConfig(16, SHELL_M))
     origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
     points = (origin + rays.t[..., None] * rays.directions[:, None]).flatten(0, 1)
     height = torch.stack([(points - torch.tensor(centre)).norm(dim=1) - RADIUS_M for centre in (A, B)])
@@ -139,7 +140,7 @@ def test_inside_one_and_outside_the_other_it_is_the_one_it_is_inside(spheres):
 @pytest.fixture(scope="module")
 def pinched(posed, seen_from):
     hand = posed("pinch")
-    return hand, sample_rays(hand.mesh, hand.topology, seen_from(hand.mesh, SIDES[2]), CONFIG)
+    return hand, sample_rays(HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, SIDES[2])), CONFIG)
 
 
 def test_a_rigid_motion_changes_nothing(pinched):

@@ -14,6 +14,7 @@ from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model import load_default_hand
 from livehand.backend.perceptual.vgg import PerceptualLoss
+from livehand.backend.rays import HandInView
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import HandPose
 from livehand.backend.superres import SuperResConfig
@@ -204,7 +205,7 @@ def test_a_view_is_the_image_in_its_window(painted_capture, views):
 def test_kept_rays_are_traced_ones_to_a_few_micrometres(views):
     view = views.get(0, 1)
     generator = torch.Generator().manual_seed(hash((0, 0, 1)) % 2**63)
-    traced = trace(view.mesh, views.topology, view.view, SMALL.sampler, generator)
+    traced = trace(HandInView(view.mesh, views.topology, view.view), SMALL.sampler, generator)
     for name in ("pixel", "directions", "t", "dt"):
         torch.testing.assert_close(getattr(view.rays, name), getattr(traced, name))
     assert torch.equal(view.rays.samples.face, traced.samples.face)

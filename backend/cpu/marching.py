@@ -13,11 +13,10 @@ from torch import Tensor
 
 from ..field.conditions import LOCAL_POSE_CHANNELS, FrameConditions
 from ..field.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
-from ..geometry.mesh import PosedMesh, Topology
 from ..kernels.compiled import in_parallel
 from ..kernels.march import march
 from ..kernels.planes import BLOCK
-from ..rays import View, ray_directions, ray_origin
+from ..rays import HandInView, ray_directions, ray_origin
 from ..sampler import SamplerConfig
 from ..volume import Composite
 from .shell import Layers, live_pixels, surface_arrays
@@ -98,22 +97,19 @@ class Marcher:
     def march(
         self,
         layers: Layers,
-        mesh: PosedMesh,
-        topology: Topology,
+        hand: HandInView,
         conditions: FrameConditions,
-        view: View,
         before_chunk: Callable[[], None] = lambda: None,
     ) -> tuple[Tensor, Tensor, Composite]:
         """Pixel [R], unit direction [R, 3] and composited features of all rays that meet the shell.
 
         Args:
             layers: the rasterised shell.
-            mesh: the posed hand.
-            topology: its topology.
+            hand: before its camera.
             conditions: of the pose.
-            view: the low-resolution camera.
             before_chunk: called between chunks of rays; what it raises ends the march.
         """
+        mesh, topology, view, _ = hand
         pixel = torch.as_tensor(live_pixels(layers))
         directions = ray_directions(view, pixel)
         exposure = self.field.exposure(conditions.visibility)

@@ -6,15 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..kernels.compiled import in_parallel
 from ..kernels.raster import nearest_depth, surface_layers
 from ..kernels.rays import find_live
 from ..kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
-from ..rays import View, project
+from ..rays import HandInView, project
 from ..sampler import SamplerConfig
 
 
@@ -36,14 +34,9 @@ class Layers(NamedTuple):
     scene: np.ndarray
 
 
-def rasterise_shell(
-    mesh: PosedMesh,
-    topology: Topology,
-    view: View,
-    config: SamplerConfig,
-    scene_depth: Float[Tensor, "H W"] | None = None,
-) -> Layers:
+def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
     """The layers of the inflated mesh and the first front of the deflated one."""
+    mesh, topology, view, scene_depth = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = [values.numpy() for values in project(view, mesh.vertices + shell)]
     inner = [values.numpy() for values in project(view, mesh.vertices - shell)]
@@ -58,8 +51,8 @@ def rasterise_shell(
     )
 
     def rasterise_rows(first: int, last: int) -> None:
-        surface_layers(*outer, faces, width, first, last, layers.depth, layers.face, layers.crossings)
-        nearest_depth(*inner, faces, width, first, last, False, layers.inner)
+        surface_layers((*outer, faces), width, first, last, layers.depth, layers.face, layers.crossings)
+        nearest_depth((*inner, faces), width, first, last, False, layers.inner)
 
     in_parallel(rasterise_rows, height, torch.get_num_threads())
     return layers

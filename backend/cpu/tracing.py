@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
 from ..kernels.compiled import in_parallel
 from ..kernels.rays import lay_samples
-from ..rays import SurfaceRays, View, ray_directions, ray_origin
+from ..rays import HandInView, SurfaceRays, ray_directions, ray_origin
 from ..sampler import SamplerConfig, strata
 from .shell import live_pixels, rasterise_shell, surface_arrays
 
 
-def trace(
-    mesh: PosedMesh,
-    topology: Topology,
-    view: View,
-    config: SamplerConfig,
-    generator: torch.Generator | None = None,
-    scene_depth: Float[Tensor, "H W"] | None = None,
-) -> SurfaceRays:
+def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
     """Sample the rays that meet the shell and lay the samples on the surface."""
-    layers = rasterise_shell(mesh, topology, view, config, scene_depth)
+    layers = rasterise_shell(hand, config)
+    mesh, topology, view, _ = hand
     pixel = torch.as_tensor(live_pixels(layers))
     directions, shape = ray_directions(view, pixel), (len(pixel), config.samples_per_ray)
     t, height, barycentric = torch.empty(shape), torch.empty(shape), torch.empty(*shape, 3)

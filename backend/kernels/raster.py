@@ -12,9 +12,7 @@ _HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, 
 
 @compiled
 def surface_layers(
-    positions_px,  # [V, 2]
-    depth,  # [V] m
-    faces,  # [F, 3]
+    projected,  # (positions [V, 2] px, depths [V] m, faces [F, 3])
     width,
     first_row,
     last_row,
@@ -23,6 +21,7 @@ def surface_layers(
     count,  # [P] out; zero at the start
 ):
     """Insert the fragments in rows [first_row, last_row) into their pixels' lists, nearest first; the last drop out."""
+    positions_px, depth, faces = projected
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         area = _area(positions_px, depth, a, b, c)
@@ -40,17 +39,9 @@ def surface_layers(
 
 
 @compiled
-def nearest_depth(
-    positions_px,  # [V, 2]
-    depth,  # [V] m
-    faces,  # [F, 3]
-    width,
-    first_row,
-    last_row,
-    has_backs,  # whether back faces count
-    nearest,  # [P] in and out, m
-):
-    """Lower `nearest` to the depth of the first face in rows [first_row, last_row)."""
+def nearest_depth(projected, width, first_row, last_row, has_backs, nearest):
+    """Lower `nearest` [P], m, to the depth of the first face in rows [first_row, last_row); backs too, if asked."""
+    positions_px, depth, faces = projected
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         area = _area(positions_px, depth, a, b, c)

@@ -27,7 +27,7 @@ def lit_share(
     shadow = np.empty(size * size, np.float32)
     for index in range(first, last):
         shadow[:] = np.inf
-        nearest_depth(positions_px[index], depth[index], faces, size, 0, size, True, shadow)
+        nearest_depth((positions_px[index], depth[index], faces), size, 0, size, True, shadow)
         for vertex in range(lit.shape[1]):
             x, y = lifted_px[index, vertex, 0], lifted_px[index, vertex, 1]
             lit[index, vertex] = _unblocked(shadow, size, x, y, lifted_depth[index, vertex] - bias)

@@ -12,6 +12,7 @@ from torch import Tensor
 from ..avatar import Avatar
 from ..capture import CaptureView
 from ..image import image_of, low_resolution_maps
+from ..rays import HandInView
 from ..renderer import Precision
 from ..shading import shade
 from .clock import Clock
@@ -139,7 +140,8 @@ class Stepper:
 def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView) -> Rendered:
     """A training view's window."""
     shell_m = avatar.config.sampler.shell_m
-    composite = shade(avatar.field, view.rays, views.topology, view.conditions, view.mesh.scale, view.view, shell_m)
+    hand = HandInView(view.mesh, views.topology, view.view)
+    composite = shade(avatar.field, view.rays, hand, view.conditions, shell_m)
     maps, _ = low_resolution_maps(composite, view.rays.pixel, view.view.size_px)
     image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.view.size_px)
     return Rendered(torch.cat([maps[:3], maps[-1:]]), image)

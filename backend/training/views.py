@@ -21,7 +21,7 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
-from ..rays import SurfaceRays, View, ray_directions, view_of
+from ..rays import HandInView, SurfaceRays, View, ray_directions, view_of
 from ..renderer import window_of
 from ..sampler import SamplerConfig
 from ..tracing import trace
@@ -155,7 +155,7 @@ class TrainingViews:
     def _rays(self, index: int, jitter: int, view: View, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
-            self._traced[index, jitter] = _packed(trace(mesh, self.topology, view, self.sampler, generator))
+            self._traced[index, jitter] = _packed(trace(HandInView(mesh, self.topology, view), self.sampler, generator))
         return _unpacked(self._traced[index, jitter], view)
 
 
