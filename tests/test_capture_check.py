@@ -123,9 +123,10 @@ def test_faults_of_images_are_named(capture, hand, kind, message):
 def test_headers_alone_are_looked_at_where_pixels_are_not_asked_for(capture, hand):
     spoil_image(capture, "empty")
     check_capture(capture, hand, decode=False)
-    spoil_image(capture, "missing")
-    with pytest.raises(LiveHandError, match="readable"):
-        check_capture(capture, hand, decode=False)
+    for kind, message in (("size", r"must be \(24, 32\) px as its camera says"), ("missing", "readable")):
+        spoil_image(capture, kind)
+        with pytest.raises(LiveHandError, match=message):
+            check_capture(capture, hand, decode=False)
 
 
 def test_an_empty_image_of_a_hand_out_of_view_is_no_fault(capture, hand):
