@@ -7,11 +7,14 @@ from types import SimpleNamespace
 
 import pytest
 import torch
-from livehand.backend.avatar import load_avatar
+from livehand.backend.avatar import AvatarConfig, load_avatar
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
+from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model import load_default_hand
+from livehand.backend.sampler import SamplerConfig
+from livehand.backend.superres import SuperResConfig
 from livehand.backend.training import processes
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
@@ -19,6 +22,9 @@ from livehand.backend.training.processes import Processes, process_device
 from livehand.backend.training.step import Machine
 from livehand.backend.training.task import Task
 
+SMALL = AvatarConfig(
+    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+)
 CPU = torch.device("cpu")
 
 
@@ -74,6 +80,22 @@ def test_gradients_are_summed_and_unused_parameters_keep_none(monkeypatch):
     assert unused.grad is None
 
 
+def test_all_go_by_the_firsts_clock(monkeypatch, painted_capture, tmp_path):
+    """A second process whose own clock stands still ends when the first one's budget is spent."""
+    told = iter(range(0, 100, 7))
+
+    def broadcast(values, source):
+        assert source == 0
+        values.fill_(next(told))
+
+    monkeypatch.setattr(processes, "dist", SimpleNamespace(broadcast=broadcast, all_reduce=lambda values: None))
+    monkeypatch.setattr("livehand.backend.training.clock.monotonic", lambda: 0.0)
+    task, machine = Task(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(1, 2))
+    outcome = train(task, TrainConfig(minutes=0.5, batch=2), tmp_path / "a.safetensors", machine, ReportConfig())
+    assert (outcome.progress.step, outcome.progress.seconds) == (6, 35)
+    assert not list(tmp_path.iterdir())  # nor does it write anything
+
+
 def test_one_process_alone_leaves_everything(monkeypatch):
     monkeypatch.setattr(processes, "dist", None)
     parameter = torch.nn.Parameter(torch.ones(2))
@@ -84,9 +106,7 @@ def test_one_process_alone_leaves_everything(monkeypatch):
 
 
 def test_a_batch_that_cannot_be_shared_is_refused(painted_capture, tmp_path):
-    from livehand.backend.avatar import PRESETS
-
-    task, machine = Task(painted_capture, load_default_hand(), PRESETS["paper"]), Machine(CPU, "fp32", Processes(0, 2))
+    task, machine = Task(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(0, 2))
     with pytest.raises(LiveHandError, match="shared equally by 2 processes, got 3; give --batch 2 or a multiple"):
         train(task, TrainConfig(batch=3), tmp_path / "a.safetensors", machine, ReportConfig())
 

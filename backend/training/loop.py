@@ -65,7 +65,6 @@ class Training:
 
     def is_over(self) -> bool:
         """Whether all steps are taken, or all time is spent."""
-        self._progress = replace(self._progress, seconds=self._seconds())
         return self._schedule.is_over(self._progress.step, self._progress.seconds)
 
     def step(self, report: Report) -> None:
@@ -112,7 +111,7 @@ class Training:
 
     def _advance(self, result: StepResult) -> None:
         skipped = self._progress.skipped + bool(result.faulty_files)
-        self._progress = Progress(self._progress.step + 1, self._clock.total_s, skipped)
+        self._progress = Progress(self._progress.step + 1, self._seconds(), skipped)
 
     def _save_checkpoint(self) -> None:
         if self._machine.processes.is_first:
