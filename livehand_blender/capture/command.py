@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--samples", type=int, default=plan.samples, help="Cycles samples per pixel, training views")
     parser.add_argument("--eval-samples", type=int, default=plan.eval_samples, help="the same, held-out views")
     parser.add_argument("--eval-views", type=int, default=plan.eval_views, help="views per held-out split, at most")
+    parser.add_argument("--first-poses", type=int, default=plan.first_poses, help="render only so many of the poses")
     parser.add_argument("--threads", type=int, default=None, help="render threads (default: all)")
 
 
@@ -53,6 +54,7 @@ def run(args: argparse.Namespace) -> dict:
         samples=args.samples,
         eval_samples=args.eval_samples,
         eval_views=args.eval_views,
+        first_poses=args.first_poses,
     )
     capture = render_capture(args.output, plan, {"made_by": "livehand capture", "plan": asdict(plan)}, args.threads)
     counts = {split: len(capture.of_split(split)) for split in ("train", "novel_pose", "novel_camera", "test")}

@@ -40,6 +40,8 @@ class CapturePlan:
         samples: Cycles samples per pixel of training views.
         eval_samples: of held-out views, high enough that render noise does not hide progress.
         eval_views: how many views each held-out split gets at most.
+        first_poses: only these many of the poses are rendered; None: all. What is there stays the same when more of the
+            same plan are rendered another day.
     """
 
     seed: int = 0
@@ -51,13 +53,15 @@ class CapturePlan:
     samples: int = 8
     eval_samples: int = 64
     eval_views: int = 12
+    first_poses: int | None = None
 
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model)
         views = _spread_views(self, _sample_cameras(rng, self))
-        return Capture(folder, model.sha256, provenance, poses, views)
+        last = self.poses if self.first_poses is None else self.first_poses
+        return Capture(folder, model.sha256, provenance, poses, tuple(v for v in views if v.pose_index < last))
 
     def is_held_out_pose(self, index: int) -> bool:
         """Whether no training view shows this pose."""

@@ -93,6 +93,12 @@ def test_held_out_views_are_spread_over_poses_and_cameras():
         assert len({view.camera_index for view in views}) >= 3
 
 
+def test_the_first_poses_are_those_of_the_whole_plan(made, right_hand):
+    some = replace(SMALL, first_poses=7).make(made.folder, right_hand, {})
+    assert [view.file for view in some.views] == [view.file for view in made.views if view.pose_index < 7]
+    np.testing.assert_array_equal(some.poses[6].theta, made.poses[6].theta)
+
+
 def test_every_training_camera_is_used_and_each_pose_has_its_own(made):
     seen_by = {}
     for view in made.of_split("train"):
@@ -345,12 +351,12 @@ def test_the_command_passes_its_arguments_on(monkeypatch, tmp_path):
 
     monkeypatch.setattr(capture_render, "render_capture", fake)
     text = f"-o {tmp_path} --seed 7 --poses 12 --cameras 5 --size 32x48 --samples 2 --eval-samples 3 --eval-views 1"
-    others = "--cameras-per-pose 3 --tone deep --threads 2"
+    others = "--cameras-per-pose 3 --tone deep --first-poses 9 --threads 2"
     result = command.run(parser.parse_args([*text.split(), *others.split()]))
-    assert seen["plan"] == CapturePlan(7, 12, 5, 3, "deep", (32, 48), 2, 3, 1)
+    assert seen["plan"] == CapturePlan(7, 12, 5, 3, "deep", (32, 48), 2, 3, 1, 9)
     assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
     assert json.loads(json.dumps(result))["poses"] == 12
-    assert result["train"] == 11 * 3
+    assert result["train"] == 8 * 3
     assert CapturePlan() == replace(
         CapturePlan(),
         **{
