@@ -49,7 +49,7 @@ class RefinementConfig:
     """Of the one shape's coefficients from the mean of the capture's; 0: that mean."""
     surface_deviation_m: float = 0.0
     """Of the proxy surface along its normals; 0: the hand model's own surface."""
-    learning_rate: float = 3e-3
+    learning_rate: float = 1e-2
     """In deviations a step."""
     pull: float = 1e-3
     """Weight of the mean squared corrections in the loss."""
