@@ -6,7 +6,7 @@ OUT ?= out/wave
 # A demo with another avatar: make demo AVATAR=my.safetensors
 AVATAR ?=
 
-.PHONY: demo test check zip clean
+.PHONY: demo test test-cuda check zip clean
 
 demo: $(VENV)/demo.stamp
 	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -15,6 +15,11 @@ demo: $(VENV)/demo.stamp
 
 test: $(VENV)/dev.stamp
 	$(VENV)/bin/python -m pytest -q
+
+# Fails without a GPU, so that nothing skipped is taken for passed.
+test-cuda: $(VENV)/dev.stamp
+	@$(VENV)/bin/python -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
+	$(VENV)/bin/python -m pytest -q tests/test_cuda.py
 
 check: $(VENV)/dev.stamp
 	$(VENV)/bin/ruff format --check

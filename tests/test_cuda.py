@@ -1,0 +1,83 @@
+"""On a GPU: the same frames, gradients and commands as on the CPU. `make test-cuda`; skipped where there is none."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.avatar import load_avatar
+from livehand.backend.benchmark.motion import MovingHand
+from livehand.backend.cli import COMMANDS
+from livehand.backend.command import run_commands
+from livehand.backend.hand.model import load_default_hand
+from livehand.backend.renderer import Renderer
+from livehand.backend.training.config import ReportConfig, TrainConfig
+from livehand.backend.training.loop import train
+from livehand.backend.training.step import Machine
+from livehand.backend.training.task import Task
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
+
+# Sums are taken in another order, and a ray may fall on either side of an edge.
+VALUE, FLIPPED = 2e-3, 2e-3
+
+
+def frame_on(device, shot, precision="fp32"):
+    return Renderer(load_avatar(), load_default_hand(), device, precision).render(shot)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    motion = MovingHand(load_default_hand(), (167, 256))
+    return motion.shot(motion.moments(3)[1])
+
+
+@pytest.fixture
+def torch_alone(monkeypatch):
+    """No kernels on the CPU either: they stop a ray a little earlier."""
+    for module in ("tracing", "renderer", "shading", "field.encoding", "geometry.visibility"):
+        monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: False)
+
+
+def test_a_frame_is_the_cpus(shot, torch_alone):
+    ours, expected = frame_on("cuda", shot), frame_on("cpu", shot)
+    for name in ("rgb", "alpha"):
+        difference = np.abs(getattr(ours, name) - getattr(expected, name))
+        assert (difference > VALUE).mean() < FLIPPED, name
+    solid = (ours.alpha > 0.5) & (expected.alpha > 0.5)
+    assert solid.sum() > 3000
+    assert (np.abs(ours.depth - expected.depth)[solid] > 5e-4).mean() < FLIPPED
+
+
+def test_half_precision_looks_the_same(shot):
+    ours, expected = (frame_on("cuda", shot, precision) for precision in ("bf16", "fp32"))
+    assert np.abs(ours.rgb - expected.rgb).mean() < 1e-3
+    assert np.abs(ours.alpha - expected.alpha).max() < 0.1
+
+
+def test_the_scene_ends_rays_as_on_the_cpu(shot, torch_alone):
+    depth = np.full(shot.camera.size_px[::-1], float(np.median(frame_on("cpu", shot).depth)), np.float32)
+    behind = replace(shot, scene_depth=depth)
+    ours, expected = frame_on("cuda", behind), frame_on("cpu", behind)
+    assert (np.abs(ours.alpha - expected.alpha) > VALUE).mean() < FLIPPED
+
+
+def test_a_training_of_few_steps_gives_the_cpus_weights(painted_capture, tmp_path, torch_alone):
+    avatar = load_avatar()
+    config, reporting = TrainConfig(steps=3, warmup_steps=1), ReportConfig(preview_minutes=0)
+    task = Task(painted_capture, load_default_hand(), avatar.config)
+    ours, expected = (
+        train(task, config, tmp_path / f"{name}.safetensors", Machine(torch.device(name)), reporting).avatar
+        for name in ("cuda", "cpu")
+    )
+    for one, other in zip(ours.superres.parameters(), expected.superres.parameters(), strict=True):
+        torch.testing.assert_close(one.detach().cpu(), other.detach(), atol=2e-3, rtol=0.05)
+
+
+def test_the_benchmark_runs(capsys):
+    arguments = ["benchmark", "--device", "cuda", "--no-cycles", "--sizes", "167x256", "--paper-sizes", "167x256"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, "--frames", "3", "--budget", "5", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["machine"]["gpu"]
+    assert result["sizes"]["167x256"]["frame_ms"]["default_bf16"]["median"] > 0
