@@ -13,11 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .camera import Camera
-from .capture import ALPHA_MODES, Capture, CaptureView, no_alpha, read_header, wrong_size
+from .capture import Capture, CaptureView
 from .errors import LiveHandError
 from .hand.lbs import posed_vertices
 from .hand.model import HandModel
 from .kernels.tolerances import NEAR_M
+from .picture import ALPHA_MODES, no_alpha, read_header, wrong_size
 
 # A hand is in an image that this share of its vertices is projected into; of less, all may be hidden or cut off.
 _SHARE_IN_IMAGE = 0.1

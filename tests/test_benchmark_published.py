@@ -60,7 +60,7 @@ def test_the_dense_search_is_exact(hand, shot, points):
 
 
 def test_without_numba_samples_are_searched_in_chunks(hand, shot, points, monkeypatch):
-    monkeypatch.setattr(brute_force, "find_spec", lambda name: None)
+    monkeypatch.setattr(brute_force, "has_numba", lambda: False)
     triangles = torch.as_tensor(shot.vertices[hand.f], dtype=torch.float32)
     face = nearest_faces(points[0], triangles)
     assert len(face) == 300

@@ -32,6 +32,7 @@ ROWS = [
         "backend.camera",
         "backend.colour",
         "backend.device",
+        "backend.picture",
         "backend.command",
         "backend.geometry.rotation",
         "backend.hand.atlas",

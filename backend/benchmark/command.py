@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, help="of torch, numba and Cycles (default: their own choice)")
     parser.add_argument("--no-cycles", action="store_true", help="leave Cycles out")
     parser.add_argument("--cycles-samples", type=parse_counts, default="16,64", help="per pixel (default: %(default)s)")
-    parser.add_argument("--cycles-frames", type=int, default=2, help="that Cycles renders (default: %(default)s)")
+    parser.add_argument("--cycles-frames", type=int, default=4, help="that Cycles renders (default: %(default)s)")
     parser.add_argument("--cycles-skin", type=Path, metavar="DIR", help="baked maps of a capture (default: bake them)")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw cost over coverage, size and hands")
 

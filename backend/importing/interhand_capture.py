@@ -11,9 +11,10 @@ from typing import Literal
 import numpy as np
 
 from ..camera import Camera
-from ..capture import Capture, CaptureView, read_header
+from ..capture import Capture, CaptureView
 from ..errors import LiveHandError
 from ..hand.model import HandModel
+from ..picture import read_header
 from ..shot import HandPose
 from .interhand import (
     DataSplit,

@@ -13,19 +13,11 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from ..capture import (
-    ALPHA_MODES,
-    Capture,
-    CaptureView,
-    load_capture,
-    read_header,
-    read_mask,
-    read_picture,
-    save_capture_index,
-)
+from ..capture import Capture, CaptureView, load_capture, save_capture_index
 from ..errors import LiveHandError
 from ..hand.lbs import posed_arrays
 from ..hand.model import HandModel
+from ..picture import ALPHA_MODES, read_header, read_mask, read_picture
 from .mask import MaskConfig, grabcut_mask, hand_regions, load_opencv
 
 FOLDER = "masks"

@@ -19,8 +19,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..camera import Camera
-from ..capture import read_header
 from ..errors import LiveHandError
+from ..picture import read_header
 from ..shot import HandPose, Side
 
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
