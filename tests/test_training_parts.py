@@ -92,7 +92,7 @@ def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_
     assert (gain.log_gain[:3] < -0.05).all()  # as the truth is darker than anything the networks begin with
     assert gain.log_gain[3] == 0  # of the held-out camera
     assert "loss/gain_l2" in (tmp_path / "a.log.jsonl").read_text()
-    assert outcome.avatar.provenance["corrections"] == ["gain"]
+    assert outcome.avatar.provenance["corrections"] == {"gain": {}}
     with safe_open(checkpoint_path(output), framework="pt") as archive:
         torch.testing.assert_close(archive.get_tensor("part.corrections.gain.log_gain"), gain.log_gain.detach())
     with safe_open(output, framework="pt") as archive:

@@ -164,7 +164,7 @@ def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand
     task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=4, warmup_steps=1)
     outcome = train(task, config, output, Machine(CPU), ReportConfig())
     scores = score_views(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
-    expected = np.mean([score.psnr_full for score in scores])
+    expected = np.mean([score.figures["psnr_full"] for score in scores])
     assert outcome.held_out["psnr_full"] == pytest.approx(expected, abs=0.01)  # the file's half precision
     assert 0 <= outcome.data_wait_share < 1
     assert "step 4: held-out PSNR" in capsys.readouterr().err

@@ -145,7 +145,7 @@ def test_a_checkpoint_comes_after_minutes_too(task, tmp_path, ticking, monkeypat
     saved = []
     monkeypatch.setattr("livehand.backend.training.loop.save_checkpoint", lambda *arguments: saved.append(arguments[2]))
     train(task, replace(CONFIG, checkpoint_every=1000, checkpoint_minutes=1.0), tmp_path / "a", Machine(CPU), SILENT)
-    assert len(saved) > 3
+    assert len(saved) > 2
     assert saved[-1].step == 30
     times = [progress.seconds for progress in saved[:-1]]
     assert min(b - a for a, b in pairwise(times)) >= 55
