@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from .avatars import shipped_avatar_path
 from .errors import LiveHandError
 from .field.field import FieldConfig, PaperField, PlaneField, build_field
 from .sampler import SamplerConfig
@@ -98,13 +98,8 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     partial.replace(path)
 
 
-def shipped_avatar_path() -> Path:
-    """The avatar that comes with the package."""
-    return Path(str(resources.files(str(__package__)) / "avatars" / "default.safetensors"))
-
-
 def load_avatar(path: Path | str | None = None) -> Avatar:
-    """Read an avatar; None reads the shipped one.
+    """Read an avatar; None reads the first of the shipped ones.
 
     Raises:
         LiveHandError: no such file, not an avatar, truncated, altered, or of a newer version.

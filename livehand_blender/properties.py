@@ -7,6 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, PointerPr
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 # Blender 4.5 and later warn of a `//` path unless the property says that it takes one; earlier ones always do.
 _FILE = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
+_SKINS = (("light", "Light", "Light skin"), ("deep", "Deep", "Deep brown skin, light palms"))
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
     ("auto", "Automatic", "The GPU where torch can use one, or else the processor"),
@@ -44,9 +45,15 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     model_sha256: StringProperty(
         name="Model Hash", description="SHA-256 of the hand model's file, which an avatar asks for", override=_OVERRIDE
     )
+    skin: EnumProperty(
+        name="Skin",
+        description="The look of the hand, of those that come with LiveHand",
+        items=_SKINS,
+        override=_OVERRIDE,
+    )
     avatar_path: StringProperty(
         name="Avatar",
-        description="Trained look of the hand (.safetensors); empty for the one that ships with LiveHand",
+        description="A trained look of your own (.safetensors), which goes before the skin above; empty for that",
         subtype="FILE_PATH",
         options=_FILE,
         override=_OVERRIDE,

@@ -4,6 +4,7 @@ import json
 import pickle
 import struct
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +20,10 @@ from livehand.backend.avatar import (
     read_header,
     save_avatar,
 )
+from livehand.backend.avatars import SKINS, avatar_path
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
+from livehand.backend.hand.model import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.training.command import _CONFIGS
@@ -208,3 +211,15 @@ def test_a_configuration_of_another_time_is_refused(avatar, path, monkeypatch, s
 
 def test_the_command_knows_the_presets():
     assert tuple(PRESETS) == _CONFIGS
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
+    path = avatar_path(skin)
+    assert load_avatar(path).hand_sha256 == load_default_hand().sha256
+    assert path.stat().st_size <= 8e6
+
+
+def test_what_is_no_skins_name_is_a_path():
+    assert avatar_path("mine.safetensors") == Path("mine.safetensors")
+    assert load_avatar().provenance == load_avatar(avatar_path("light")).provenance

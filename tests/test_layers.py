@@ -27,7 +27,7 @@ BLENDER_MODULES = {
 # Rows from the bottom. The longest matching name counts; a module imports from rows below its own, or from its own
 # folder. Whoever adds a module at the top of a room, or a folder, gives it a row here.
 ROWS = [
-    ("backend.errors", "backend.idle_threads", "backend.kernels", "backend.rotation"),
+    ("backend.avatars", "backend.errors", "backend.idle_threads", "backend.kernels", "backend.rotation"),
     (
         "backend.camera",
         "backend.colour",
@@ -86,7 +86,18 @@ FOREIGN_OF_KERNELS = {"numba", "numpy"}
 EXACT = {"", "backend", "livehand_blender"}
 
 # Where the Blender side may enter the backend, and who may go further.
-DOORS = ("errors", "idle_threads", "rotation", "shot", "camera", "capture", "hand.model", "avatar", "renderer")
+DOORS = (
+    "avatars",
+    "errors",
+    "idle_threads",
+    "rotation",
+    "shot",
+    "camera",
+    "capture",
+    "hand.model",
+    "avatar",
+    "renderer",
+)
 MORE_DOORS = {
     # Captures are rendered from the built-in hand's detailed surface, not from what an avatar sees.
     "livehand_blender.capture": ("hand.builtin", "hand.gestures", "hand.lbs", "geometry.rotation"),

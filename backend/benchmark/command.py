@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..avatars import AVATAR_HELP, avatar_path
 from ..command import Command, parse_size_px, say
 from ..errors import LiveHandError
 
@@ -22,7 +23,7 @@ _HELP = "Measure where a frame's time goes, beside the machine's floor, the pape
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--avatar", type=Path, metavar="FILE", help="an avatar file (default: the shipped one)")
+    parser.add_argument("--avatar", type=avatar_path, metavar="NAME|FILE", help=AVATAR_HELP)
     parser.add_argument("--paper-avatar", type=Path, metavar="FILE", help="of --config paper (default: untrained)")
     parser.add_argument(
         "--sizes", type=parse_sizes, default="167x256,334x512,1080p,2160p", help="(default: %(default)s)"

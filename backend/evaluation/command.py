@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..avatars import AVATAR_HELP, avatar_path, shipped_avatar_path
 from ..command import Command
 
 if TYPE_CHECKING:
@@ -25,7 +26,9 @@ _NO_FLIP = 'FLIP is left out: it needs the package flip-evaluator; pip install "
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("capture", type=Path, help="the capture's folder")
-    parser.add_argument("--avatar", type=Path, help="an avatar file (default: the shipped one)")
+    parser.add_argument(
+        "--avatar", type=avatar_path, default=shipped_avatar_path(), metavar="NAME|FILE", help=AVATAR_HELP
+    )
     parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
     parser.add_argument(
         "--split",
@@ -62,7 +65,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..avatar import load_avatar, shipped_avatar_path
+    from ..avatar import load_avatar
     from ..capture import load_capture
     from ..hand.model import load_default_hand, load_hand_model
     from ..renderer import Renderer
@@ -86,7 +89,7 @@ def _run(args: argparse.Namespace) -> dict:
         _write_results(args, scores, (total, splits), text)
         shown.save(args.output)
     if args.record:
-        _record(renderer.avatar, splits, args.avatar or shipped_avatar_path())
+        _record(renderer.avatar, splits, args.avatar)
     return {**total, "summary": text}
 
 
@@ -125,10 +128,9 @@ def _left_out(total: Summary) -> list[str]:
 def _write_results(
     args: argparse.Namespace, scores: list[ViewScore], figures: tuple[Summary, dict[str, Summary]], text: str
 ) -> None:
-    from ..avatar import shipped_avatar_path
     from .report import scores_csv, summary_json, write_text
 
-    facts = {"capture": str(args.capture), "avatar": str(args.avatar or shipped_avatar_path()), "split": args.split}
+    facts = {"capture": str(args.capture), "avatar": str(args.avatar), "split": args.split}
     if args.lpips_weights:
         facts["lpips_weights"] = " ".join(path.name for path in args.lpips_weights)
     write_text(scores_csv(scores), args.output / "scores.csv")

@@ -9,6 +9,7 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..avatars import avatar_path
 from ..command import Command
 from ..errors import LiveHandError
 from .config import ReportConfig, TrainConfig
@@ -42,7 +43,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--licence", default=config.licence, help="of the avatar, kept in its header")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint beside the output")
     parser.add_argument(
-        "--from", dest="origin", type=Path, metavar="AVATAR", help="fine-tune an avatar of the same hand and networks"
+        "--from",
+        dest="origin",
+        type=avatar_path,
+        metavar="AVATAR",
+        help="fine-tune this one, of the same hand and networks",
     )
     parser.add_argument(
         "--ema-decay",

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...backend.avatars import avatar_path
 from ...backend.command import parse_size_px, say
 
 if TYPE_CHECKING:
@@ -23,7 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shot", type=Path, metavar="SHOT.blend", help="the scene, with a LiveHand hand and a camera")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the frames")
     parser.add_argument("--frames", type=parse_frames, metavar="1-24,30", help="default: the scene's range")
-    parser.add_argument("--avatar", type=Path, metavar="FILE", help="default: the one chosen on the hand")
+    parser.add_argument(
+        "--avatar",
+        type=avatar_path,
+        metavar="NAME|FILE",
+        help="light, deep or a file (default: the hand's own)",
+    )
     parser.add_argument("--size", type=parse_size_px, metavar="WxH", help="image size, px; default: the scene's")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="default: the scene's")
     parser.add_argument("--precision", choices=("fp32", "bf16"), help="default: the scene's")

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...backend.avatars import shipped_avatar_path
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
 from ...backend.shot import Shot
@@ -17,10 +18,10 @@ from ..rig.pose import read_hand_pose
 
 @dataclass(frozen=True)
 class HandSource:
-    """Where a hand comes from; a path of None is what ships with LiveHand."""
+    """Where a hand and its look come from; a model's path of None is the built-in hand."""
 
     model_path: Path | None
-    avatar_path: Path | None
+    avatar_path: Path
 
 
 def find_hand(depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
@@ -52,12 +53,12 @@ def visible_hands(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
 
 def hand_source(armature: bpy.types.Object) -> HandSource:
     """The files a hand asks for, with Blender's `//` resolved against the .blend that owns the hand."""
-    owner = armature.original
+    owner, hand = armature.original, armature.original.livehand
     model_path, avatar_path = (
         Path(bpy.path.abspath(path, library=owner.library)) if path else None
-        for path in (owner.livehand.model_path, owner.livehand.avatar_path)
+        for path in (hand.model_path, hand.avatar_path)
     )
-    return HandSource(model_path, avatar_path)
+    return HandSource(model_path, avatar_path or shipped_avatar_path(hand.skin))
 
 
 def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera: Camera, vertex_count: int) -> Shot:

@@ -1,8 +1,11 @@
 """Depsgraph -> Shot: what the renderer is told about the hand."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars import SKINS, avatar_path
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.model import load_default_hand
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
@@ -87,6 +90,15 @@ def test_paths_are_resolved_against_the_blend(armature, tmp_path):
     source = hand_source(find_hand(bpy.context.evaluated_depsgraph_get()))
     assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
     assert source.model_path is None
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_a_hand_wears_the_skin_that_is_chosen_and_its_own_file_before_that(armature, skin):
+    armature.livehand.skin = skin
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert hand_source(find_hand(depsgraph)).avatar_path == avatar_path(skin)
+    armature.livehand.avatar_path = "/looks/mine.safetensors"
+    assert hand_source(find_hand(depsgraph)).avatar_path == Path("/looks/mine.safetensors")
 
 
 def test_nan_in_the_pose_is_named(armature):
