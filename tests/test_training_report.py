@@ -120,7 +120,7 @@ def test_previews_come_by_the_clock_and_show_what_evaluation_measures(
     held_out = [line for line in lines(tmp_path) if "held_out/psnr_full" in line]
     assert [line["step"] for line in held_out] == [2]
     for name in ("psnr_full", "psnr_hand"):
-        expected = np.mean([getattr(score, name) for score in scores])
+        expected = np.mean([score.figures[name] for score in scores])
         assert held_out[0][f"held_out/{name}"] == pytest.approx(expected, rel=1e-5)
         assert report.held_out[name] == pytest.approx(expected)
     with Image.open(path) as sheet:
