@@ -291,6 +291,8 @@ def test_the_command_knows_splits(own_capture, avatar_path, capsys):
     heading, *lines = capsys.readouterr().out.splitlines()
     assert heading.split()[0] == "images"
     assert [line.split()[:2] for line in lines[:3]] == [["test", "2"], ["train", "6"], ["all", "8"]]
+    assert evaluate(*arguments, "--split", "held_out", "--json") == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 2
     assert evaluate(*arguments, "--split", "train", "--json") == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 6
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .summary import Summary
 
 _SHEET_VIEWS = 24
+_SEVERAL = ("held_out", "all")  # names for several splits together
 _NO_FLIP = 'FLIP is left out: it needs the package flip-evaluator; pip install "livehand[metrics]"'
 
 
@@ -32,9 +33,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
     parser.add_argument(
         "--split",
-        choices=("test", "novel_pose", "novel_camera", "train", "all"),
+        choices=("test", "novel_pose", "novel_camera", "train", *_SEVERAL),
         default="test",
-        help="test: held-out poses from held-out cameras (default); all: every split, a figure for each",
+        help="test: held-out poses from held-out cameras (default); held_out: all but train; a figure for each",
     )
     parser.add_argument(
         "--max-camera-gap",
@@ -83,7 +84,7 @@ def _run(args: argparse.Namespace) -> dict:
     scores = [view.score for view in shown.watch(measured)]
     check_any(scores, capture)
     total, splits = summary(scores), by_split(scores)
-    lines = {**splits, "all": total} if args.split == "all" else {args.split: total}
+    lines = {**splits, args.split: total} if args.split in _SEVERAL else {args.split: total}
     text = "\n".join([summary_tables(lines), *_left_out(total)])
     if args.output:
         _write_results(args, scores, (total, splits), text)
@@ -100,7 +101,8 @@ def _record(avatar: Avatar, by_split: dict[str, Summary], path: Path) -> None:
 
 
 def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureView]:
-    names = sorted({view.split for view in capture.views}) if split == "all" else [split]
+    there = {view.split for view in capture.views}
+    names = sorted(there - {"train"} if split == "held_out" else there) if split in _SEVERAL else [split]
     return [view for name in names for view in _spaced(capture.of_split(name), most)]  # type: ignore[arg-type]
 
 
