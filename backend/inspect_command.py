@@ -70,7 +70,7 @@ def _capture_facts(folder: Path) -> dict:
 
 
 def _hand_facts(path: Path) -> dict:
-    from .hand.model import load_hand_model
+    from .hand.model_file import load_hand_model
 
     hand = load_hand_model(path)
     extent_mm = (np.ptp(hand.v_template, axis=0) * 1000).round(1).tolist()

@@ -16,7 +16,8 @@ from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours,
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import MIRROR_POINT, load_default_hand
+from livehand.backend.hand.model import MIRROR_POINT
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.rays import view_of
 from livehand.backend.shot import HandPose
 from PIL import Image

@@ -6,7 +6,7 @@ import trimesh
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.atlas import unwrap, unwrap_millimetres, with_cap_chart
 from livehand.backend.hand.cap import cap_faces, capped, flat_cap
-from livehand.backend.hand.model import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
 
 
 @pytest.fixture(scope="module")

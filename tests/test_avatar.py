@@ -23,7 +23,7 @@ from livehand.backend.avatar import (
 from livehand.backend.avatars import SKINS, avatar_path
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.training.command import _CONFIGS

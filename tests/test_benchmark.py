@@ -35,7 +35,7 @@ from livehand.backend.camera import Camera
 from livehand.backend.colour import srgb_to_linear
 from livehand.backend.errors import LiveHandError
 from livehand.backend.geometry.rasterise import rasterise
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import DEPTH_BACKGROUND, Frame, HandPose
 from PIL import Image

@@ -10,7 +10,7 @@ from livehand.backend.benchmark.machine import Peaks
 from livehand.backend.benchmark.stopwatch import Cost
 from livehand.backend.command import Command, run_commands
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from PIL import Image

@@ -12,7 +12,7 @@ from livehand.backend.benchmark.motion import MovingHand
 from livehand.backend.benchmark.published import PublishedRenderer, whole_rays
 from livehand.backend.geometry.closest_point import closest_on_triangles
 from livehand.backend.geometry.mesh import Topology, posed_mesh
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.rays import view_of
 from livehand.backend.renderer import Renderer
 from livehand.backend.shot import DEPTH_BACKGROUND

@@ -10,7 +10,7 @@ from livehand.backend.hand.builtin.generate import QuadMesh, build_hand, dense_s
 from livehand.backend.hand.builtin.meshes import outward, vertex_normals
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.skinning_weights import dense_weights
-from livehand.backend.hand.model import default_hand_path, load_default_hand
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand
 from scipy.spatial.transform import Rotation
 
 

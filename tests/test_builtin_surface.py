@@ -17,7 +17,7 @@ from livehand.backend.hand.builtin.projection import project_to_surface
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.sdf import BOUNDS, signed_distance
 from livehand.backend.hand.builtin.skin_masks import MASK_NAMES
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from scipy.spatial import cKDTree
 
 COORDINATE_MASKS = {"naily", "tfold", "jid"}  # places, not strengths

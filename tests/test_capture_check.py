@@ -9,7 +9,7 @@ from livehand.backend.capture import load_capture, save_capture_index
 from livehand.backend.capture_check import check_capture, hand_box
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from PIL import Image
 
 

@@ -10,7 +10,7 @@ from livehand.backend.avatar import load_avatar
 from livehand.backend.benchmark.motion import MovingHand
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train

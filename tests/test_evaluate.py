@@ -30,7 +30,7 @@ from livehand.backend.evaluation.evaluate import (
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import Frame, Shot

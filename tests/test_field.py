@@ -16,7 +16,7 @@ from livehand.backend.geometry.local_rotation import local_rotations
 from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import SurfaceSamples
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.superres import PaperSuperRes, SuperResConfig
 from livehand.backend.volume import Steps
 from torch.nn.functional import normalize

@@ -11,7 +11,7 @@ from livehand.backend.hand.gestures import (
     theta_of,
 )
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from scipy.spatial.transform import Rotation
 
 

@@ -5,14 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
-from livehand.backend.hand.model import (
-    JOINT_NAMES,
-    PARENTS,
-    REQUIRED_KEYS,
-    default_hand_path,
-    load_default_hand,
-    load_hand_model,
-)
+from livehand.backend.hand.model import JOINT_NAMES, PARENTS
+from livehand.backend.hand.model_file import REQUIRED_KEYS, default_hand_path, load_default_hand, load_hand_model
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import default_hand_path
+from livehand.backend.hand.model_file import default_hand_path
 from livehand.backend.inspect_command import inspect
 from livehand.backend.shot import HandPose
 from livehand.backend.superres import SuperResConfig

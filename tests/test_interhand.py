@@ -12,7 +12,7 @@ from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
-from livehand.backend.hand.model import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
 from livehand.backend.importing.interhand import camera_of_image
 from livehand.backend.importing.interhand_capture import InterHandRequest, import_interhand
 from livehand.backend.importing.mask import MaskConfig

@@ -95,6 +95,7 @@ DOORS = (
     "camera",
     "capture",
     "hand.model",
+    "hand.model_file",
     "avatar",
     "renderer",
 )

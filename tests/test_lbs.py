@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, joint_transforms, pose_correctives, pose_hand
-from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, load_default_hand
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
+from livehand.backend.hand.model_file import load_default_hand
 from scipy.spatial.transform import Rotation
 
 

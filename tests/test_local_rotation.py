@@ -7,7 +7,8 @@ from livehand.backend.geometry.local_rotation import local_rotations
 from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import MIRROR_POINT, load_default_hand
+from livehand.backend.hand.model import MIRROR_POINT
+from livehand.backend.hand.model_file import load_default_hand
 
 
 @pytest.fixture(scope="module")

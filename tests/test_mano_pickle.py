@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.mano_pickle import _ALLOWED, read_mano_pickle
-from livehand.backend.hand.model import PARENTS, load_default_hand, load_hand_model, load_hands_mean
+from livehand.backend.hand.model import PARENTS
+from livehand.backend.hand.model_file import load_default_hand, load_hand_model, load_hands_mean
 
 GLOBALS = {
     "reconstruct": "numpy.core.multiarray _reconstruct",

@@ -14,7 +14,7 @@ from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.importing.mask import MaskConfig, grabcut_mask, hand_regions
 from livehand.backend.importing.mask_capture import mask_capture
 from livehand.backend.shot import HandPose

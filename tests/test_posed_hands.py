@@ -5,7 +5,7 @@ import torch
 from livehand.backend.evaluation.posed_hands import PosedHands
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.shot import HandPose
 
 

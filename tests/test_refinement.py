@@ -13,7 +13,7 @@ from livehand.backend.capture import Capture, CaptureView, load_capture, save_ca
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.shot import HandPose, Shot
 from livehand.backend.training.config import LossConfig

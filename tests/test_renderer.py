@@ -14,7 +14,8 @@ from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, load_default_hand
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import Renderer, RenderStopped, window_of
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.shot import DEPTH_BACKGROUND, HandPose, Shot

@@ -12,7 +12,7 @@ from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.perceptual.vgg import PerceptualLoss
 from livehand.backend.rays import HandInView
 from livehand.backend.sampler import SamplerConfig

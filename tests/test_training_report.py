@@ -11,7 +11,7 @@ from livehand.backend.avatar import AvatarConfig, load_avatar, new_avatar
 from livehand.backend.errors import LiveHandError
 from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import Renderer
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig

@@ -13,7 +13,7 @@ import torch
 from livehand.backend.avatar import AvatarConfig, load_avatar
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint

@@ -8,7 +8,7 @@ import torch
 from livehand.backend.avatar import AvatarConfig, new_avatar
 from livehand.backend.errors import LiveHandError
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.sampler import SamplerConfig
 from livehand.backend.superres import SuperResConfig
 from livehand.backend.training import step as step_module

@@ -8,7 +8,7 @@ from livehand.backend.capture import load_capture
 from livehand.backend.cli import COMMANDS
 from livehand.backend.command import run_commands
 from livehand.backend.errors import LiveHandError
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.importing.transforms import read_pose_table, read_transforms
 from livehand.backend.importing.transforms_capture import import_transforms
 from PIL import Image

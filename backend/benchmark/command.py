@@ -53,7 +53,7 @@ def run(
 ) -> dict[str, Any]:
     """Measure; returns the figures. `make_cycles` gives the renderer that needs Blender, None where there is none."""
     from ..device import torch_device
-    from ..hand.model import load_default_hand
+    from ..hand.model_file import load_default_hand
     from .cases import load_configurations
     from .machine import describe, set_threads
     from .measure import Bench

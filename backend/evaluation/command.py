@@ -68,7 +68,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from ..avatar import load_avatar
     from ..capture import load_capture
-    from ..hand.model import load_default_hand, load_hand_model
+    from ..hand.model_file import load_default_hand, load_hand_model
     from ..renderer import Renderer
     from .evaluate import check_any, scored_views
     from .pictures import ShownViews

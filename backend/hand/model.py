@@ -1,4 +1,4 @@
-"""A hand model in MANO's format: arrays as they lie in the file, numpy, before any pose.
+"""A hand model in MANO's format: its arrays, numpy, before any pose.
 
 MANO's own names are kept. Right-hand frame of the template: fingers towards -X, back of the hand +Y, thumb +Z, metres.
 Source of the format: Romero et al. 2017, "Embodied Hands"; MANO v1.2 files.
@@ -6,19 +6,11 @@ Source of the format: Romero et al. 2017, "Embodied Hands"; MANO v1.2 files.
 
 from __future__ import annotations
 
-import hashlib
-import zlib
-from dataclasses import dataclass, fields, replace
-from importlib import resources
-from pathlib import Path
-from zipfile import BadZipFile
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import LiveHandError
 from ..shot import Side
-from .atlas import unwrap, with_cap_chart
-from .cap import cap_faces, capped
 
 JOINT_NAMES = (
     "wrist",
@@ -29,9 +21,6 @@ PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 # Stands the template upright in a world whose Z points up: fingers up, the back of the hand to the front (-Y), a right
 # hand's thumb to the left (-X). It is how captures hold the hand, and so where the avatars' light comes from.
 UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
-
-# What a file must hold beside an atlas (vt, ft), which is made where it is missing.
-REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
 @dataclass(frozen=True)
@@ -94,169 +83,3 @@ def _mirrored(model: HandModel) -> HandModel:
         shapedirs=model.shapedirs * MIRROR_POINT[:, None],
         posedirs=posedirs,
     )
-
-
-def default_hand_path() -> Path:
-    """Where the built-in hand's file lies."""
-    return Path(str(resources.files(str(__package__)) / "hand_default.npz"))
-
-
-def load_default_hand() -> HandModel:
-    """The built-in right hand."""
-    return load_hand_model(default_hand_path())
-
-
-def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
-    """Read a `.npz` with MANO keys or one of MANO's own `.pkl` files.
-
-    Args:
-        path: the file.
-        side: which hand it holds; None reads it from the file's name (`left` in it, or right).
-
-    Raises:
-        LiveHandError: no such file, a missing or malformed array, or a pickle that holds anything but a MANO hand.
-    """
-    path = Path(path)
-    arrays = _read_arrays(path)
-    missing = [key for key in REQUIRED_KEYS if key not in arrays]
-    if missing:
-        raise LiveHandError(f"{path} must hold a MANO-format hand; missing: {', '.join(missing)}")
-    side = side or ("left" if "left" in path.stem.lower() else "right")
-    model = _from_arrays(arrays, path, side)
-    _check_model(model, path)
-    return replace(model, shapedirs=_unmirror_left_shapedirs(model.shapedirs, model.v_template, side))
-
-
-def load_hands_mean(path: Path | str) -> np.ndarray:
-    """[15, 3] rad: the mean pose of the finger joints that MANO's files hold, and from which many fits count.
-
-    Raises:
-        LiveHandError: no such file, or it holds no mean pose.
-    """
-    arrays = _read_arrays(Path(path))
-    if "hands_mean" not in arrays:
-        raise LiveHandError(f"{path} must hold hands_mean, as MANO's own files do; the poses count from it")
-    mean = _numbers(arrays, "hands_mean", Path(path))
-    if mean.size != 45 or not np.isfinite(mean).all():
-        raise LiveHandError(f"{path}: hands_mean must be 45 finite numbers, got {list(mean.shape)}")
-    return mean.reshape(15, 3)
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    if not path.is_file():
-        raise LiveHandError(f"no hand model at {path}; give the path of a .npz or .pkl with MANO keys")
-    if path.suffix == ".pkl":
-        from .mano_pickle import read_mano_pickle
-
-        return read_mano_pickle(path)
-    try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("a single array")
-            return {key: archive[key] for key in archive.files}
-    except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
-        raise LiveHandError(
-            f"{path} must be a readable .npz hand model, got {type(error).__name__}: {error}; export it again"
-        ) from error
-
-
-def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandModel:
-    v_template, weights, regressor, shapedirs, posedirs = (
-        _numbers(arrays, key, path) for key in ("v_template", "weights", "J_regressor", "shapedirs", "posedirs")
-    )
-    faces, vt, ft = _closed_mesh(arrays, v_template, path)
-    return HandModel(
-        name=path.stem,
-        side=side,
-        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-        v_template=v_template,
-        f=faces,
-        lbs_weights=weights,
-        J_regressor=regressor,
-        parents=np.r_[-1, np.atleast_2d(_numbers(arrays, "kintree_table", path))[0, 1:].astype(np.int64)],
-        shapedirs=shapedirs[..., :10],
-        posedirs=posedirs,
-        vt=vt,
-        ft=ft,
-    )
-
-
-def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
-    """One array as float64; indices up to 2^32 are exact in it."""
-    if arrays[key].dtype.kind not in "biuf":
-        raise LiveHandError(f"{path}: {key} must hold numbers, got dtype {arrays[key].dtype}")
-    return arrays[key].astype(np.float64)
-
-
-def _closed_mesh(
-    arrays: dict[str, np.ndarray], v_template: np.ndarray, path: Path
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces with the caps of open edges, and an atlas (vt, ft) for all of them: the file's own, or a new one."""
-    faces = _numbers(arrays, "f", path).astype(np.int64)
-    _check_triangles(path, ("v_template", v_template, 3), ("f", faces))
-    if "vt" not in arrays or "ft" not in arrays:
-        faces = capped(v_template, faces)
-        return faces, *unwrap(v_template, faces)
-    vt, ft = _numbers(arrays, "vt", path), _numbers(arrays, "ft", path).astype(np.int64)
-    _check_triangles(path, ("vt", vt, 2), ("ft", ft))
-    for cap in cap_faces(v_template, faces):
-        vt, ft = with_cap_chart(vt, ft, v_template, faces, cap)
-        faces = np.concatenate([faces, cap])
-    return faces, vt, ft
-
-
-def _unmirror_left_shapedirs(shapedirs: np.ndarray, v_template: np.ndarray, side: Side) -> np.ndarray:
-    """Mend MANO_LEFT.pkl, whose shapedirs are the right hand's, not mirrored in x.
-
-    A direction that grows the hand moves vertices away from the centre along every axis. In an un-mirrored left hand
-    the x part works against the y and z parts; the sign of their summed product over all ten directions tells.
-    """
-    if side == "right":
-        return shapedirs
-    centred = v_template - v_template.mean(0)
-    growth = np.einsum("vc,vck->ck", centred, shapedirs) / (centred**2).sum(0)[:, None]
-    is_unmirrored = (growth[0] * (growth[1] + growth[2])).sum() < 0
-    return shapedirs * MIRROR_POINT[:, None] if is_unmirrored else shapedirs
-
-
-def _check_model(model: HandModel, path: Path) -> None:
-    """Raise if an array has the wrong shape or is not finite, or the tree is not MANO's."""
-    vertices, corners = len(model.v_template), len(model.vt)
-    expected = {
-        "v_template": (vertices, 3),
-        "f": (len(model.f), 3),
-        "lbs_weights": (vertices, 16),
-        "J_regressor": (16, vertices),
-        "parents": (16,),
-        "shapedirs": (vertices, 3, 10),
-        "posedirs": (vertices, 3, 135),
-        "vt": (corners, 2),
-        "ft": (len(model.f), 3),
-    }
-    for field in fields(model):
-        value = getattr(model, field.name)
-        if field.name in expected and value.shape != expected[field.name]:
-            raise LiveHandError(
-                f"{path}: {field.name} must be {list(expected[field.name])}, got {list(value.shape)}; "
-                "a MANO-format hand has 16 joints and 10 shape directions"
-            )
-        if isinstance(value, np.ndarray) and not np.isfinite(value).all():
-            raise LiveHandError(f"{path}: {field.name} must be finite, got NaN or infinity")
-    if tuple(model.parents) != PARENTS:
-        raise LiveHandError(f"{path}: kintree_table must be MANO's tree {PARENTS}, got {tuple(model.parents)}")
-
-
-def _check_triangles(path: Path, points: tuple[str, np.ndarray, int], faces: tuple[str, np.ndarray]) -> None:
-    """Raise if (name, points [N, width], width) and (name, faces [M, 3] into them) are not a mesh."""
-    (points_name, values, width), (faces_name, index) = points, faces
-    for name, array, columns in ((points_name, values, width), (faces_name, index, 3)):
-        if array.ndim != 2 or array.shape[1] != columns or len(array) == 0:
-            raise LiveHandError(f"{path}: {name} must be [N, {columns}], got {list(array.shape)}")
-    if not np.isfinite(values).all():
-        raise LiveHandError(f"{path}: {points_name} must be finite, got NaN or infinity")
-    if index.min() < 0 or index.max() >= len(values):
-        raise LiveHandError(
-            f"{path}: {faces_name} must index the {len(values)} rows of {points_name}, "
-            f"got {index.min()} to {index.max()}"
-        )

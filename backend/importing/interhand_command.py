@@ -42,7 +42,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..hand.model import load_hand_model, load_hands_mean
+    from ..hand.model_file import load_hand_model, load_hands_mean
     from .interhand_capture import InterHandRequest, import_interhand
 
     request = InterHandRequest(

@@ -31,7 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..hand.model import load_default_hand, load_hand_model
+    from ..hand.model_file import load_default_hand, load_hand_model
     from .mask import MaskConfig
     from .mask_capture import mask_capture
 

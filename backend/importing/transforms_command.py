@@ -30,7 +30,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..hand.model import default_hand_path, load_hand_model, load_hands_mean
+    from ..hand.model_file import default_hand_path, load_hand_model, load_hands_mean
     from .transforms import read_pose_table
     from .transforms_capture import import_transforms
 

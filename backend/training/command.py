@@ -131,7 +131,7 @@ def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
     from ..avatar import PRESETS
     from ..capture import load_capture
     from ..capture_check import check_capture
-    from ..hand.model import load_default_hand, load_hand_model
+    from ..hand.model_file import load_default_hand, load_hand_model
     from .origin import load_origin
     from .perceptual import load_perceptual_loss
     from .task import Task

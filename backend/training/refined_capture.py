@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..capture import Capture, save_capture_index
-from ..hand.model import HandModel, load_hand_model
+from ..hand.model import HandModel
+from ..hand.model_file import load_hand_model
 from .refinement import Refinement
 
 HAND_FILE = "hand_{side}.npz"

@@ -18,7 +18,7 @@ from ...backend.benchmark.cases import SYNC
 from ...backend.benchmark.motion import Moment
 from ...backend.benchmark.stopwatch import Stages, Stopwatch
 from ...backend.hand.builtin.beauty import detailed_surface
-from ...backend.hand.model import load_default_hand
+from ...backend.hand.model_file import load_default_hand
 from ..capture.bake import bake_skin
 from ..capture.scene import capture_scene, set_camera
 from ..capture.skin import SkinTone, baked_material

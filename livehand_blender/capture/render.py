@@ -12,7 +12,8 @@ from tqdm import tqdm
 from ...backend.capture import Capture, CaptureView, index_document, save_capture_index
 from ...backend.errors import LiveHandError
 from ...backend.hand.builtin.beauty import DetailedSurface, detailed_surface
-from ...backend.hand.model import HandModel, load_default_hand
+from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import load_default_hand
 from .bake import bake_skin
 from .plan import CapturePlan
 from .scene import capture_scene, set_camera

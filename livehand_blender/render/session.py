@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ...backend.errors import LiveHandError
-from ...backend.hand.model import HandModel, load_default_hand, load_hand_model
+from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.idle_threads import spin_briefly
 from .frame_queue import FrameQueue
 from .task import HandRenderer

@@ -6,7 +6,8 @@ from bpy.props import EnumProperty, StringProperty
 from mathutils import Matrix
 
 from ...backend.errors import LiveHandError
-from ...backend.hand.model import UPRIGHT, HandModel, load_default_hand, load_hand_model
+from ...backend.hand.model import UPRIGHT, HandModel
+from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ..dependencies import install_command, missing_requirements
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.rig.hand import add_hand
 

@@ -17,7 +17,7 @@ from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.builtin.beauty import detailed_surface
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import pytest
 from livehand.backend.avatar import PRESETS, new_avatar, save_avatar
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender import cli
 from livehand.livehand_blender.render.command import parse_formats, parse_frames, parse_size_px
 from PIL import Image

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.renderer import RenderStopped
 from livehand.backend.shot import DEPTH_BACKGROUND
 from livehand.livehand_blender.render.engine import LiveHandRender

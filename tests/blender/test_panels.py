@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender import dependencies
 from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
 from livehand.livehand_blender.rig.hand import add_hand

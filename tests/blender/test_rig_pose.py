@@ -4,7 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
-from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, load_default_hand
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.rig import pose as rig_pose
 from livehand.livehand_blender.rig.bones import bone_name, rest_bones

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 from livehand.backend.errors import LiveHandError
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.render.session import Device, Session, load_renderer
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars import SKINS, avatar_path
 from livehand.backend.errors import LiveHandError
-from livehand.backend.hand.model import load_default_hand
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 from livehand.livehand_blender.scene.shot import find_hand, hand_source, read_shot, visible_hands

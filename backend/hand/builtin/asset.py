@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model import default_hand_path
+from ..model_file import default_hand_path
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..atlas import unwrap_millimetres
-from ..model import JOINT_NAMES, PARENTS, load_default_hand
+from ..model import JOINT_NAMES, PARENTS
+from ..model_file import load_default_hand
 from .asset import read_extras
 from .extraction import extract_mesh
 from .frames import build_to_template, template_to_build
