@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..avatars import AVATAR_HELP, avatar_path, shipped_avatar_path
-from ..command import Command
+from ..command import Command, parse_count
 
 if TYPE_CHECKING:
     import torch
@@ -43,12 +43,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="only views whose camera, seen from the hand, is at most so many degrees from a training camera",
     )
-    parser.add_argument("--max-images", type=_count, metavar="N", help="only N views of each split, evenly spaced")
+    parser.add_argument("--max-images", type=parse_count, metavar="N", help="only N views of each split, evenly spaced")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="folder for scores.csv, the summary, and sheets of pictures"
     )
     parser.add_argument(
-        "--worst", type=_count, default=8, metavar="K", help="views in worst.png (default: %(default)s)"
+        "--worst", type=parse_count, default=8, metavar="K", help="views in worst.png (default: %(default)s)"
     )
     parser.add_argument(
         "--lpips-weights",
@@ -138,12 +138,6 @@ def _write_results(
     write_text(scores_csv(scores), args.output / "scores.csv")
     write_text(summary_json(facts, *figures), args.output / "summary.json")
     write_text(text + "\n", args.output / "summary.txt")
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
-    return int(text)
 
 
 def _degrees(text: str) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..command import Command
+from ..command import Command, parse_count
 from ..errors import LiveHandError
 from .contact_sheet import on_ground, save_sheet, tile
 
@@ -18,7 +18,7 @@ SHEET_NAME = "contact_sheet.png"
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, help="a folder of PNG frames, all of one size")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=f"default: {SHEET_NAME} in the folder")
-    parser.add_argument("--columns", type=_count, default=8, help="frames side by side (default: %(default)s)")
+    parser.add_argument("--columns", type=parse_count, default=8, help="frames side by side (default: %(default)s)")
 
 
 def _run(args: argparse.Namespace) -> dict:
@@ -49,12 +49,6 @@ def read_frame(path: Path) -> np.ndarray:
     except OSError as error:
         raise LiveHandError(f"{path} must be a readable picture ({error}); render it again") from error
     return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
-    return int(text)
 
 
 COMMAND = Command("sheet", "put the PNG frames of a folder into one picture", _add_arguments, _run)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..avatars import avatar_path
-from ..command import Command
+from ..command import Command, parse_count
 from ..errors import LiveHandError
 from .config import ReportConfig, TrainConfig
 
@@ -34,10 +34,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", choices=_CONFIGS, default="default", help="which networks")
     parser.add_argument("--hand", type=Path, help="the capture's hand model (default: the built-in hand)")
     length = parser.add_mutually_exclusive_group()
-    length.add_argument("--steps", type=_positive, default=config.steps, help="default: %(default)s")
+    length.add_argument("--steps", type=parse_count, default=config.steps, help="default: %(default)s")
     length.add_argument("--minutes", type=_budget, help="wall-clock time instead of steps")
     parser.add_argument(
-        "--batch", type=_positive, default=config.batch, help="images per step, of all processes (default: %(default)s)"
+        "--batch",
+        type=parse_count,
+        default=config.batch,
+        help="images per step, of all processes (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=config.seed)
     parser.add_argument("--licence", default=config.licence, help="of the avatar, kept in its header")
@@ -184,12 +187,6 @@ def _result(output: Path, outcome: Outcome) -> dict:
         "data_wait_share": round(outcome.data_wait_share, 4),
         "held_out": {name: round(value, 3) for name, value in outcome.held_out.items()},
     }
-
-
-def _positive(text: str) -> int:
-    if not text.isdigit() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"must be a whole number above 0, got {text!r}")
-    return int(text)
 
 
 def _minutes(text: str) -> float:
