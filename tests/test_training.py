@@ -273,7 +273,7 @@ def test_the_command_trains(painted_capture, tmp_path, capsys, monkeypatch):
         (["--steps", "0"], "steps"),
         (["--minutes", "0"], "must be a number of minutes above 0, got '0'"),
         (["--minutes", "5", "--steps", "5"], "not allowed with argument"),
-        (["--batch", "two"], "must be a whole number above 0"),
+        (["--batch", "two"], "must be a whole number from 1"),
         (["--ema-decay", "1"], "must be a number from 0 to below 1"),
         (["--from", "gone.safetensors"], "no avatar at gone.safetensors"),
     ],

@@ -40,7 +40,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--batch",
         type=parse_count,
         default=config.batch,
-        help="images per step, of all processes (default: %(default)s)",
+        help="images per step, of all processes (%(default)s)",
     )
     parser.add_argument("--seed", type=int, default=config.seed)
     parser.add_argument("--licence", default=config.licence, help="of the avatar, kept in its header")
