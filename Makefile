@@ -3,7 +3,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 OUT ?= out/wave
-# A demo with another avatar: make demo AVATAR=my.safetensors
+# A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
 
 .PHONY: demo test test-cuda check zip clean
