@@ -134,7 +134,7 @@ def test_the_pictures_derivatives_are_finite_differences(capture, hand, avatar):
         along = torch.zeros_like(parameter)
         along[:] = torch.randn(parameter.shape, generator=generator)
         (gradient,) = torch.autograd.grad(loss(), parameter)
-        values, size = [], 0.02
+        values, size = [], 0.005
         for step in (-size, size):
             with torch.no_grad():
                 parameter += step * along
