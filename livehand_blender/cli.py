@@ -44,11 +44,11 @@ def _silent_capture(args: argparse.Namespace) -> Mapping[str, Any]:
 
 COMMANDS: dict[str, Command] = {
     "render": Command(
-        "render", "Render the frames of a .blend file's hand.", render.add_arguments, _in_blender(render.run)
+        "render", "render the frames of a .blend file's hand", render.add_arguments, _in_blender(render.run)
     ),
     "capture": Command(
         "capture",
-        "Render multi-view images of the built-in hand to train on.",
+        "render multi-view images of the built-in hand to train on",
         capture.add_arguments,
         _in_blender(_silent_capture),
     ),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NAMED_SIZES = {"1080p": (1920, 1080), "2160p": (3840, 2160)}
 _SMALLEST_PX = 16
 _REFERENCE_PX = (334, 512)
-_HELP = "Measure where a frame's time goes, beside the machine's floor, the paper's renderer and Cycles."
+_HELP = "measure where a frame's time goes, beside the machine's floor, the paper's renderer and Cycles"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
