@@ -42,7 +42,7 @@ def psnr_db(
     """Peak signal-to-noise ratio, over the whole image as in the paper, or over a mask; NaN where the mask is empty."""
     squared = (image - truth) ** 2
     error = float(squared[mask].mean() if mask is not None else squared.mean())
-    return MAX_PSNR_DB if error < 10 ** (-MAX_PSNR_DB / 10) else -10 * math.log10(error) if error == error else math.nan
+    return MAX_PSNR_DB if error < 10 ** (-MAX_PSNR_DB / 10) else -10 * math.log10(error)
 
 
 def alpha_iou(alpha: Float[Tensor, "H W"], truth: Float[Tensor, "H W"]) -> float:

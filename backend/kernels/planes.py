@@ -18,18 +18,13 @@ def read_plane(table, start, resolution, heights, channels, u, v, height, fade, 
 
     Its texels lie in the flat `table` from `start`: row-major over v, u, height layer, channel.
     """
-    x, fx = _texel(u * np.float32(resolution) - _HALF, resolution)
-    y, fy = _texel(v * np.float32(resolution) - _HALF, resolution)
+    cell, fx, fy, share = _cell(u, v, height, (resolution, heights, channels))
     w00, w10 = fade * (_1 - fx) * (_1 - fy), fade * fx * (_1 - fy)
     w01, w11 = fade * (_1 - fx) * fy, fade * fx * fy
-    texel = heights * channels
-    layer, share = 0, _0
-    if heights > 1:
-        layer, share = _texel((height + _1) * np.float32(heights - 1) / _2, heights)
-    corner = start + (y * resolution + x) * texel + layer * channels
     # Unsigned, because numba lets signed indices count from the end, which costs a comparison each.
-    a, b = np.uintp(corner), np.uintp(corner + texel)
-    c, d = np.uintp(corner + resolution * texel), np.uintp(corner + (resolution + 1) * texel)
+    texel, row = np.uintp(heights * channels), np.uintp(resolution * heights * channels)
+    a = np.uintp(start) + cell
+    b, c, d = a + texel, a + row, a + row + texel
     to, above, last = np.uintp(at), np.uintp(channels), np.uintp(at + channels)
     while to < last:
         for k in range(_BLOCK):
@@ -61,7 +56,7 @@ def read_samples(table, sizes, uv, height, fade, first, last, out, columns, at):
     row_size, texel_size = np.uintp(resolution * heights * channels), np.uintp(heights * channels)
     above = np.uintp(channels if heights > 1 else 0)
     for sample in range(first, last):
-        a, fx, fy, share = _cell(uv, height, sample, sizes)
+        a, fx, fy, share = _cell(uv[sample, 0], uv[sample, 1], height[sample], sizes)
         corners = a, a + texel_size, a + row_size, a + row_size + texel_size
         low, high = fade[sample] * (_1 - fy), fade[sample] * fy
         weights = (_1 - fx) * low, fx * low, (_1 - fx) * high, fx * high
@@ -90,7 +85,7 @@ def table_gradient(sizes, uv, height, fade, outward, columns, at, first, last, g
         y, fy = _texel(uv[sample, 1] * np.float32(resolution) - _HALF, resolution)
         if y + 1 < first or y >= last:
             continue
-        cell, fx, fy, share = _cell(uv, height, sample, sizes)
+        cell, fx, fy, share = _cell(uv[sample, 0], uv[sample, 1], height[sample], sizes)
         source = np.uintp(sample * columns + at)
         for side in range(2):
             if first <= y + side < last:
@@ -110,7 +105,7 @@ def place_gradient(table, sizes, uv, height, fade, outward, columns, at, first, 
     resolution, heights, channels = sizes
     row_size, texel_size = np.uintp(resolution * heights * channels), np.uintp(heights * channels)
     for sample in range(first, last):
-        cell, fx, fy, share = _cell(uv, height, sample, sizes)
+        cell, fx, fy, share = _cell(uv[sample, 0], uv[sample, 1], height[sample], sizes)
         source = np.uintp(sample * columns + at)
         a = _dots(table, cell, outward, source, sizes)
         b = _dots(table, cell + texel_size, outward, source, sizes)
@@ -133,14 +128,14 @@ def place_gradient(table, sizes, uv, height, fade, outward, columns, at, first, 
 
 
 @compiled
-def _cell(uv, height, sample, sizes):
+def _cell(u, v, height, sizes):
     """(where the first corner's features begin in the flat table, shares of the next in u, in v and in height)."""
     resolution, heights, channels = sizes
-    x, fx = _texel(uv[sample, 0] * np.float32(resolution) - _HALF, resolution)
-    y, fy = _texel(uv[sample, 1] * np.float32(resolution) - _HALF, resolution)
-    layer, share = 0, _0 * height[sample]
+    x, fx = _texel(u * np.float32(resolution) - _HALF, resolution)
+    y, fy = _texel(v * np.float32(resolution) - _HALF, resolution)
+    layer, share = 0, _0 * height
     if heights > 1:
-        layer, share = _texel((height[sample] + _1) * np.float32(heights - 1) / _2, heights)
+        layer, share = _texel((height + _1) * np.float32(heights - 1) / _2, heights)
     return np.uintp(((y * resolution + x) * heights + layer) * channels), fx, fy, share
 
 

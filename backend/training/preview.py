@@ -30,6 +30,10 @@ class PreviewResult(NamedTuple):
     sheet: np.ndarray
     figures: dict[str, float]
 
+    def save(self, path: Path) -> None:
+        """Write the sheet; who looks at it meanwhile sees a whole picture."""
+        save_sheet(self.sheet, path)
+
 
 class Preview:
     """A capture's views that are looked at again and again while an avatar learns.
@@ -71,13 +75,6 @@ class Preview:
             if len(found) == self._count:
                 break
         return found
-
-
-def save_preview(sheet: np.ndarray, path: Path) -> None:
-    """Write a sheet to a temporary name and then in place: who looks at it meanwhile sees a whole picture."""
-    partial = path.with_name(f".{path.name}.partial.png")
-    save_sheet(sheet, partial)
-    partial.replace(path)
 
 
 def _spread_order(count: int) -> list[int]:

@@ -12,7 +12,7 @@ from ..avatar import Avatar
 from .clock import Clock, Every
 from .config import ReportConfig
 from .journal import Journal, LogFile, TensorBoard
-from .preview import Preview, save_preview
+from .preview import Preview
 from .schedule import Moment, Schedule
 from .step import StepResult
 
@@ -99,7 +99,7 @@ class Report:
         if self._output is None or shown is None:
             return
         self.held_out = shown.figures
-        save_preview(shown.sheet, preview_path(self._output))
+        shown.save(preview_path(self._output))
         for journal in self._journals:
             journal.figures(step, {f"held_out/{name}": value for name, value in shown.figures.items()})
             journal.picture(step, shown.sheet)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...backend.avatars import avatar_path
+from ...backend.avatars import SKINS, avatar_path
 from ...backend.command import parse_size_px, say
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--avatar",
         type=avatar_path,
         metavar="NAME|FILE",
-        help="light, deep or a file (default: the hand's own)",
+        help=f"{', '.join(SKINS)} or a file (default: the hand's own)",
     )
     parser.add_argument("--size", type=parse_size_px, metavar="WxH", help="image size, px; default: the scene's")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="default: the scene's")
