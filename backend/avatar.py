@@ -42,6 +42,7 @@ class AvatarConfig:
 
 PRESETS: dict[str, AvatarConfig] = {
     "default": AvatarConfig(),
+    "poseless": AvatarConfig(FieldConfig(pose=False)),
     "paper": AvatarConfig(
         FieldConfig(kind="paper"), SuperResConfig(kind="paper"), SamplerConfig(samples_per_ray=16, shell_m=0.005)
     ),

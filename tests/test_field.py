@@ -1,5 +1,7 @@
 """The two fields: sizes as published, the density prior, what they depend on and what they do not."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from livehand.backend.field.conditions import (
@@ -299,3 +301,18 @@ def test_inputs_are_gathered_on_the_surface():
     rest = local_rotations(mesh.vertices, mesh.normals, topology.frames)
     torch.testing.assert_close(rest, torch.eye(3).expand_as(rest), atol=1e-3, rtol=0)
     torch.testing.assert_close(inputs.rotation, torch.eye(3).expand(count, 3, 3), atol=1e-3, rtol=0)
+
+
+def test_the_poseless_field_never_hears_the_pose():
+    field = build_field(replace(PLANES, pose=False))
+    optimiser = torch.optim.Adam(field.parameters(), lr=0.01)
+    for seed in range(3):
+        field.zero_grad()
+        seen = ask(field, inputs_of(20, 4, seed))
+        (seen.channels.square().sum() + seen.alpha.sum()).backward()
+        optimiser.step()
+    one = inputs_of(20, 4, 7)
+    other = one._replace(local_pose=one.local_pose + 0.5)
+    assert torch.equal(ask(field, one).channels, ask(field, other).channels)
+    assert torch.equal(ask(field, one).alpha, ask(field, other).alpha)
+    assert not torch.equal(ask(field, one).channels, ask(field, one._replace(normal=-one.normal)).channels)

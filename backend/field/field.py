@@ -46,6 +46,8 @@ class FieldConfig:
     """Resolution of the relief plane, a learnt normal map."""
     atlas_m: float = 0.27
     """Length on the skin that one atlas unit spans, about; it says which planes are finer than a pixel."""
+    pose: bool = True
+    """Whether the planes are decoded with the local pose; without it (the ablation) only the posed surface tells."""
 
 
 def build_field(config: FieldConfig) -> PaperField | PlaneField:
@@ -115,6 +117,9 @@ class PlaneField(nn.Module):
         decoded = self.told_channels + self.VIEW_CHANNELS
         self.trunk = nn.ModuleList([nn.Linear(decoded, config.width), nn.Linear(config.width, config.width)])
         self.channels = nn.Linear(config.width, CHANNELS)
+        if not config.pose:
+            for layer in (self.near, self.trunk[0]):
+                _deafen(layer.weight, slice(near - LOCAL_POSE_CHANNELS, near))
 
     def exposure(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
         """Light each vertex gets in the training's light, as a code learnt along with everything else."""
@@ -151,6 +156,15 @@ class PlaneField(nn.Module):
         """1, less for planes finer than a pixel at the sample, which would shimmer."""
         texel_m = self.config.atlas_m / plane.resolution
         return (2 * texel_m / footprint_m).clamp(max=1)
+
+
+def _deafen(weight: Tensor, inputs: slice) -> None:
+    """Make a layer's weights of some inputs zero, now and in training."""
+    heard = torch.ones_like(weight)
+    heard[:, inputs] = 0
+    with torch.no_grad():
+        weight *= heard
+    weight.register_hook(lambda gradient: gradient * heard.to(gradient.device))
 
 
 def _density(logit: Tensor, height: Tensor) -> Tensor:

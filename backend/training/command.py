@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .processes import Processes
     from .task import Outcome, Task
 
-_CONFIGS = ("default", "paper")  # the names of `avatar.PRESETS`, which needs torch
+_CONFIGS = ("default", "poseless", "paper")  # the names of `avatar.PRESETS`, which needs torch
 _SURFACE_DEVIATION_M = 0.001  # of --refine-surface
 
 
