@@ -2,15 +2,45 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from .profile import DepthProfile
 from .volume import Composite
-from .window import MARGIN_PX
+from .window import MARGIN_PX, Window
 
 # Low-resolution pixels enlarged at once; a larger picture is enlarged in bands, which bounds the memory.
 _PIXELS_AT_ONCE = 1 << 17
+
+
+class SeenRays(NamedTuple):
+    """R low-resolution rays of N samples, and what is seen along them.
+
+    Attributes:
+        pixel: [R] row * width + column, in the window.
+        composite: what is seen.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    composite: Composite
+    t: Tensor
+    dt: Tensor
+
+
+def depth_profile(seen: SeenRays, window: Window, size_px: tuple[int, int]) -> DepthProfile:
+    """The rays' profile on the whole image's low-resolution grid."""
+    in_window = np.full(window.height * window.width, -1, np.int32)
+    in_window[seen.pixel.cpu().numpy()] = np.arange(len(seen.pixel), dtype=np.int32)
+    row = np.full([(side + 1) // 2 for side in reversed(size_px)], -1, np.int32)
+    window.paste_low_resolution(in_window.reshape(window.height, window.width), row)
+    arrays = (values.float().cpu().numpy() for values in (seen.t, seen.dt, seen.composite.weights))
+    return DepthProfile(row, *arrays)
 
 
 def image_of(

@@ -37,13 +37,11 @@ class HandInView(NamedTuple):
         mesh: the pose.
         topology: of the hand.
         view: the camera.
-        scene_depth: [H, W] depth of the scene, m: rays end there; None: nowhere.
     """
 
     mesh: PosedMesh
     topology: Topology
     view: View
-    scene_depth: Tensor | None = None
 
 
 class SurfaceRays(NamedTuple):

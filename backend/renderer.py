@@ -8,7 +8,7 @@ field by torch (`tracing`, `shading`), which training goes through too.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -25,13 +25,12 @@ from .field.conditions import FrameConditions
 from .field.field import PlaneField
 from .geometry.mesh import PosedMesh, Topology, posed_mesh
 from .hand.model import MIRROR_AXIS_ANGLE, HandModel
-from .image import image_of
+from .image import SeenRays, depth_profile, image_of
 from .rays import HandInView, project, view_of
 from .sampler import SamplerConfig
 from .shading import shade_in_chunks
-from .shot import DEPTH_BACKGROUND, Frame, Shot, Side, empty_frame
+from .shot import Frame, Shot, Side, empty_frame
 from .tracing import trace
-from .volume import Composite
 from .window import Window, hand_window
 
 if TYPE_CHECKING:
@@ -101,40 +100,43 @@ class Renderer:
             return empty_frame(shot.camera.size_px)
         view = view_of(window.camera_of(shot.camera), self.torch_device)
         conditions = FrameConditions.of(self._tensor(self._canonical_theta(shot)), topology, mesh)
-        hand = HandInView(mesh, topology, view, self._scene_depth(shot, window))
+        hand = HandInView(mesh, topology, view)
         draw = self._march if self._marcher else self._trace
-        pixel, low = draw(hand, conditions, _stopping(should_stop), on_stage)
+        seen = draw(hand, conditions, _stopping(should_stop), on_stage)
         on_stage("superres")
         with self._autocast():
-            image, depth = image_of(self.avatar.superres, low, pixel, view.size_px)
+            image, depth = image_of(self.avatar.superres, seen.composite, seen.pixel, view.size_px)
         on_stage("develop")
-        return develop(image.float(), depth, window, shot.camera.size_px)
+        profile = depth_profile(seen, window, shot.camera.size_px)
+        return replace(develop(image.float(), depth, window, shot.camera.size_px), profile=profile)
 
     def _march(
         self, hand: HandInView, conditions: FrameConditions, check: Callable[[], None], on_stage: OnStage
-    ) -> tuple[Tensor, Composite]:
-        """Low-resolution rays by the kernels: pixel [R], and what is seen along each."""
+    ) -> SeenRays:
+        """Low-resolution rays by the kernels."""
         from .cpu.shell import rasterise_shell
 
         assert self._marcher is not None
         on_stage("rasterise")
         layers = rasterise_shell(hand, self.avatar.config.sampler)
         on_stage("sample")
-        pixel, direction, told = self._marcher.march(layers, hand, conditions, check)
+        marched = self._marcher.march(layers, hand, conditions, check)
         on_stage("field")
         with self._autocast():
-            return pixel, self._marcher.decode(told, direction)
+            composite = self._marcher.decode(marched.told, marched.direction)
+        return SeenRays(marched.pixel, composite, marched.t, marched.dt)
 
     def _trace(
         self, hand: HandInView, conditions: FrameConditions, check: Callable[[], None], on_stage: OnStage
-    ) -> tuple[Tensor, Composite]:
-        """Low-resolution rays by torch: pixel [R], and what is seen along each."""
+    ) -> SeenRays:
+        """Low-resolution rays by torch."""
         config = self.avatar.config.sampler
         on_stage("sample")
         rays = trace(hand, config)
         on_stage("field")
         with self._autocast():
-            return rays.pixel, shade_in_chunks(self.avatar.field, rays, hand, conditions, config.shell_m, check)
+            composite = shade_in_chunks(self.avatar.field, rays, hand, conditions, config.shell_m, check)
+        return SeenRays(rays.pixel, composite, rays.t, rays.dt)
 
     @cached_property
     def _marcher(self) -> Marcher | None:
@@ -167,11 +169,6 @@ class Renderer:
     def _canonical_theta(self, shot: Shot) -> np.ndarray:
         """The pose as the avatar's own side would have it."""
         return shot.pose.theta if shot.pose.side == self.hand.side else shot.pose.theta * MIRROR_AXIS_ANGLE
-
-    def _scene_depth(self, shot: Shot, window: Window) -> Tensor | None:
-        if shot.scene_depth is None:
-            return None
-        return self._tensor(window.low_resolution(shot.scene_depth, outside=DEPTH_BACKGROUND))
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.torch_device)

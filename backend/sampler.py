@@ -104,9 +104,6 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
         generator: jitters the samples within their strata; None puts them at the strata's centres.
     """
     intervals, view = shell_intervals(hand, config), hand.view
-    if hand.scene_depth is not None:
-        scene = hand.scene_depth.reshape(-1)[intervals.pixel]
-        intervals = _without_empty(_stop_at(intervals, scene, is_opaque=False))
     directions = ray_directions(view, intervals.pixel)
     t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
     points = ray_origin(view) + t[..., None] * directions[:, None, :]
@@ -116,14 +113,14 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
-    """The intervals of every ray that meets the shell; the scene is not looked at."""
-    mesh, topology, view, _ = hand
+    """The intervals of every ray that meets the shell."""
+    mesh, topology, view = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, view)
     inner = _fragments_of(mesh.vertices - shell, topology, view)
     layers = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(layers), layers.pixel
-    return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel], is_opaque=True))
+    return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel]))
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, view: View) -> Fragments:
@@ -174,11 +171,10 @@ def _inside_intervals(layers: Layers) -> Intervals:
     return Intervals(layers.pixel, start, end, torch.zeros_like(layers.pixel, dtype=torch.bool), entry, layers.face)
 
 
-def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"], is_opaque: bool) -> Intervals:
-    """End the intervals at a depth; a ray that this cuts short is stopped by something opaque of the hand, or not."""
+def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
+    """End the intervals at a depth; a ray that this cuts short is stopped."""
     end = torch.minimum(intervals.end, depth[:, None])
-    is_cut = depth < intervals.end.amax(1)
-    is_stopped = torch.where(is_cut, is_opaque, intervals.is_stopped)
+    is_stopped = depth < intervals.end.amax(1)
     return intervals._replace(start=torch.minimum(intervals.start, end), end=end, is_stopped=is_stopped)
 
 

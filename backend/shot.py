@@ -12,6 +12,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import LiveHandError
+from .profile import DepthProfile
 
 Side = Literal["right", "left"]
 
@@ -61,28 +62,21 @@ class Shot:
             mesh, so shape keys, sculpting, modifiers and foreign rigs flow through; the depth bounds of every ray are
             rasterised from them.
         camera: the view.
-        scene_depth: [H, W] depth of the scene in front of which the hand must stop, m, or None.
     """
 
     pose: HandPose
     vertices: np.ndarray
     camera: Camera
-    scene_depth: np.ndarray | None = None
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
             raise LiveHandError(f"vertices must be [V, 3] m, got {list(np.shape(self.vertices))}")
         if not np.isfinite(self.vertices).all():
             raise LiveHandError("the posed hand must be finite, got NaN or infinity in its vertices")
-        width, height = self.camera.size_px
-        if self.scene_depth is not None and self.scene_depth.shape != (height, width):
-            raise LiveHandError(
-                f"scene_depth must be the image's size [{height}, {width}], got {list(self.scene_depth.shape)}"
-            )
 
     def with_camera(self, camera: Camera) -> Shot:
-        """The same hand from another view, without scene depth."""
-        return replace(self, camera=camera, scene_depth=None)
+        """The same hand from another view."""
+        return replace(self, camera=camera)
 
 
 @dataclass(frozen=True)
@@ -93,11 +87,13 @@ class Frame:
         rgb: [H, W, 3] float32, scene-linear Rec.709, premultiplied by alpha.
         alpha: [H, W] float32 in [0, 1].
         depth: [H, W] float32 m along the optical axis; `DEPTH_BACKGROUND` where there is no hand.
+        profile: where along the rays the hand's opacity lies, for `composition`; None: at `depth`.
     """
 
     rgb: np.ndarray
     alpha: np.ndarray
     depth: np.ndarray
+    profile: DepthProfile | None = None
 
 
 DEPTH_BACKGROUND = 1e10  # Cycles' own value

@@ -10,11 +10,19 @@ from torch import Tensor
 
 
 class Composite(NamedTuple):
-    """channels [R, C] premultiplied, alpha [R], and depth [R] m, the mean over the ray's weights (0 where alpha is)."""
+    """What is seen along R rays of N samples.
+
+    Attributes:
+        channels: [R, C] premultiplied.
+        alpha: [R].
+        depth: [R] m, the mean over the ray's weights (0 where alpha is).
+        weights: [R, N] each sample's part of alpha.
+    """
 
     channels: Tensor
     alpha: Tensor
     depth: Tensor
+    weights: Tensor
 
 
 # Keeps the depth's quotient finite where a ray meets nothing; far below one 8-bit level of alpha.
@@ -48,4 +56,4 @@ def composite(sigma_per_mm: Float[Tensor, " S"], channels: Float[Tensor, "S C"],
     weights = before * (1 - through)
     alpha = weights.sum(1)
     summed = torch.bmm(weights[:, None, :], channels.to(weights.dtype).reshape(rays, count, channels.shape[1]))[:, 0]
-    return Composite(summed, alpha, (weights * steps.t).sum(1) / alpha.clamp(min=_MIN_ALPHA))
+    return Composite(summed, alpha, (weights * steps.t).sum(1) / alpha.clamp(min=_MIN_ALPHA), weights)

@@ -37,17 +37,18 @@ class Window:
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         image[rows, columns] = values[inner_rows, inner_columns]
 
+    def paste_low_resolution(self, values: np.ndarray, image: np.ndarray) -> None:
+        """Copy low-resolution window values [height, width, ...] into an image of half the size, in place."""
+        rows, inner_rows = _overlap_1d(self.y0, self.height, image.shape[0])
+        columns, inner_columns = _overlap_1d(self.x0, self.width, image.shape[1])
+        image[rows, columns] = values[inner_rows, inner_columns]
+
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """The full-resolution window [2 height, 2 width, ...] of an image; `outside` fills what lies past it."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         values = np.full((2 * self.height, 2 * self.width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]
         return values
-
-    def low_resolution(self, depth: np.ndarray, outside: float) -> np.ndarray:
-        """The nearest of each 2 x 2 depths [height, width] in the window."""
-        blocks = self.cut(depth, outside).reshape(self.height, 2, self.width, 2)
-        return blocks.min(axis=(1, 3))
 
     def _overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
         rows, inner_rows = _overlap_1d(2 * self.y0, 2 * self.height, shape[0])

@@ -1,7 +1,6 @@
 """On a GPU: the same frames, gradients and commands as on the CPU. `make test-cuda`; skipped where there is none."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,13 +53,6 @@ def test_half_precision_looks_the_same(shot):
     ours, expected = (frame_on("cuda", shot, precision) for precision in ("bf16", "fp32"))
     assert np.abs(ours.rgb - expected.rgb).mean() < 1e-3
     assert np.abs(ours.alpha - expected.alpha).max() < 0.1
-
-
-def test_the_scene_ends_rays_as_on_the_cpu(shot, torch_alone):
-    depth = np.full(shot.camera.size_px[::-1], float(np.median(frame_on("cpu", shot).depth)), np.float32)
-    behind = replace(shot, scene_depth=depth)
-    ours, expected = frame_on("cuda", behind), frame_on("cpu", behind)
-    assert (np.abs(ours.alpha - expected.alpha) > VALUE).mean() < FLIPPED
 
 
 def test_a_training_of_few_steps_gives_the_cpus_weights(painted_capture, tmp_path, torch_alone):

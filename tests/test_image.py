@@ -25,7 +25,7 @@ def network(request):
 def some_rays(count):
     generator = torch.Generator().manual_seed(count)
     alpha = torch.rand(count, generator=generator)
-    return Composite(torch.randn(count, CHANNELS, generator=generator), alpha, 0.4 + alpha)
+    return Composite(torch.randn(count, CHANNELS, generator=generator), alpha, 0.4 + alpha, alpha[:, None])
 
 
 def maps_of(height, width):

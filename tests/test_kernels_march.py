@@ -52,17 +52,17 @@ class Marched:
     """One scene by both roads: what was composited along each ray, and what was decoded from that."""
 
     @torch.inference_mode()
-    def __init__(self, field, hand, view, config=CONFIG, scene_depth=None, conditions=None):
+    def __init__(self, field, hand, view, config=CONFIG, conditions=None):
         conditions = conditions or hand.conditions()
-        in_view = HandInView(hand.mesh, hand.topology, view, scene_depth)
+        in_view = HandInView(hand.mesh, hand.topology, view)
         marcher = Marcher(field, config)
         layers = rasterise_shell(in_view, config)
-        self.pixel, self.direction, self.told = marcher.march(layers, in_view, conditions)
+        self.pixel, self.direction, self.told, self.t, self.dt = marcher.march(layers, in_view, conditions)
         self.seen = marcher.decode(self.told, self.direction)
         # By the kernels: on a seam of the atlas either side's face is as near, and untrained planes differ there.
         rays = trace(in_view, config)
         surroundings = (rays, in_view, conditions, config.shell_m)
-        self.expected_pixel, self.is_stopped = rays.pixel, rays.is_stopped
+        self.expected_pixel, self.is_stopped, self.expected_steps = rays.pixel, rays.is_stopped, (rays.t, rays.dt)
         self.expected_seen = shade(field, *surroundings)
         self.expected_told = shade(Undecoded(field), *surroundings)
         self.expected_direction = rays.directions / rays.directions.norm(dim=-1, keepdim=True)
@@ -100,6 +100,11 @@ def assert_same(marched):
     assert share_over((ours.channels - theirs.channels) / largest, 2 * STOP) < few
     assert share_over((ours.depth - theirs.depth)[theirs.alpha > 0.5], 4e-4) < few
     is_clear = theirs.alpha < 1 - 1.01 * STOP  # never stopped early
+    assert share_over(ours.weights - theirs.weights, 2 * STOP) < few
+    assert share_over(ours.weights.sum(1) - ours.alpha, 1e-5) < few
+    asked = (ours.weights > 0).float()
+    assert share_over((marched.t - marched.expected_steps[0]) * asked, 1e-6) < few
+    torch.testing.assert_close(marched.dt, marched.expected_steps[1])
     for one, other in ((ours.alpha, theirs.alpha), (ours.channels, theirs.channels)):
         assert share_over((one - other)[is_clear], 1e-4) < few
     difference = marched.seen.channels - marched.expected_seen.channels
@@ -158,7 +163,7 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
     view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
     in_view = HandInView(hand.mesh, hand.topology, view)
     layers = rasterise_shell(in_view, CONFIG)
-    told = Marcher(field, CONFIG).march(layers, in_view, hand.conditions())[2]
+    told = Marcher(field, CONFIG).march(layers, in_view, hand.conditions()).told
     constant = told.channels[:, : sum(channels for _, _, channels in field.config.planes)]
     torch.testing.assert_close(constant, 0.7 * told.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
     assert (told.alpha == 1).any()
@@ -167,21 +172,6 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
 @pytest.mark.parametrize(("samples", "shell_m", "layers"), [(1, 0.003, 10), (3, 0.005, 10), (16, 0.002, 2)])
 def test_other_samplers(odd, scene, samples, shell_m, layers):
     assert_same(Marched(odd, *scene, SamplerConfig(samples, shell_m, layers)))
-
-
-def test_the_scene_cuts_through_the_hand(odd, scene):
-    """Rays that end at the scene are not opaque, however short they are."""
-    hand, view = scene
-    width, height = view.size_px
-    depth = hand.mesh.vertices @ view.world2cam[2, :3] + view.world2cam[2, 3]
-    slope = torch.linspace(float(depth.min()), float(depth.max()), width).expand(height, width).contiguous()
-    marched = Marched(odd, hand, view, scene_depth=slope)
-    free = Marched(odd, hand, view)
-    assert 0 < len(marched.pixel) < len(free.pixel)
-    assert_same(marched)
-    hidden = Marched(odd, hand, view, scene_depth=torch.full((height, width), 0.01))
-    assert_same(hidden)
-    assert hidden.seen.channels.shape == (0, 32)
 
 
 def test_nothing_in_view(odd, scene):
@@ -234,7 +224,7 @@ def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
             monkeypatch.setattr(marching, "_RAYS_AT_ONCE", at_once)
             asked.clear()
             marcher = Marcher(odd, CONFIG)
-            told = marcher.march(layers, in_view, conditions, lambda: asked.append(None))[2]
+            told = marcher.march(layers, in_view, conditions, lambda: asked.append(None)).told
             assert len(asked) == -(-len(told.alpha) // at_once)
             results.append(told)
     finally:
@@ -265,7 +255,9 @@ def test_what_is_raised_between_chunks_ends_the_march(odd, scene, monkeypatch):
 def test_decoding_in_pieces_is_decoding_at_once(odd, monkeypatch):
     generator = torch.Generator().manual_seed(0)
     alpha = torch.rand(30, generator=generator)
-    told = Composite(torch.randn(30, odd.told_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3)
+    told = Composite(
+        torch.randn(30, odd.told_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3, alpha[:, None]
+    )
     direction = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
     monkeypatch.setattr(marching, "_RAYS_DECODED_AT_ONCE", 7)
     pieces, whole = Marcher(odd, CONFIG).decode(told, direction), odd.decode(told, direction)

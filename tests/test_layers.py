@@ -27,7 +27,14 @@ BLENDER_MODULES = {
 # Rows from the bottom. The longest matching name counts; a module imports from rows below its own, or from its own
 # folder. Whoever adds a module at the top of a room, or a folder, gives it a row here.
 ROWS = [
-    ("backend.avatars", "backend.errors", "backend.idle_threads", "backend.kernels", "backend.rotation"),
+    (
+        "backend.avatars",
+        "backend.errors",
+        "backend.idle_threads",
+        "backend.kernels",
+        "backend.profile",
+        "backend.rotation",
+    ),
     (
         "backend.camera",
         "backend.colour",
@@ -43,7 +50,7 @@ ROWS = [
     ),
     ("backend.shot",),
     ("backend.hand",),
-    ("backend.hand.lbs", "backend.geometry"),
+    ("backend.hand.lbs", "backend.geometry", "backend.composition"),
     ("backend.hand.builtin", "backend.field", "backend.rays", "backend.window"),
     ("backend.superres", "backend.sampler"),
     ("backend.cpu", "backend.image", "backend.develop"),
@@ -91,6 +98,7 @@ DOORS = (
     "errors",
     "idle_threads",
     "rotation",
+    "composition",
     "shot",
     "camera",
     "capture",

@@ -231,21 +231,6 @@ def test_a_view_without_the_hand_is_empty(renderer, shot):
     assert beside.alpha.max() == 0
 
 
-def test_scene_depth_hides_the_hand(renderer, shot, frame):
-    width, height = SIZE
-    free = renderer.render(replace(shot, scene_depth=np.full((height, width), 100.0)))
-    np.testing.assert_array_equal(free.rgb, frame.rgb)
-    hidden = renderer.render(replace(shot, scene_depth=np.full((height, width), 0.1)))
-    assert hidden.alpha.max() < 0.35  # what an untrained super-resolution makes of nothing
-    assert (hidden.depth == DEPTH_BACKGROUND).all()
-    wall = np.full((height, width), 100.0)
-    wall[:44] = 0.1
-    half = renderer.render(replace(shot, scene_depth=wall))
-    np.testing.assert_allclose(half.alpha[60:], frame.alpha[60:], atol=1e-5)
-    assert frame.alpha[28:30].max() > 0.9
-    assert (half.depth[:42] == DEPTH_BACKGROUND).all()
-
-
 def test_a_deformed_mesh_is_followed(renderer, hand, shot):
     """Sculpted vertices, whatever the pose says."""
     bulged = shot.vertices + np.where(shot.vertices[:, :1] < np.median(shot.vertices[:, 0]), 0.012, 0.0)
@@ -324,19 +309,6 @@ def test_both_roads_lead_to_the_same_frame(hand, monkeypatch, gesture):
     solid = (one.alpha > 0.5) & (other.alpha > 0.5)
     assert solid.sum() > 3000
     assert (np.abs(one.depth - other.depth)[solid] > 5e-4).mean() < 1e-3
-
-
-def test_both_roads_meet_the_scene_alike(hand, monkeypatch):
-    """A slope that cuts through the hand: in front of it nothing, behind it everything."""
-    shot = a_shot(hand, (66, 88))
-    depth = shot.camera.project(shot.vertices)[1]
-    near, far = np.quantile(depth, [0.2, 0.8])
-    slope = np.tile(np.linspace(near, far, 66), (88, 1))
-    one, other = with_and_without_kernels(monkeypatch, hand, replace(shot, scene_depth=slope))
-    assert (np.abs(one.alpha - other.alpha) > STOP).mean() < FLIPPED
-    assert (np.abs(one.rgb - other.rgb) > STOP).mean() < FLIPPED
-    whole = Renderer(an_avatar(hand), hand, "cpu").render(shot)
-    assert 0.1 < (one.alpha > 0.5).sum() / (whole.alpha > 0.5).sum() < 0.9
 
 
 def anisotropic(shot, stretch):

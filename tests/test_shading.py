@@ -20,7 +20,8 @@ class Recorder(PaperField):
 
     def forward(self, inputs, steps):
         self.inputs, self.steps = inputs, steps
-        return Composite(torch.zeros(len(steps.t), 32), torch.zeros(len(steps.t)), torch.zeros(len(steps.t)))
+        rays = len(steps.t)
+        return Composite(torch.zeros(rays, 32), torch.zeros(rays), torch.zeros(rays), torch.zeros_like(steps.t))
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def test_steps_are_millimetres_of_the_template_and_footprints_pixels_of_it(scene
     """In a world ten times as large the field is asked the same."""
     rays, hand, conditions = scene
     small, large = Recorder(), Recorder()
-    mesh, topology, view, _ = hand
+    mesh, topology, view = hand
     shade(small, rays, hand, conditions, 0.003)
     bigger = rays._replace(t=rays.t * 10, dt=rays.dt * 10)
     large_hand = hand._replace(mesh=posed_mesh(topology, mesh.vertices * 10))

@@ -70,15 +70,6 @@ def test_a_window_beside_the_image_touches_nothing():
     assert (image == 1).all()
 
 
-def test_low_resolution_depth_is_the_nearest_of_four():
-    depth = np.arange(48, dtype=float).reshape(6, 8)
-    np.testing.assert_array_equal(Window(1, 1, 2, 1).low_resolution(depth, 9e9), [[18.0, 20.0]])
-    low = Window(-1, -1, 5, 3).low_resolution(depth, 1e10)
-    assert low.shape == (3, 5)
-    assert (low[0] == 1e10).all()
-    assert low[1, 1] == 0
-
-
 def test_its_camera_sees_the_windows_part_of_the_view():
     K = np.array([[100.0, 0, 33], [0, 100, 21], [0, 0, 1]])
     camera = Camera(K, np.eye(4), (66, 42))

@@ -78,6 +78,24 @@ class PackedField(NamedTuple):
         )
 
 
+class Marched(NamedTuple):
+    """R rays of N samples.
+
+    Attributes:
+        pixel: [R] row * width + column.
+        direction: [R, 3] unit length, world.
+        told: composited features.
+        t: [R, N] depth of each sample that was asked for, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    direction: Tensor
+    told: Composite
+    t: Tensor
+    dt: Tensor
+
+
 def _array(values: Tensor) -> np.ndarray:
     return values.detach().cpu().numpy().astype(np.float32)
 
@@ -100,8 +118,8 @@ class Marcher:
         hand: HandInView,
         conditions: FrameConditions,
         before_chunk: Callable[[], None] = lambda: None,
-    ) -> tuple[Tensor, Tensor, Composite]:
-        """Pixel [R], unit direction [R, 3] and composited features of all rays that meet the shell.
+    ) -> Marched:
+        """All rays that meet the shell.
 
         Args:
             layers: the rasterised shell.
@@ -109,7 +127,7 @@ class Marcher:
             conditions: of the pose.
             before_chunk: called between chunks of rays; what it raises ends the march.
         """
-        mesh, topology, view, _ = hand
+        mesh, topology, view = hand
         pixel = torch.as_tensor(live_pixels(layers))
         directions = ray_directions(view, pixel)
         exposure = self.field.exposure(conditions.visibility)
@@ -123,20 +141,23 @@ class Marcher:
             self._packed,
             (self.config.samples_per_ray, *units),
         )
-        told = Composite(*(torch.zeros(len(pixel), *size) for size in ((self.field.told_channels,), (), ())))
-        out = [values.numpy() for values in told]
-        for first in range(0, len(pixel), _RAYS_AT_ONCE):
+        rays, samples = len(pixel), self.config.samples_per_ray
+        sizes = ((rays, self.field.told_channels), (rays,), (rays,), (rays, samples))
+        told = Composite(*(torch.zeros(size) for size in sizes))
+        t, dt = torch.zeros(rays, samples), torch.zeros(rays)
+        out = [values.numpy() for values in (*told, t, dt)]
+        for first in range(0, rays, _RAYS_AT_ONCE):
             before_chunk()
-            count = min(_RAYS_AT_ONCE, len(pixel) - first)
+            count = min(_RAYS_AT_ONCE, rays - first)
             in_parallel(
                 lambda a, b, first=first: march(*inputs, first + a, first + b, *out), count, torch.get_num_threads()
             )
-        return pixel, directions / directions.norm(dim=-1, keepdim=True), told
+        return Marched(pixel, directions / directions.norm(dim=-1, keepdim=True), told, t, dt)
 
     def decode(self, told: Composite, direction: Tensor) -> Composite:
         """What the field makes of composited features, in pieces that stay in the cache."""
         pieces = zip(*(values.split(_RAYS_DECODED_AT_ONCE) for values in (*told, direction)), strict=True)
-        channels = [self.field.decode(Composite(*piece[:3]), piece[3]).channels for piece in pieces]
+        channels = [self.field.decode(Composite(*told), direction).channels for *told, direction in pieces]
         return told._replace(channels=torch.cat(channels))
 
     @cached_property

@@ -67,12 +67,15 @@ def composite_told(
 
 
 class _AlongRays(torch.autograd.Function):
-    """(channels [R, K], alpha [R], depth [R]) from exposure [V, E], the density's weights and the planes' tables."""
+    """What `Composite` holds, from exposure [V, E], the density's weights and the planes' tables.
+
+    The samples' weights come out without a gradient: nothing that is trained on looks at them.
+    """
 
     @staticmethod
     def forward(
         ctx: Any, field: PlaneField, scene: Scene, exposure: Tensor, *weights: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         near_weight, near_bias, density_weight, density_bias, *tables = (w.detach() for w in weights)
         precision = torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else torch.float32
         planes = _planes_of(field, scene)
@@ -85,7 +88,8 @@ class _AlongRays(torch.autograd.Function):
         ctx.planes, ctx.scene, ctx.shape = planes, scene, exposure.shape
         ctx.kept = uv, told, relief, near, hidden, logit, weight, after
         ctx.save_for_backward(near_weight, density_weight, *tables, *seen)
-        return seen
+        ctx.mark_non_differentiable(weight)
+        return *seen, weight
 
     @staticmethod
     @once_differentiable
@@ -95,7 +99,13 @@ class _AlongRays(torch.autograd.Function):
         scene, precision = ctx.scene, near.dtype
         of_told, of_optical = torch.empty_like(told), torch.empty_like(weight)
         arrays = _arrays(scene.steps.t, told.view(-1), weight, after, alpha, depth)
-        _run(len(weight), kernels.composite_gradient, arrays, _arrays(*outward), _arrays(of_told.view(-1), of_optical))
+        _run(
+            len(weight),
+            kernels.composite_gradient,
+            arrays,
+            _arrays(*outward[:3]),
+            _arrays(of_told.view(-1), of_optical),
+        )
         of_logit = (of_optical * scene.steps.step_mm[:, None]).view(-1) * logit.sigmoid()
         of_raw = of_logit.to(precision)[:, None]
         of_hidden = (of_raw @ density_weight.to(precision)).mul_(hidden.sign())  # ten times faster than a mask

@@ -24,19 +24,17 @@ class Layers(NamedTuple):
         face: [P, L] their faces; a back face f as -1 - f.
         crossings: [P] how many there are.
         inner: [P] depth of the deflated mesh's first front, m; infinite where there is none.
-        scene: [P] depth of the scene, m, where rays end; infinite where there is none.
     """
 
     depth: np.ndarray
     face: np.ndarray
     crossings: np.ndarray
     inner: np.ndarray
-    scene: np.ndarray
 
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
     """The layers of the inflated mesh and the first front of the deflated one."""
-    mesh, topology, view, scene_depth = hand
+    mesh, topology, view = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = [values.numpy() for values in project(view, mesh.vertices + shell)]
     inner = [values.numpy() for values in project(view, mesh.vertices - shell)]
@@ -47,7 +45,6 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
         face=np.empty((pixels, config.max_layers), np.int32),
         crossings=np.zeros(pixels, np.int32),
         inner=np.full(pixels, np.inf, np.float32),
-        scene=np.full(pixels, np.inf, np.float32) if scene_depth is None else scene_depth.flatten().numpy(),
     )
 
     def rasterise_rows(first: int, last: int) -> None:

@@ -15,7 +15,7 @@ from .shell import live_pixels, rasterise_shell, surface_arrays
 def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
     """Sample the rays that meet the shell and lay the samples on the surface."""
     layers = rasterise_shell(hand, config)
-    mesh, topology, view, _ = hand
+    mesh, topology, view = hand
     pixel = torch.as_tensor(live_pixels(layers))
     directions, shape = ray_directions(view, pixel), (len(pixel), config.samples_per_ray)
     t, height, barycentric = torch.empty(shape), torch.empty(shape), torch.empty(*shape, 3)

@@ -34,6 +34,9 @@ def march(
     features,  # [R, K] out; zero at the start
     alpha,  # [R] out
     mean_depth,  # [R] out, m
+    weights,  # [R, N] out; zero at the start, and behind where a ray has become opaque
+    t,  # [R, N] out, m; as it was, there
+    dt,  # [R] out, m
 ):
     """Composite the features, alpha and depth of rays [first, last)."""
     samples, shell_m, focal_px, scale = units
@@ -43,7 +46,8 @@ def march(
     relief, hidden = np.empty(4, np.float32), np.empty(len(field[5]), np.float32)
     for ray in range(first, last):
         intervals, total, is_stopped = begin_ray(pixels[ray], layers, start, end, part)
-        step_mm = total / np.float32(samples) * _length(directions, ray) / scale * _MM
+        dt[ray] = total / np.float32(samples)
+        step_mm = dt[ray] * _length(directions, ray) / scale * _MM
         through, weighted_depth = _1, _0
         for index in range(samples):
             offset = (np.float32(index) + _HALF) / np.float32(samples) * total
@@ -57,6 +61,7 @@ def march(
                 optical += _OPAQUE
             clear = np.exp(-optical)
             weight = through * (_1 - clear)
+            weights[ray, index], t[ray, index] = weight, depth
             for k in range(len(told)):
                 features[ray, k] += weight * told[k]
             weighted_depth += weight * depth
@@ -69,6 +74,8 @@ def march(
             alpha[ray] = _1
             for k in range(len(told)):
                 features[ray, k] /= _1 - through
+            for index in range(samples):
+                weights[ray, index] /= _1 - through
 
 
 @compiled

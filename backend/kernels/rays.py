@@ -64,11 +64,11 @@ def ray_buffers(layers):
 @compiled
 def begin_ray(pixel, layers, start, end, part):
     """Fill a ray's buffers; returns (how many intervals, their total length, whether the hand itself stops it)."""
-    layer_depth, layer_face, crossings, inner, scene = layers
+    layer_depth, layer_face, crossings, inner = layers
     depths, marks, count = layer_depth[pixel], layer_face[pixel], crossings[pixel]
     for crossing in range(count):
         part[crossing] = marks[crossing]
-    return interval_list(depths, marks, count, inner[pixel], scene[pixel], start, end)
+    return interval_list(depths, marks, count, inner[pixel], start, end)
 
 
 @compiled
@@ -86,7 +86,7 @@ def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, tried):
 
     Every part entered since the interval's start is followed, from the face `part` has for it.
     """
-    layer_depth, layer_face, crossings, _, _ = layers
+    layer_depth, layer_face, crossings, _ = layers
     shapes, around, neighbours, faces, vertices, normals = surface
     deepest, face, wb, wc = np.float32(np.inf), np.int64(0), _0, _0
     for crossing in range(crossings[pixel]):
@@ -104,7 +104,7 @@ def deepest_part(x, y, z, depth, since, pixel, layers, surface, part, tried):
 
 
 @compiled
-def interval_list(depths, marks, crossings, inner, scene, start, end):
+def interval_list(depths, marks, crossings, inner, start, end):
     """Fill the starts and ends of where a ray is inside: (how many, total length, whether the hand itself stops it)."""
     intervals, nesting = 0, 0
     for crossing in range(crossings):
@@ -117,11 +117,7 @@ def interval_list(depths, marks, crossings, inner, scene, start, end):
     total, is_stopped = np.float32(0), False
     for index in range(intervals):
         is_stopped = is_stopped or inner < end[index]
-    stop = min(inner, scene)
-    for index in range(intervals):
-        if scene < min(end[index], inner):
-            is_stopped = False
-        start[index], end[index] = min(start[index], stop), min(end[index], stop)
+        start[index], end[index] = min(start[index], inner), min(end[index], inner)
         total += end[index] - start[index]
     return intervals, total, is_stopped
 

@@ -131,7 +131,6 @@ def other_camera(shot, **values):
         lambda shot: other_camera(shot, cam2world=nudged(shot.camera.cam2world)),
         lambda shot: other_camera(shot, size_px=(4, 4)),
         lambda shot: replace(shot, vertices=nudged(shot.vertices)),
-        lambda shot: replace(shot, scene_depth=np.ones((3, 4))),
     ],
 )
 def test_a_guess_that_differs_in_one_number_is_not_taken(queue, renderer, change):

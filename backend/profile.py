@@ -1,0 +1,69 @@
+"""Where along a frame's rays a hand's opacity lies: what decides who hides whom, sample by sample.
+
+A frame is rendered as if the hand were alone. Its profile tells afterwards how much of each ray's light comes from
+before any depth: the scene's, which may differ between the pixels of one ray, or another hand's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class DepthProfile:
+    """R rays of N samples on an image's low-resolution grid.
+
+    Attributes:
+        row: [h, w] int32, which of the rays below passes through each 2 x 2 pixels; -1: none meets the hand.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step between a ray's samples, m.
+        weights: [R, N] each sample's part of the ray's alpha.
+    """
+
+    row: np.ndarray
+    t: np.ndarray
+    dt: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of_depth(cls, depth: np.ndarray, background: float) -> DepthProfile:
+        """A surface of this depth [H, W], m, opaque wherever it is nearer than `background`."""
+        height, width = depth.shape
+        even = np.pad(depth, ((0, height % 2), (0, width % 2)), mode="edge")
+        nearest = even.reshape(-(-height // 2), 2, -1, 2).min((1, 3))
+        is_hit = nearest < background
+        row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32)
+        t = nearest[is_hit][:, None].astype(np.float32)
+        return cls(row, t, np.full(len(t), _THIN_M, np.float32), np.ones_like(t))
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """[R] of each ray."""
+        return self.weights.sum(1)
+
+    def transmittance(self, rays: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """What reaches the camera past this hand.
+
+        Args:
+            rays: [K] rows, -1 for what passes no ray.
+            depth: [K, M] from where, m.
+        """
+        through = np.ones_like(depth)
+        meets = rays >= 0
+        met = rays[meets]
+        through[meets] -= opacity_before(depth[meets], self.t[met], self.dt[met], self.weights[met])
+        return through
+
+
+_THIN_M = 1e-4
+
+
+def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """[K, M] how much of K rays' alpha lies nearer than depths [K, M], m; the opacity of a step is spread over it."""
+    total = np.zeros_like(depth)
+    for sample in range(t.shape[1]):  # N is small: a third axis would be slower than this loop
+        share = np.clip((depth - t[:, sample, None]) / dt[:, None] + 0.5, 0, 1)
+        total += weights[:, sample, None] * share
+    return total
