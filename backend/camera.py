@@ -62,6 +62,18 @@ class Camera:
         in_camera = np.concatenate([pixels_px, ones], -1) @ np.linalg.inv(self.K).T
         return in_camera @ self.cam2world[:3, :3].T
 
+    def through_lens(self, offset_m: np.ndarray, focus_m: float) -> Camera:
+        """The view from a point of a thin lens beside its centre: what lies in the plane of focus stays where it is.
+
+        Args:
+            offset_m: [2] along the camera's x and y.
+            focus_m: depth of the plane of focus.
+        """
+        K, cam2world = self.K.copy(), self.cam2world.copy()
+        K[:2, 2] += K.diagonal()[:2] * offset_m / focus_m
+        cam2world[:3, 3] += cam2world[:3, :2] @ offset_m
+        return replace(self, K=K, cam2world=cam2world)
+
     def cropped(self, x0_px: int, y0_px: int, size_px: tuple[int, int]) -> Camera:
         """The camera of the window of `size_px` whose upper left pixel is (x0, y0); it may reach outside the image."""
         shift = np.array([[1, 0, -x0_px], [0, 1, -y0_px], [0, 0, 1.0]])

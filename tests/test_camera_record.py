@@ -103,3 +103,16 @@ def bent(**changes):
 def test_what_is_no_camera_is_refused(values, message):
     with pytest.raises(LiveHandError, match=message):
         Camera(*values)
+
+
+def test_a_point_of_the_lens_keeps_the_plane_of_focus_where_it_is():
+    cam2world = np.eye(4)
+    cam2world[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    cam2world[:3, 3] = [1.0, 2, 3]
+    camera = Camera(np.array([[500.0, 0, 50], [0, 400, 40], [0, 0, 1]]), cam2world, (100, 80))
+    beside = camera.through_lens(np.array([0.01, -0.02]), 2.0)
+    np.testing.assert_allclose(beside.origin - camera.origin, cam2world[:3, :3] @ [0.01, -0.02, 0])
+    in_focus, behind = (camera.origin + depth * camera.ray_directions(np.array([20.0, 70.0])) for depth in (2.0, 4.0))
+    np.testing.assert_allclose(beside.project(in_focus)[0], [20, 70])
+    # A point twice as far moves by f * offset * (1 / focus - 1 / depth).
+    np.testing.assert_allclose(beside.project(behind)[0] - [20, 70], [500 * 0.01 / 4, -400 * 0.02 / 4])

@@ -19,7 +19,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 SIZE = (12, 16)  # width, height
 
 
-def a_frame(depth_m, alpha=1.0, colour=(1.0, 0.5, 0.25), columns=slice(None), samples=4, dt_m=0.001):
+def a_frame(
+    depth_m, alpha: float | np.ndarray = 1.0, colour=(1.0, 0.5, 0.25), columns=slice(None), samples=4, dt_m=0.001
+):
     """A wall that covers some columns: rays of samples of equal weight, about `depth_m` (a number or [h, w])."""
     width, height = SIZE
     covered = np.zeros((height, width), np.float32)
@@ -125,7 +127,7 @@ def test_odd_sizes(size):
 
 def test_over_a_scene():
     hands = joined(visible_parts([a_frame(1.0, 0.75, (1, 0, 0), slice(0, 6))]))
-    scene = Layer(np.full((*SIZE[::-1], 3), 0.4, np.float32), np.full(SIZE[::-1], 0.8, np.float32), scene_at(3.0))
+    scene = Layer(np.full((SIZE[1], SIZE[0], 3), 0.4, np.float32), scene_at(0.8), scene_at(3.0))
     whole = over(hands, scene)
     np.testing.assert_allclose(whole.rgb[0, 0], [0.75 + 0.1, 0.1, 0.1], atol=1e-6)
     np.testing.assert_allclose(whole.rgb[0, -1], 0.4)

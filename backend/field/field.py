@@ -115,10 +115,11 @@ class PlaneField(nn.Module):
         self.normal_slice = slice(near + 3, near + 6)
         self.told_channels = near + 3 + 3 + EXPOSURE_CHANNELS
         decoded = self.told_channels + self.VIEW_CHANNELS
-        self.trunk = nn.ModuleList([nn.Linear(decoded, config.width), nn.Linear(config.width, config.width)])
+        first = nn.Linear(decoded, config.width)
+        self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
         self.channels = nn.Linear(config.width, CHANNELS)
         if not config.pose:
-            for layer in (self.near, self.trunk[0]):
+            for layer in (self.near, first):
                 _deafen(layer.weight, slice(near - LOCAL_POSE_CHANNELS, near))
 
     def exposure(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
