@@ -1,7 +1,7 @@
 """What LiveHand keeps in a .blend: `Object.livehand` on a hand's armature, `Scene.livehand` for rendering."""
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
 # Every property may be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
@@ -13,6 +13,14 @@ _DEVICES = (
     ("auto", "Automatic", "The GPU where torch can use one, or else the processor"),
     ("cpu", "CPU", "The processor"),
     ("cuda", "CUDA", "An NVIDIA GPU"),
+)
+_MODES = (
+    ("HAND", "Hand Only", "The hands alone, on transparent ground: the fast way, for compositing elsewhere"),
+    (
+        "SCENE",
+        "Hand in Scene",
+        "The finished shot: Cycles renders the scene, with the hands' shadows, and the hands in it",
+    ),
 )
 _PRECISIONS = (
     ("fp32", "Full", "32-bit floats"),
@@ -83,20 +91,40 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
 class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     """How hands are rendered."""
 
+    mode: EnumProperty(name="Render", description="What a frame shows", items=_MODES)
+    blur_samples: IntProperty(
+        name="Blur Samples",
+        description="Sharp renders of the hand that a frame with motion blur or depth of field is the mean of",
+        default=16,
+        min=1,
+        max=256,
+        soft_max=64,
+    )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
     precision: EnumProperty(name="Precision", description="Floats the networks compute with", items=_PRECISIONS)
 
 
-CLASSES = (LIVEHAND_PG_hand, LIVEHAND_PG_scene)
+class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
+    """What a view layer gives beside Blender's own passes."""
+
+    use_pass_hand: BoolProperty(
+        name="Hand",
+        description="Pass Hand, the hands unhidden by the scene with alpha, and HandAlpha, how much of a pixel is hand",
+    )
+
+
+CLASSES = (LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
 
 
 def attach() -> None:
-    """Give objects and scenes their `livehand`; the classes must be registered."""
+    """Give objects, scenes and view layers their `livehand`; the classes must be registered."""
     bpy.types.Object.livehand = PointerProperty(type=LIVEHAND_PG_hand, override=_OVERRIDE)
     bpy.types.Scene.livehand = PointerProperty(type=LIVEHAND_PG_scene)
+    bpy.types.ViewLayer.livehand = PointerProperty(type=LIVEHAND_PG_view_layer)
 
 
 def detach() -> None:
     """Undo `attach`."""
+    del bpy.types.ViewLayer.livehand
     del bpy.types.Scene.livehand
     del bpy.types.Object.livehand

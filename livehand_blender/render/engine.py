@@ -1,5 +1,9 @@
 """Render engine LIVEHAND: a switchboard between Blender's render pipeline and the backend.
 
+In a scene, Cycles renders all but the hand, which still casts its shadows, and the hand is put in by depth; alone,
+Cycles is not asked. The engine calls the functions of Cycles' own engine class, but is no subclass of it: registering
+one takes the class away from Cycles, whose renders then come out empty or crash.
+
 Blender goes on as if nothing had happened after an exception in `render`, and saves a black frame; only
 `report({'ERROR'})` stops a still and an animation. So every failure ends there.
 """
@@ -9,51 +13,99 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Iterator
-from typing import ClassVar
+from functools import partial
+from typing import ClassVar, NamedTuple
 
 import bpy
 import numpy as np
+from cycles import CyclesRender
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
-from ...backend.shot import Frame, empty_frame
-from ..rig.hand import find_hands
-from ..scene.camera import Eye, Region, read_camera, render_region
-from ..scene.colour import combined_buffer, depth_buffer
+from ..scene.camera import Eye, read_camera, render_region
+from ..scene.exposure import Lens, read_lens
 from ..scene.settings import ENGINE
-from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
-from .frame_queue import FrameQueue
+from .cycles_scene import hide_hands_from_camera, is_in_scene, read_scene, scene_layer
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .session import Device, Session
-from .task import Task
+from .passes import PASSES, SURFACE_PASSES, Pass, ScenePasses, drawn_passes, fill_pass, wanted_passes
+from .picture import Picture, draw_picture
+from .session import Session
+from .stage import Stage, set_stage
+from .task import FrameTask, Moment
 
 LOGGER = logging.getLogger(__name__)
 
 
+class Pending(NamedTuple):
+    """A stereo view's picture on its way (of a mono render the only one, named by an empty string).
+
+    Attributes:
+        view: its name.
+        stage: the hands.
+        wait: gives the moments' frames, or None where the user has stopped the render.
+    """
+
+    view: str
+    stage: Stage
+    wait: Callable[[], tuple[Moment, ...] | None]
+
+
+class Output(NamedTuple):
+    """Where a view layer's picture goes.
+
+    Attributes:
+        layer: its name.
+        size_px: (width, height).
+        passes: that it has switched on.
+        is_in_scene: whether Cycles renders it first.
+    """
+
+    layer: str
+    size_px: tuple[int, int]
+    passes: list[Pass]
+    is_in_scene: bool
+
+    @classmethod
+    def of(cls, depsgraph: bpy.types.Depsgraph) -> Output:
+        """The depsgraph's layer."""
+        layer, scene = depsgraph.view_layer, depsgraph.scene
+        return cls(layer.name, render_region(scene.render).size_px, wanted_passes(layer), is_in_scene(scene))
+
+
 class LiveHandRender(bpy.types.RenderEngine):
-    """Renders the LiveHand hand alone, on transparent ground."""
+    """Renders LiveHand hands, alone on transparent ground or in their scene."""
 
     bl_idname = ENGINE
     bl_label = "LiveHand"
     bl_use_preview = False
     bl_use_eevee_viewport = True
+    bl_use_exclude_layers = True
 
     # Blender makes a new engine for every render: what must outlive a frame belongs to the registered class.
-    session: ClassVar[Session | None] = None
+    hands_session: ClassVar[Session | None] = None
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.session = None  # Cycles' own, which its functions look for under this name
+
+    def __del__(self):
+        # An error's traceback may have kept this object until Blender's own was gone, and Cycles' session with it.
+        with contextlib.suppress(ReferenceError):
+            CyclesRender.__del__(self)
 
     @classmethod
     def register(cls):
         """Called by Blender with the class."""
-        cls.session = Session()
+        cls.hands_session = Session()
 
     @classmethod
     def unregister(cls):
         """Called by Blender with the class: give the avatars' memory back."""
-        if cls.session:
-            cls.session.free()
-        cls.session = None
+        if cls.hands_session:
+            cls.hands_session.free()
+        cls.hands_session = None
 
     @classmethod
     def required_session(cls) -> Session:
@@ -62,15 +114,21 @@ class LiveHandRender(bpy.types.RenderEngine):
         Raises:
             LiveHandError: the class is not registered.
         """
-        if cls.session is None:
+        if cls.hands_session is None:
             raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
-        return cls.session
+        return cls.hands_session
 
     def update_render_passes(self, scene, renderlayer):
         """Tell Blender's compositor which sockets a view layer has."""
-        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
-        if renderlayer.use_pass_z:
-            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
+        if is_in_scene(scene):
+            CyclesRender.update_render_passes(self, scene, renderlayer)
+        for one in wanted_passes(renderlayer):
+            self.register_pass(scene, renderlayer, one.name, len(one.channels), one.channels, one.kind)
+
+    def update(self, data, depsgraph):
+        """Before a view layer's render: Cycles' own preparations, where it is to render."""
+        if is_in_scene(depsgraph.scene):
+            CyclesRender.update(self, data, depsgraph)
 
     def render(self, depsgraph):
         """One frame of one view layer."""
@@ -84,14 +142,25 @@ class LiveHandRender(bpy.types.RenderEngine):
             LOGGER.exception("The render failed")
             self.report({"ERROR"}, f"LiveHand stopped on an unexpected {type(error).__name__}: {error}")
 
+    def render_frame_finish(self):
+        """After a frame's last view layer."""
+        if self.session is not None:
+            CyclesRender.render_frame_finish(self)
+
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
-        render = depsgraph.scene.render
-        region = render_region(render)
-        for view in self._views(render):
-            frame = self._frame(depsgraph, region, stereo=bool(view))
-            if frame is None:
+        output = Output.of(depsgraph)
+        pending = [self._begin(depsgraph, view) for view in self._views(depsgraph.scene.render)]
+        self._foresee(depsgraph)
+        if output.is_in_scene:
+            hide_hands_from_camera(depsgraph)
+            self.add_pass("Depth", 1, "Z", layer=output.layer)  # Cycles fills it, asked for by the layer or not
+            CyclesRender.render(self, depsgraph)  # which frees the depsgraph: nothing may be read from it any more
+        self.update_stats("", "LiveHand | rendering the hand")
+        for one in pending:
+            moments = None if self.test_break() else one.wait()
+            if moments is None:
                 return
-            self._write(frame, region, depsgraph.view_layer.name, view)
+            self._finish(output, one, moments)
         self.update_progress(1.0)
 
     def _views(self, render: bpy.types.RenderSettings) -> Iterator[str]:
@@ -104,90 +173,76 @@ class LiveHandRender(bpy.types.RenderEngine):
                 self.active_view_set(view.name)
                 yield view.name
 
-    def _camera(self, depsgraph: bpy.types.Depsgraph, stereo: bool) -> Camera:
-        camera = self.camera_override or depsgraph.scene.camera
-        if camera is None or not stereo:
-            return read_camera(camera and camera.evaluated_get(depsgraph), depsgraph.scene.render)
-        evaluated = camera.evaluated_get(depsgraph)
-        matrix_world = np.array(self.camera_model_matrix(evaluated)).reshape(4, 4)
-        eye = Eye(matrix_world, self.camera_shift_x(evaluated))
-        return read_camera(evaluated, depsgraph.scene.render, eye)
-
-    def _frame(self, depsgraph: bpy.types.Depsgraph, region: Region, stereo: bool) -> Frame | None:
-        """The hand as it stands, an empty frame in a view layer that shows none on purpose, or None if stopped."""
-        task = self._task(depsgraph, region, stereo)
-        if task is None:
-            return empty_frame(region.size_px)
+    def _begin(self, depsgraph: bpy.types.Depsgraph, view: str) -> Pending:
+        """The frame's task, handed to the queue if there is one."""
+        stage = self._stage(depsgraph, is_stereo=bool(view))
         queue = self.required_session().queue
         if queue is None:
-            return _run(task, self.test_break)
-        result = queue.ask(task)
-        if queue.foreseen_frame is not None:
-            self._foresee(depsgraph, queue, queue.foreseen_frame)
-        try:
-            return result.result()
-        finally:
-            del result  # an error's traceback holds this frame: together they would keep Blender's objects alive
+            return Pending(view, stage, partial(_run, stage.task, self.test_break))
+        return Pending(view, stage, queue.ask(stage.task).result)
 
-    def _foresee(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
+    def _stage(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> Stage:
+        self.update_stats("", "LiveHand | reading the hands")
+        read_camera = partial(self._camera, depsgraph, is_stereo)
+        return set_stage(depsgraph, self.required_session(), read_camera, self.frame_set)
+
+    def _camera(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> tuple[Camera, Lens | None]:
+        """The region's camera as the depsgraph stands, and its lens."""
+        region = render_region(depsgraph.scene.render)
+        camera = self.camera_override or depsgraph.scene.camera
+        evaluated = camera and camera.evaluated_get(depsgraph)
+        eye = None
+        if evaluated is not None and is_stereo:
+            matrix_world = np.array(self.camera_model_matrix(evaluated)).reshape(4, 4)
+            eye = Eye(matrix_world, self.camera_shift_x(evaluated))
+        whole = read_camera(evaluated, depsgraph.scene.render, eye)
+        return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
+
+    def _foresee(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Queue a later frame's task. It is read from this very depsgraph, which is then set back."""
-        now = depsgraph.scene.frame_current
+        queue, scene = self.required_session().queue, depsgraph.scene
+        if queue is None or queue.foreseen_frame is None or scene.render.use_multiview:
+            return
+        now = scene.frame_current
         try:
-            self.frame_set(frame, 0.0)
+            self.frame_set(queue.foreseen_frame, 0.0)
             with contextlib.suppress(LiveHandError):  # what is wrong there stops that frame when its turn has come
-                task = self._task(depsgraph, render_region(depsgraph.scene.render), stereo=False)
-                if task:
-                    queue.foresee(task)
+                queue.foresee(self._stage(depsgraph, is_stereo=False).task)
         finally:
             self.frame_set(now, 0.0)
 
-    def _task(self, depsgraph: bpy.types.Depsgraph, region: Region, stereo: bool) -> Task | None:
-        """What is to be rendered as the depsgraph stands; None in a view layer that shows no hand on purpose."""
-        scene = depsgraph.scene
-        camera = self._camera(depsgraph, stereo).cropped(region.x0_px, region.y0_px, region.size_px)
-        is_layer_of_hand_scene = len(scene.view_layers) > 1 and find_hands(scene)
-        if is_layer_of_hand_scene and not visible_hands(depsgraph):
-            return None
-        session = self.required_session()
-        armature = find_hand(depsgraph)
-        source = hand_source(armature)
-        self.update_stats("", f"LiveHand | {armature.name} | loading the avatar")
-        hand = session.hand(source.model_path)
-        renderer = session.renderer(source.avatar_path, hand, _device(scene))
-        self.update_stats("", f"LiveHand | {armature.name} | rendering")
-        return Task(renderer, read_shot(armature, depsgraph, camera, len(hand.v_template)))
+    def _finish(self, output: Output, pending: Pending, moments: tuple[Moment, ...]) -> None:
+        """Compose a view's picture and hand it to Blender."""
+        scene, around = {}, None
+        if output.is_in_scene:
+            scene = read_scene(self.get_result(), output.layer, pending.view, output.size_px)
+            around = scene_layer(scene)
+        needs_surface = any(one.name in SURFACE_PASSES for one in output.passes)
+        picture = draw_picture(pending.stage, moments, output.size_px, around, needs_surface)
+        for one in output.passes:
+            if not one.is_blenders:
+                self.add_pass(one.name, len(one.channels), one.channels, layer=output.layer)
+        self._write(output, pending.view, picture, scene)
 
-    def _write(self, frame: Frame, region: Region, layer: str, view: str) -> None:
-        """Hand a frame to Blender; a result that is begun must be ended, or Blender crashes when it saves."""
-        width, height = region.size_px
-        result = self.begin_result(0, 0, width, height, layer=layer, view=view)
+    def _write(self, output: Output, view: str, picture: Picture, scene: ScenePasses) -> None:
+        """Hand a picture to Blender; a result that is begun must be ended, or Blender crashes when it saves."""
+        result = self.begin_result(0, 0, *output.size_px, layer=output.layer, view=view)
         try:
             passes = result.layers[0].passes
-            _fill(passes["Combined"], combined_buffer(frame))
-            if "Depth" in passes:
-                _fill(passes["Depth"], depth_buffer(frame))
+            present = [one for one in PASSES if one.name in passes]
+            for name, values in drawn_passes(picture, present, scene):
+                fill_pass(passes[name], values)
         finally:
             self.end_result(result)
 
 
-def _run(task: Task, should_stop: Callable[[], bool]) -> Frame | None:
+def _run(task: FrameTask, should_stop: Callable[[], bool]) -> tuple[Moment, ...] | None:
     from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
 
     try:
         return task.run(should_stop)
     except RenderStopped:
         return None
-
-
-def _device(scene: bpy.types.Scene) -> Device:
-    return Device(scene.livehand.device, scene.livehand.precision)
-
-
-def _fill(render_pass: bpy.types.RenderPass, buffer: np.ndarray) -> None:
-    expected = len(render_pass.rect) * render_pass.channels
-    if buffer.size != expected:
-        raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the frame {buffer.size}")
-    render_pass.rect.foreach_set(buffer)
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_passes)

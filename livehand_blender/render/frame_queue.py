@@ -11,8 +11,7 @@ from __future__ import annotations
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from ...backend.shot import Frame
-from .task import Task
+from .task import FrameTask, Moment
 
 # After as many frames running that came otherwise than foreseen, guessing would only cost renders.
 _PATIENCE = 2
@@ -46,12 +45,12 @@ class FrameQueue:
         """The frame whose tasks are worth passing to `foresee`; None if there is none."""
         return self._next_frame if self._misses < _PATIENCE else None
 
-    def foresee(self, task: Task) -> None:
+    def foresee(self, task: FrameTask) -> None:
         """Render, when its turn has come, what `foreseen_frame` will probably ask for."""
         if self._next_frame is not None and not self._find(self._next_frame, task):
             self._add(self._next_frame, task)
 
-    def ask(self, task: Task) -> Future[Frame]:
+    def ask(self, task: FrameTask) -> Future[tuple[Moment, ...]]:
         """The frame at hand's result, whether foreseen or begun now; it holds the renderer's error if there was one."""
         found = self._find(self._frame, task)
         guesses = [render for render in self._renders if render.frame == self._frame]
@@ -59,10 +58,10 @@ class FrameQueue:
             self._misses = 0 if found else self._misses + 1
         return (found or self._add(self._frame, task)).result
 
-    def _find(self, frame: int | None, task: Task) -> _Render | None:
+    def _find(self, frame: int | None, task: FrameTask) -> _Render | None:
         return next((r for r in self._renders if r.frame == frame and r.task.is_same_as(task)), None)
 
-    def _add(self, frame: int | None, task: Task) -> _Render:
+    def _add(self, frame: int | None, task: FrameTask) -> _Render:
         render = _Render(frame, task, self._worker)
         self._renders.append(render)
         return render
@@ -78,7 +77,7 @@ class FrameQueue:
 class _Render:
     """One task on its way."""
 
-    def __init__(self, frame: int | None, task: Task, worker: ThreadPoolExecutor):
+    def __init__(self, frame: int | None, task: FrameTask, worker: ThreadPoolExecutor):
         self.frame, self.task = frame, task
         self._is_unwanted = threading.Event()
         self.result = worker.submit(task.run, self._is_unwanted.is_set)

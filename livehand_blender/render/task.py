@@ -1,4 +1,4 @@
-"""One frame's work as a value: a renderer, and the shot it is to render. It may leave Blender's thread."""
+"""A frame's work as a value: renderers, and the shots they are to render. It may leave Blender's thread."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...backend.shot import Frame, Shot
+
+Moment = tuple[Frame, ...]
+"""What one moment of a frame's exposure shows: a frame per hand, each as if alone."""
 
 
 class HandRenderer(Protocol):
@@ -21,7 +24,7 @@ class HandRenderer(Protocol):
 
 @dataclass(frozen=True)
 class Task:
-    """What to render, and by what. A renderer must never work on two tasks at once."""
+    """One hand at one moment, and what renders it. A renderer must never work on two tasks at once."""
 
     renderer: HandRenderer
     shot: Shot
@@ -33,6 +36,23 @@ class Task:
     def is_same_as(self, other: Task) -> bool:
         """Whether both give the same frame: one renderer, and shots that are equal to the last bit."""
         return self.renderer is other.renderer and _is_equal(self.shot, other.shot)
+
+
+@dataclass(frozen=True)
+class FrameTask:
+    """Every hand at every moment of one frame: a sharp frame has one moment, a blurred one several."""
+
+    moments: tuple[tuple[Task, ...], ...]
+
+    def run(self, should_stop: Callable[[], bool]) -> tuple[Moment, ...]:
+        """Render all of it; raises what a renderer raises."""
+        return tuple(tuple(task.run(should_stop) for task in tasks) for tasks in self.moments)
+
+    def is_same_as(self, other: FrameTask) -> bool:
+        """Whether both give the same frames."""
+        ours, theirs = ([task for tasks in one.moments for task in tasks] for one in (self, other))
+        is_alike = [len(tasks) for tasks in self.moments] == [len(tasks) for tasks in other.moments]
+        return is_alike and all(one.is_same_as(another) for one, another in zip(ours, theirs, strict=True))
 
 
 def _is_equal(one: Any, other: Any) -> bool:

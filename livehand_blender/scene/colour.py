@@ -1,10 +1,12 @@
-"""Backend `Frame` -> the flat buffers Blender's render passes take: bottom row first, float32, scene-linear.
+"""A frame's colours in the space that the scene works in.
 
-The frame is linear Rec.709, premultiplied by alpha. A Blender 5 file may work in another space (Rec.2020, ACEScg);
-the change is a 3x3 matrix, so it holds for premultiplied colour as it is.
+A backend frame is linear Rec.709, premultiplied by alpha. A Blender 5 file may work in another space (Rec.2020,
+ACEScg); the change is a 3x3 matrix, so it holds for premultiplied colour as it is.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import mathutils
 import numpy as np
@@ -12,16 +14,10 @@ import numpy as np
 from ...backend.shot import Frame
 
 
-def combined_buffer(frame: Frame) -> np.ndarray:
-    """The Combined pass: RGBA, premultiplied, in the scene's working space; [H * W * 4]."""
-    rgb = frame.rgb @ rec709_to_working_space().T
-    rgba = np.concatenate([rgb, frame.alpha[..., None]], axis=-1)
-    return _bottom_up(rgba)
-
-
-def depth_buffer(frame: Frame) -> np.ndarray:
-    """The Depth pass, m along the optical axis; [H * W]."""
-    return _bottom_up(frame.depth)
+def in_working_space(frame: Frame) -> Frame:
+    """The frame in the scene's space."""
+    matrix = rec709_to_working_space()
+    return frame if np.array_equal(matrix, np.eye(3)) else replace(frame, rgb=frame.rgb @ matrix.T)
 
 
 def rec709_to_working_space() -> np.ndarray:
@@ -30,7 +26,3 @@ def rec709_to_working_space() -> np.ndarray:
     matrix = np.array(columns, np.float32).T
     # Blender passes the probe through XYZ in single precision: the identity comes back 5e-6 off.
     return np.eye(3, dtype=np.float32) if np.allclose(matrix, np.eye(3), atol=5e-5) else matrix
-
-
-def _bottom_up(image: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(image[::-1], np.float32).ravel()

@@ -24,24 +24,6 @@ class HandSource:
     avatar_path: Path
 
 
-def find_hand(depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
-    """The armature of the one hand that is rendered.
-
-    Raises:
-        LiveHandError: no hand is visible, or more than one.
-    """
-    hands = visible_hands(depsgraph)
-    if not hands:
-        raise LiveHandError(
-            "a render needs a LiveHand hand, the view layer shows none; add one (Add > Armature > LiveHand Hand) "
-            "or make its mesh visible in renders"
-        )
-    if len(hands) > 1:
-        names = ", ".join(sorted(hand.name for hand in hands))
-        raise LiveHandError(f"one hand is rendered at a time, got {names}; hide all but one from renders")
-    return hands[0]
-
-
 def visible_hands(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
     """Evaluated armatures of all hands whose mesh is visible in this evaluation (the armature itself may be hidden)."""
     # Instances live for one step of the iteration only: keep pointers, never the objects.
@@ -65,7 +47,7 @@ def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera
     """One hand as it stands in the evaluated frame.
 
     Args:
-        armature: from `find_hand`.
+        armature: one of `visible_hands`.
         depsgraph: of the frame.
         camera: the view.
         vertex_count: of the hand model; the evaluated mesh must have as many.

@@ -72,6 +72,8 @@ class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
         layout.use_property_decorate = False
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
+        layout.prop(context.scene.livehand, "mode")
+        layout.prop(context.scene.livehand, "blur_samples")
         layout.prop(context.scene.livehand, "device")
         layout.prop(context.scene.livehand, "precision")
         draw_install_help(layout, missing=bool(missing_requirements()))

@@ -97,7 +97,7 @@ def fake_session(registered, fake_renderer, monkeypatch):
 
     session = Session(make)
     session.made = made
-    monkeypatch.setattr(LiveHandRender, "session", session)
+    monkeypatch.setattr(LiveHandRender, "hands_session", session)
     return session
 
 

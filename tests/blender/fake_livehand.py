@@ -41,7 +41,7 @@ def main(argv):
     from livehand.livehand_blender.render.session import Session
 
     livehand.register()
-    LiveHandRender.session = Session(FakeRenderer)
+    LiveHandRender.hands_session = Session(FakeRenderer)
     try:
         return main(argv)
     finally:

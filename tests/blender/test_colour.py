@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.shot import DEPTH_BACKGROUND, Frame
-from livehand.livehand_blender.scene.colour import combined_buffer, depth_buffer, rec709_to_working_space
+from livehand.livehand_blender.scene.colour import in_working_space, rec709_to_working_space
 from PIL import Image
 
 
@@ -26,7 +26,8 @@ def saved_png(frame, path):
     image = bpy.data.images.new("frame", width, height, alpha=True, float_buffer=True)
     image.colorspace_settings.name = "Linear Rec.709"
     image.alpha_mode = "PREMUL"
-    image.pixels.foreach_set(combined_buffer(frame))
+    rgba = np.concatenate([in_working_space(frame).rgb, frame.alpha[..., None]], -1)
+    image.pixels.foreach_set(np.ascontiguousarray(rgba[::-1]).ravel())
     scene = bpy.context.scene
     scene.view_settings.view_transform, scene.render.dither_intensity = "Standard", 0
     scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
@@ -49,15 +50,6 @@ def test_semi_transparent_levels_come_back_exactly(tmp_path):
     assert np.array_equal(png, np.concatenate([srgb, alpha[..., None]], -1))
 
 
-def test_rows_are_turned_to_bottom_up():
-    frame = known_frame(np.arange(2 * 3 * 3).reshape(2, 3, 3) * 10, np.array([[255, 255, 255], [0, 128, 255]]))
-    combined, depth = combined_buffer(frame), depth_buffer(frame)
-    assert combined.dtype == depth.dtype == np.float32
-    assert np.array_equal(combined.reshape(2, 3, 4)[0, :, 3], frame.alpha[1])
-    assert np.array_equal(depth.reshape(2, 3)[0], frame.depth[1])
-    assert depth[0] == np.float32(DEPTH_BACKGROUND)
-
-
 def test_rec709_scene_costs_no_bit():
     assert np.array_equal(rec709_to_working_space(), np.eye(3))
 
@@ -74,6 +66,6 @@ def test_another_working_space_is_applied_to_colour_only(monkeypatch):
 
     monkeypatch.setattr("mathutils.Color", Rec2020Color)
     frame = known_frame(np.array([[[200, 100, 20]]]), np.full((1, 1), 100))
-    buffer = combined_buffer(frame)
-    assert buffer[:3] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
-    assert buffer[3] == frame.alpha[0, 0]
+    turned = in_working_space(frame)
+    assert turned.rgb[0, 0] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
+    assert turned.alpha is frame.alpha

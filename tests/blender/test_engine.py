@@ -160,8 +160,10 @@ def orthographic(scene):
     scene.camera.data.type = "ORTHO"
 
 
-def hidden_hand(scene):
-    mesh_of(find_hands(scene)[0]).hide_render = True
+def no_hand(scene):
+    hand = find_hands(scene)[0]
+    bpy.data.objects.remove(mesh_of(hand))
+    bpy.data.objects.remove(hand)
 
 
 def missing_avatar(scene):
@@ -173,7 +175,7 @@ def missing_avatar(scene):
     [
         (no_camera, "camera"),
         (orthographic, "perspective cameras only"),
-        (hidden_hand, "needs a LiveHand hand"),
+        (no_hand, "needs a LiveHand hand"),
         (missing_avatar, "no file at"),
     ],
 )

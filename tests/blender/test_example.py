@@ -9,7 +9,7 @@ import pytest
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import find_hand, read_shot
+from livehand.livehand_blender.scene.shot import read_shot, visible_hands
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAMES = range(1, 25)
@@ -26,7 +26,7 @@ def shots(scene):
     for frame in FRAMES:
         scene.frame_set(frame)
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        hand = find_hand(depsgraph)
+        (hand,) = visible_hands(depsgraph)
         camera = read_camera(scene.camera.evaluated_get(depsgraph), scene.render)
         yield read_shot(hand, depsgraph, camera, len(hand.livehand.mesh.data.vertices))
 

@@ -65,7 +65,7 @@ def test_a_hand_shows_its_avatar_and_ten_sliders():
 def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
-    assert draw(panels.LIVEHAND_PT_render)[:2] == ["device", "precision"]
+    assert draw(panels.LIVEHAND_PT_render)[:4] == ["mode", "blur_samples", "device", "precision"]
 
 
 @pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])

@@ -10,7 +10,7 @@ from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import find_hand, hand_source, read_shot, visible_hands
+from livehand.livehand_blender.scene.shot import hand_source, read_shot, visible_hands
 
 VERTEX_COUNT = len(load_default_hand().v_template)
 
@@ -23,7 +23,8 @@ def armature(hand_scene):
 def shot_now(armature):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     camera = read_camera(bpy.context.scene.camera.evaluated_get(depsgraph), bpy.context.scene.render)
-    return read_shot(find_hand(depsgraph), depsgraph, camera, VERTEX_COUNT)
+    (hand,) = visible_hands(depsgraph)
+    return read_shot(hand, depsgraph, camera, VERTEX_COUNT)
 
 
 def test_the_rest_hand_is_the_template(armature):
@@ -56,38 +57,28 @@ def test_a_modifier_that_adds_vertices_is_named(armature):
         shot_now(armature)
 
 
-def test_no_hand(hand_scene):
-    for obj in list(hand_scene.objects):
-        if obj.type != "CAMERA":
-            bpy.data.objects.remove(obj)
-    with pytest.raises(LiveHandError, match="needs a LiveHand hand"):
-        find_hand(bpy.context.evaluated_depsgraph_get())
-
-
 def test_a_hidden_mesh_is_no_hand_but_a_hidden_armature_is(armature):
     armature.hide_viewport = True
     bpy.context.view_layer.update()
-    assert find_hand(bpy.context.evaluated_depsgraph_get()).name == armature.name
+    assert visible_hands(bpy.context.evaluated_depsgraph_get())[0].name == armature.name
     mesh_of(armature).hide_viewport = True
     bpy.context.view_layer.update()
     assert visible_hands(bpy.context.evaluated_depsgraph_get()) == []
 
 
-def test_two_hands_are_refused_by_name(armature):
+def test_all_visible_hands_are_found(armature):
     add_hand(bpy.context, load_default_hand().for_side("left"), name="Other")
     bpy.context.view_layer.update()
-    with pytest.raises(LiveHandError, match="one hand is rendered at a time, got LiveHand, Other; hide all but one"):
-        find_hand(bpy.context.evaluated_depsgraph_get())
+    assert [hand.name for hand in visible_hands(bpy.context.evaluated_depsgraph_get())] == ["LiveHand", "Other"]
     mesh_of(armature).hide_viewport = True
     bpy.context.view_layer.update()
-    found = find_hand(bpy.context.evaluated_depsgraph_get())
-    assert found.name == "Other"
+    assert [hand.name for hand in visible_hands(bpy.context.evaluated_depsgraph_get())] == ["Other"]
 
 
 def test_paths_are_resolved_against_the_blend(armature, tmp_path):
     armature.livehand.avatar_path = "//looks/mine.safetensors"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
-    source = hand_source(find_hand(bpy.context.evaluated_depsgraph_get()))
+    source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0])
     assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
     assert source.model_path is None
 
@@ -96,9 +87,9 @@ def test_paths_are_resolved_against_the_blend(armature, tmp_path):
 def test_a_hand_wears_the_skin_that_is_chosen_and_its_own_file_before_that(armature, skin):
     armature.livehand.skin = skin
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert hand_source(find_hand(depsgraph)).avatar_path == avatar_path(skin)
+    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == avatar_path(skin)
     armature.livehand.avatar_path = "/looks/mine.safetensors"
-    assert hand_source(find_hand(depsgraph)).avatar_path == Path("/looks/mine.safetensors")
+    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == Path("/looks/mine.safetensors")
 
 
 def test_nan_in_the_pose_is_named(armature):

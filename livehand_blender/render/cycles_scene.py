@@ -1,0 +1,51 @@
+"""What Cycles renders around the hands: all of the scene but the hands' meshes, which the camera does not see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+import numpy as np
+
+from ...backend.composition import Layer
+from ...backend.errors import LiveHandError
+from ..rig.hand import mesh_of
+from ..scene.shot import visible_hands
+from .passes import read_pass
+
+
+def is_in_scene(scene: bpy.types.Scene) -> bool:
+    """Whether the hands are to stand in their scene.
+
+    Raises:
+        LiveHandError: Cycles is switched off.
+    """
+    if scene.livehand.mode != "SCENE":
+        return False
+    if not hasattr(scene, "cycles"):
+        raise LiveHandError(
+            "a hand in its scene needs Blender's Cycles add-on, which is switched off; "
+            "enable it in the preferences, or set LiveHand to Hand Only"
+        )
+    return True
+
+
+def hide_hands_from_camera(depsgraph: bpy.types.Depsgraph) -> None:
+    """In this evaluation only; the meshes still cast shadows and are reflected."""
+    for hand in visible_hands(depsgraph):
+        mesh_of(hand.original).evaluated_get(depsgraph).visible_camera = False
+
+
+def read_scene(
+    result: bpy.types.RenderResult, layer: str, view: str, size_px: tuple[int, int]
+) -> Mapping[str, np.ndarray]:
+    """Cycles' passes of a view layer and stereo view, [H, W, C] by name, top row first."""
+    passes = next(one for one in result.layers if one.name == layer).passes
+    names = dict.fromkeys(one.name for one in passes)
+    return {name: read_pass(passes.find_by_name(name, view), size_px) for name in names}
+
+
+def scene_layer(passes: Mapping[str, np.ndarray]) -> Layer:
+    """The scene's picture, and where it stands before the hands."""
+    combined = passes["Combined"]
+    return Layer(combined[..., :3], combined[..., 3], passes["Depth"][..., 0])

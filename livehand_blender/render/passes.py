@@ -1,0 +1,99 @@
+"""The passes of a view layer: which there are, and what of a picture goes into each.
+
+In a scene, Cycles has made its own passes first. What it knows beside the hand stays; ours are written over it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ...backend.shot import DEPTH_BACKGROUND, Frame
+from .picture import Picture
+
+ScenePasses = Mapping[str, np.ndarray]
+"""Cycles' passes of a view layer by name, [H, W, C], top row first; empty where Cycles has not rendered."""
+
+
+class Pass(NamedTuple):
+    """One pass.
+
+    Attributes:
+        name: Blender's own name where it has one.
+        channels: names of its channels, one letter each.
+        kind: `COLOR`, `VECTOR` or `VALUE`.
+        is_wanted: whether a view layer has it switched on.
+        is_blenders: whether Blender's view layer makes it, or we have to add it.
+        draw: [H, W] or [H, W, C] from the picture and Cycles' pass of the same name, if any.
+    """
+
+    name: str
+    channels: str
+    kind: str
+    is_wanted: Callable[[bpy.types.ViewLayer], bool]
+    is_blenders: bool
+    draw: Callable[[Picture, np.ndarray | None], np.ndarray]
+
+
+def _rgba(frame: Frame) -> np.ndarray:
+    return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
+
+
+def _depth(picture: Picture, _: np.ndarray | None) -> np.ndarray:
+    return picture.combined.depth
+
+
+def _of_surface(name: str) -> Callable[[Picture, np.ndarray | None], np.ndarray]:
+    def draw(picture: Picture, scene: np.ndarray | None) -> np.ndarray:
+        around = np.zeros((*picture.visible_alpha.shape, 3), np.float32) if scene is None else scene
+        if picture.surface is None:
+            return around
+        # The field's edge may lie a pixel beside the mesh's, which knows nothing there.
+        is_known = picture.is_hand & (picture.surface.depth < DEPTH_BACKGROUND)
+        return np.where(is_known[..., None], getattr(picture.surface, name), around)
+
+    return draw
+
+
+PASSES = (
+    Pass("Combined", "RGBA", "COLOR", lambda layer: True, True, lambda picture, _: _rgba(picture.combined)),
+    Pass("Depth", "Z", "VALUE", lambda layer: layer.use_pass_z, True, _depth),
+    Pass("Normal", "XYZ", "VECTOR", lambda layer: layer.use_pass_normal, True, _of_surface("normal")),
+    Pass("UV", "UVA", "VECTOR", lambda layer: layer.use_pass_uv, True, _of_surface("uv")),
+    Pass("Position", "XYZ", "VECTOR", lambda layer: layer.use_pass_position, True, _of_surface("position")),
+    Pass("Hand", "RGBA", "COLOR", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: _rgba(p.hands)),
+    Pass("HandAlpha", "A", "VALUE", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: p.visible_alpha),
+)
+SURFACE_PASSES = ("Normal", "UV", "Position")
+
+
+def wanted_passes(layer: bpy.types.ViewLayer) -> list[Pass]:
+    """The passes that a view layer has switched on."""
+    return [one for one in PASSES if one.is_wanted(layer)]
+
+
+def drawn_passes(picture: Picture, wanted: list[Pass], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
+    """Each pass's name and values: ours, and what else Cycles has made."""
+    ours = {one.name for one in wanted}
+    yield from ((name, values) for name, values in scene.items() if name not in ours)
+    yield from ((one.name, one.draw(picture, scene.get(one.name))) for one in wanted)
+
+
+def read_pass(render_pass: bpy.types.RenderPass, size_px: tuple[int, int]) -> np.ndarray:
+    """[H, W, C] top row first."""
+    width, height = size_px
+    flat = np.empty(width * height * render_pass.channels, np.float32)
+    render_pass.rect.foreach_get(flat)
+    return flat.reshape(height, width, render_pass.channels)[::-1]
+
+
+def fill_pass(render_pass: bpy.types.RenderPass, values: np.ndarray) -> None:
+    """Write [H, W] or [H, W, C], top row first."""
+    buffer = np.ascontiguousarray(values[::-1], np.float32).ravel()
+    expected = len(render_pass.rect) * render_pass.channels
+    if buffer.size != expected:
+        raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the picture {buffer.size}")
+    render_pass.rect.foreach_set(buffer)

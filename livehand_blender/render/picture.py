@@ -1,0 +1,88 @@
+"""From each hand's own frames to the picture: who hides whom, the mean over the exposure, and the scene around."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...backend.composition import Layer, joined, mean_frame, over, visible_parts
+from ...backend.shot import Frame, empty_frame
+from ..scene.colour import in_working_space
+from .stage import Stage
+from .task import Moment
+
+if TYPE_CHECKING:
+    from ...backend.surface_maps import SurfaceMaps
+
+_SOLID_ALPHA = 0.5
+
+
+@dataclass(frozen=True)
+class Picture:
+    """All that a view layer's passes are made of, in the scene's working space.
+
+    Attributes:
+        combined: the hands in their scene, or on transparent ground.
+        hands: the hands as they are seen past each other, unhidden by the scene, on transparent ground.
+        visible_alpha: [H, W] how much of each pixel is hand.
+        coverage: mesh's name -> [H, W] how much of each pixel is that hand.
+        surface: of the nearest hand's mesh; None where no pass asks for it.
+    """
+
+    combined: Frame
+    hands: Frame
+    visible_alpha: np.ndarray
+    coverage: Mapping[str, np.ndarray]
+    surface: SurfaceMaps | None
+
+    @property
+    def is_hand(self) -> np.ndarray:
+        """[H, W] where passes that cannot be mixed tell of the hand."""
+        return self.visible_alpha >= _SOLID_ALPHA
+
+
+def draw_picture(
+    stage: Stage, moments: Sequence[Moment], size_px: tuple[int, int], scene: Layer | None, needs_surface: bool
+) -> Picture:
+    """Compose what was rendered.
+
+    Args:
+        stage: the hands.
+        moments: their frames.
+        size_px: of the picture.
+        scene: what stands around the hands, in the working space; None: nothing.
+        needs_surface: whether to make the surface's maps.
+    """
+    moments = [tuple(in_working_space(frame) for frame in moment) for moment in moments]
+    alone = [visible_parts(moment) for moment in moments]
+    shown = alone if scene is None else [visible_parts(moment, scene.depth) for moment in moments]
+    empty = empty_frame(size_px)
+    hands, visible = (
+        mean_frame([joined(parts) for parts in each]) if stage.actors else empty for each in (alone, shown)
+    )
+    return Picture(
+        combined=visible if scene is None else over(visible, scene),
+        hands=hands,
+        visible_alpha=visible.alpha,
+        coverage=_coverage(stage, shown),
+        surface=_surface(stage) if needs_surface and stage.actors else None,
+    )
+
+
+def _coverage(stage: Stage, shown: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
+    by_hand = zip(*shown, strict=True)
+    return {
+        actor.mesh_name: np.mean([part.alpha for part in parts], axis=0)
+        for actor, parts in zip(stage.actors, by_hand, strict=True)
+    }
+
+
+def _surface(stage: Stage) -> SurfaceMaps:
+    """At the moment nearest to the frame itself: mean normals or places lie nowhere."""
+    from ...backend.surface_maps import nearest_maps, surface_maps  # bring torch, which may be missing until a render
+
+    shots = (task.shot for task in stage.task.moments[0])
+    return nearest_maps([surface_maps(shot, actor.model) for shot, actor in zip(shots, stage.actors, strict=True)])
