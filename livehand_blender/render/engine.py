@@ -26,6 +26,7 @@ from ..scene.camera import Eye, read_camera, render_region
 from ..scene.exposure import Lens, read_lens
 from ..scene.settings import ENGINE
 from .cycles_scene import hide_hands_from_camera, is_in_scene, read_scene, scene_layer
+from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
@@ -150,7 +151,9 @@ class LiveHandRender(bpy.types.RenderEngine):
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         output = Output.of(depsgraph)
         pending = [self._begin(depsgraph, view) for view in self._views(depsgraph.scene.render)]
-        self._foresee(depsgraph)
+        queue = self.required_session().queue
+        if queue is not None and queue.foreseen_frame is not None:
+            self._foresee(depsgraph, queue, queue.foreseen_frame)
         if output.is_in_scene:
             hide_hands_from_camera(depsgraph)
             self.add_pass("Depth", 1, "Z", layer=output.layer)  # Cycles fills it, asked for by the layer or not
@@ -198,14 +201,11 @@ class LiveHandRender(bpy.types.RenderEngine):
         whole = read_camera(evaluated, depsgraph.scene.render, eye)
         return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
 
-    def _foresee(self, depsgraph: bpy.types.Depsgraph) -> None:
+    def _foresee(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
         """Queue a later frame's task. It is read from this very depsgraph, which is then set back."""
-        queue, scene = self.required_session().queue, depsgraph.scene
-        if queue is None or queue.foreseen_frame is None or scene.render.use_multiview:
-            return
-        now = scene.frame_current
+        now = depsgraph.scene.frame_current
         try:
-            self.frame_set(queue.foreseen_frame, 0.0)
+            self.frame_set(frame, 0.0)
             with contextlib.suppress(LiveHandError):  # what is wrong there stops that frame when its turn has come
                 queue.foresee(self._stage(depsgraph, is_stereo=False).task)
         finally:

@@ -183,11 +183,11 @@ def test_a_second_ctrl_c_stops_the_render_in_the_thread(
 
 
 def test_a_scene_that_fails_later_fails_at_that_frame(moving_scene, save_shot, tmp_path, fake_session):
-    mesh = mesh_of(find_hands(moving_scene)[0])
-    mesh.keyframe_insert("hide_render", frame=2)
-    mesh.hide_render = True
-    mesh.keyframe_insert("hide_render", frame=3)
-    with pytest.raises(LiveHandError, match=r"^frame 3: a render needs a LiveHand hand"):
+    subdivision = mesh_of(find_hands(moving_scene)[0]).modifiers.new("Subdivision", "SUBSURF")
+    for frame, is_shown in ((2, False), (3, True)):
+        subdivision.show_render = is_shown
+        subdivision.keyframe_insert("show_render", frame=frame)
+    with pytest.raises(LiveHandError, match=r"^frame 3: the mesh of 'LiveHand' must keep its hand model's"):
         write(save_shot(), tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["wave_0001.exr", "wave_0002.exr"]
 
