@@ -1,0 +1,72 @@
+"""Make `clasp.blend`: a clasped pair of hands, light and deep, which hide each other finger by finger.
+
+Run it with the Python that LiveHand is installed in: `python examples/make_clasp.py [OUT.blend]`.
+"""
+
+import sys
+from pathlib import Path
+
+import bpy
+import livehand
+import numpy as np
+from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.rig.pose import write_theta
+from mathutils import Matrix, Vector
+
+SIZE_PX = (640, 512)
+CURL = Gesture(
+    {"index": (30, 46, 24), "middle": (40, 48, 25), "ring": (42, 48, 25), "pinky": (42, 48, 25)},
+    {"index": 6, "pinky": -3},
+    ((12, 6, 10), (22, 0, 0), (14, 0, 0)),
+)
+TILT_DEG, APART_M = 42, 0.0175  # of each hand, from the plane between their palms
+CAMERA_M, TARGET_M = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0)
+
+
+def build_clasp() -> bpy.types.Scene:
+    """Fill the open, empty file with two hands, palm to palm and crossed, and a camera."""
+    scene = bpy.context.scene
+    scene.name = "Clasp"
+    scene.frame_start = scene.frame_end = 1
+    scene.render.resolution_x, scene.render.resolution_y = SIZE_PX
+    bpy.ops.livehand.set_engine()
+    tilt = Matrix.Rotation(np.deg2rad(TILT_DEG), 4, "Y")
+    about = Matrix.Rotation(np.pi, 4, "Z")
+    add_hand("right", "light", Matrix.Translation((0, APART_M, 0)) @ tilt)
+    add_hand("left", "deep", Matrix.Translation((0, -APART_M, 0)) @ tilt.inverted() @ about)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    camera.location = CAMERA_M
+    camera.rotation_euler = (Vector(TARGET_M) - Vector(CAMERA_M)).to_track_quat("-Z", "Y").to_euler()
+    camera.data.lens, camera.data.clip_start, camera.data.clip_end = 85, 0.01, 10
+    return scene
+
+
+def add_hand(side: str, skin: str, place: Matrix) -> None:
+    """A curled hand at a place."""
+    bpy.ops.livehand.add_hand(side=side)
+    armature = bpy.context.active_object
+    armature.livehand.skin = skin
+    armature.matrix_world = place
+    theta = theta_of(CURL.angles_deg(), FingerAxes.of_default_hand())
+    write_theta(armature, theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
+
+
+def main() -> None:
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("clasp.blend")
+    livehand.register()
+    try:
+        bpy.ops.wm.read_homefile(use_empty=True)
+        build_clasp()
+        bpy.data.orphans_purge(do_recursive=True)
+        bpy.context.preferences.filepaths.save_version = 0
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
+    finally:
+        livehand.unregister()
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

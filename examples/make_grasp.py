@@ -1,0 +1,137 @@
+"""Make `grasp.blend`: a hand round a tumbler on a table, one second of turning the wrist, rendered in its scene.
+
+Run it with the Python that LiveHand is installed in: `python examples/make_grasp.py [OUT.blend]`.
+
+World: Z up, metres. The hand lies as its template does: fingers towards -X, palm to the front (-Y), thumb up. The light
+is that of the avatars' captures, so that the scene and the hand are lit alike.
+"""
+
+import sys
+from pathlib import Path
+
+import bpy
+import livehand
+import numpy as np
+from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
+from livehand.livehand_blender.capture.light import dome_world
+from livehand.livehand_blender.rig.keyframes import keyframe_theta
+from mathutils import Vector
+
+FRAMES = (1, 24)
+SIZE_PX = (512, 512)
+# Found by closing each finger, joint by joint, until it touches the tumbler.
+GRASP = Gesture(
+    {"index": (12, 41, 1), "middle": (18, 44, 6), "ring": (10, 32, 25), "pinky": (0, 0, 39)},
+    thumb=((-4, 14, 16), (46, 0, 0), (20, 0, 0)),
+)
+RADIUS_M, HEIGHT_M, WALL_M = 0.031, 0.125, 0.0025
+CENTRE_M = (-0.004, -0.0445, -0.066)  # of the tumbler's foot
+CAMERA_M, TARGET_M = (-0.33, -0.50, 0.31), (0.014, -0.025, 0.0)
+GLAZE, TABLE = (0.10, 0.22, 0.30, 1), (0.36, 0.27, 0.19, 1)
+
+
+def build_grasp() -> bpy.types.Scene:
+    """Fill the open, empty file with the hand, the tumbler on its table, light and camera."""
+    scene = bpy.context.scene
+    scene.name = "Grasp"
+    scene.frame_start, scene.frame_end = FRAMES
+    scene.render.resolution_x, scene.render.resolution_y = SIZE_PX
+    scene.render.filepath = "//out/grasp_"
+    bpy.ops.livehand.set_engine()
+    scene.livehand.mode = "SCENE"
+    scene.render.film_transparent = False
+    scene.cycles.samples, scene.cycles.use_denoising = 64, True
+    scene.world = dome_world()
+    bpy.ops.livehand.add_hand(side="right")
+    hold(bpy.context.active_object)
+    add_tumbler(scene)
+    add_table(scene)
+    add_camera(scene)
+    scene.frame_set(FRAMES[0])
+    return scene
+
+
+def hold(armature: bpy.types.Object) -> None:
+    """The grasp, the wrist as the template has it; tumbler and hand turn together, carried by an empty."""
+    armature.rotation_euler = (0, 0, 0)
+    theta = theta_of(GRASP.angles_deg(), FingerAxes.of_default_hand())
+    keyframe_theta(armature, np.array([theta, theta]), FRAMES)
+    carrier = bpy.data.objects.new("Carrier", None)
+    carrier.empty_display_size = 0.03
+    bpy.context.scene.collection.objects.link(carrier)
+    armature.parent = carrier
+    for frame, lift, turn_deg in ((FRAMES[0], 0.0, 0.0), (FRAMES[1], 0.03, -18.0)):
+        carrier.location.z, carrier.rotation_euler.z = lift, np.deg2rad(turn_deg)
+        carrier.keyframe_insert("location", frame=frame)
+        carrier.keyframe_insert("rotation_euler", frame=frame)
+
+
+def add_tumbler(scene: bpy.types.Scene) -> None:
+    """A glazed tumbler: its outline turned about Z, with a wall, a foot and a rounded rim."""
+    outer, inner = RADIUS_M, RADIUS_M - WALL_M
+    rim = [(outer - WALL_M / 2 * (1 - np.cos(a)), HEIGHT_M + WALL_M / 2 * np.sin(a)) for a in np.linspace(0, np.pi, 9)]
+    outline = [(0, 0), (outer - 0.004, 0), (outer - 0.001, 0.001), (outer, 0.004), *rim, (inner, 0.006), (0, 0.006)]
+    steps = 96
+    turns = np.linspace(0, 2 * np.pi, steps, endpoint=False)
+    vertices = [(r * np.cos(turn), r * np.sin(turn), z) for r, z in outline for turn in turns]
+    faces = [
+        (k * steps + i, k * steps + (i + 1) % steps, (k + 1) * steps + (i + 1) % steps, (k + 1) * steps + i)
+        for k in range(len(outline) - 1)
+        for i in range(steps)
+    ]
+    tumbler = add_mesh(scene, "Tumbler", vertices, faces, GLAZE, roughness=0.25)
+    tumbler.location = CENTRE_M
+    tumbler.parent = scene.objects["Carrier"]
+    for polygon in tumbler.data.polygons:
+        polygon.use_smooth = True
+
+
+def add_table(scene: bpy.types.Scene) -> None:
+    """A table top that fills the picture."""
+    z = CENTRE_M[2]
+    corners = [(-3, -3, z), (3, -3, z), (3, 3, z), (-3, 3, z)]
+    add_mesh(scene, "Table", corners, [(0, 1, 2, 3)], TABLE, roughness=0.5)
+
+
+def add_mesh(scene, name, vertices, faces, colour, roughness) -> bpy.types.Object:
+    """A mesh object of one material."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [], faces)
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    shader = material.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = colour, roughness
+    mesh.materials.append(material)
+    thing = bpy.data.objects.new(name, mesh)
+    scene.collection.objects.link(thing)
+    return thing
+
+
+def add_camera(scene: bpy.types.Scene) -> None:
+    """From the front, a little above and from the thumb's side of the fingers."""
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    camera.location = CAMERA_M
+    towards = Vector(TARGET_M) - Vector(CAMERA_M)
+    camera.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
+    camera.data.lens, camera.data.clip_start, camera.data.clip_end = 92, 0.01, 10
+
+
+def main() -> None:
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("grasp.blend")
+    livehand.register()
+    try:
+        bpy.ops.wm.read_homefile(use_empty=True)
+        build_grasp()
+        bpy.data.orphans_purge(do_recursive=True)
+        bpy.context.preferences.filepaths.save_version = 0
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
+    finally:
+        livehand.unregister()
+    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
