@@ -61,13 +61,28 @@ def render(scene: bpy.types.Scene, path: Path) -> np.ndarray:
     return np.array(Image.open(path).convert("RGBA"))
 
 
-def coverage(scene: bpy.types.Scene, hand: bpy.types.Object, path: Path) -> np.ndarray:
-    """[H, W] how much of each pixel is hand: all else is cut out of the picture. The scene is spoilt by it."""
+def our_coverage(scene: bpy.types.Scene, folder: Path) -> np.ndarray:
+    """[H, W] how much of each pixel is hand: what does not change between a black scene and a white one. Spoils it."""
+    scene.world, scene.cycles.samples, scene.view_settings.view_transform = None, 1, "Raw"
+    flat = bpy.data.materials.new("Flat")
+    flat.use_nodes = True
+    shader = flat.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Base Color"].default_value = shader.inputs["Emission Color"].default_value = (0, 0, 0, 1)
+    scene.view_layers[0].material_override = flat
+    black = render(scene, folder / "black.png")[..., 0]
+    shader.inputs["Emission Color"].default_value = (1, 1, 1, 1)
+    shader.inputs["Emission Strength"].default_value = 1
+    white = render(scene, folder / "white.png")[..., 0]
+    return 1 - (white.astype(float) - black) / 255
+
+
+def true_coverage(scene: bpy.types.Scene, hand: bpy.types.Object, folder: Path) -> np.ndarray:
+    """[H, W] the same of Cycles' own picture: all but the hand is cut out of it. Spoils the scene."""
     for thing in scene.objects:
         if thing.type == "MESH" and thing != hand:
             thing.is_holdout = True
     scene.render.film_transparent = True
-    return render(scene, path)[..., 3] / 255
+    return render(scene, folder / "cut.png")[..., 3] / 255
 
 
 def iou(one: np.ndarray, other: np.ndarray) -> float:
@@ -86,11 +101,11 @@ def main() -> None:
     try:
         scene = open_shot(args.frame, args.samples)
         ours = render(scene, args.folder / "livehand.png")
-        our_hand = coverage(scene, mesh_of(find_hands(scene)[0]), args.folder / "livehand_hand.png")
+        our_hand = our_coverage(scene, args.folder)
         scene = open_shot(args.frame, args.samples)
         skin = put_skin_in(scene, args.folder)
         truth = render(scene, args.folder / "cycles.png")
-        true_hand = coverage(scene, skin, args.folder / "cycles_hand.png")
+        true_hand = true_coverage(scene, skin, args.folder)
     finally:
         livehand.unregister()
     Image.fromarray(np.hstack([ours, truth])[..., :3]).save(args.folder / "both.png")

@@ -100,6 +100,11 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         max=256,
         soft_max=64,
     )
+    free_after_render: BoolProperty(
+        name="Free Memory After Render",
+        description="Forget the loaded avatars when a render in Blender's window is done; the next loads them again",
+        default=True,
+    )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
     precision: EnumProperty(name="Precision", description="Floats the networks compute with", items=_PRECISIONS)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import preferences, properties
-from .render import engine
+from .render import engine, memory
 from .ui import operators, panels
 
 CLASSES = (*properties.CLASSES, *operators.CLASSES, *preferences.CLASSES, *panels.CLASSES, *engine.CLASSES)
@@ -18,10 +18,12 @@ def register() -> None:
     properties.attach()
     panels.add_to_menus()
     engine.register_panels()
+    memory.watch_renders()
 
 
 def unregister() -> None:
     """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
+    memory.stop_watching()
     engine.unregister_panels()
     panels.remove_from_menus()
     properties.detach()

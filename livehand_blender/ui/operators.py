@@ -9,6 +9,7 @@ from ...backend.errors import LiveHandError
 from ...backend.hand.model import UPRIGHT, HandModel
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ..dependencies import install_command, missing_requirements
+from ..render.memory import free_memory
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
@@ -119,7 +120,26 @@ class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (LIVEHAND_OT_add_hand, LIVEHAND_OT_reset_pose, LIVEHAND_OT_set_engine, LIVEHAND_OT_copy_install_command)
+class LIVEHAND_OT_free_memory(bpy.types.Operator):
+    """Forget the loaded avatars and give their memory back, the GPU's too; the next render loads them again."""
+
+    bl_idname = "livehand.free_memory"
+    bl_label = "Free Memory"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, context):
+        """Free it."""
+        free_memory()
+        return {"FINISHED"}
+
+
+CLASSES = (
+    LIVEHAND_OT_add_hand,
+    LIVEHAND_OT_reset_pose,
+    LIVEHAND_OT_set_engine,
+    LIVEHAND_OT_free_memory,
+    LIVEHAND_OT_copy_install_command,
+)
 
 
 def _load(path: str) -> HandModel:

@@ -76,6 +76,8 @@ class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
         layout.prop(context.scene.livehand, "blur_samples")
         layout.prop(context.scene.livehand, "device")
         layout.prop(context.scene.livehand, "precision")
+        layout.prop(context.scene.livehand, "free_after_render")
+        layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))
 
 

@@ -1,0 +1,38 @@
+"""Giving the memory of loaded avatars back: when the user says so, and after a render in Blender's window."""
+
+from __future__ import annotations
+
+import sys
+
+import bpy
+from bpy.app.handlers import persistent
+
+from .engine import LiveHandRender
+
+
+def free_memory() -> None:
+    """Forget all loaded avatars and hands; torch keeps none of the GPU's memory. The next render loads again."""
+    LiveHandRender.required_session().free()
+    torch = sys.modules.get("torch")
+    if torch is not None and torch.cuda.is_initialized():
+        torch.cuda.empty_cache()
+
+
+@persistent
+def _after_render(scene: bpy.types.Scene, *_) -> None:
+    if scene.livehand.free_after_render:
+        free_memory()
+
+
+def watch_renders() -> None:
+    """Free memory after each render or animation, finished or cancelled. A program without a window just ends."""
+    if not bpy.app.background:
+        for handlers in (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel):
+            handlers.append(_after_render)
+
+
+def stop_watching() -> None:
+    """Undo `watch_renders`."""
+    for handlers in (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel):
+        if _after_render in handlers:
+            handlers.remove(_after_render)
