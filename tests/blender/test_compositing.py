@@ -1,0 +1,195 @@
+"""Compositor set-ups, by rendering: each pixel against the closed form of over; and what they leave alone."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.compositing.tree import compositor_of, output_input
+from PIL import Image
+
+SIZE = (48, 64)
+
+
+def linear(srgb):
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def over(front, back):
+    """Premultiplied RGBA [H, W, 4]."""
+    return front + (1 - front[..., 3:]) * back
+
+
+def composite(scene, path, read_exr, frame=1):
+    """[H, W, 4] float, what the compositor makes of a frame."""
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode = "OPEN_EXR", "RGBA"
+    settings.color_depth, settings.exr_codec = "32", "ZIP"
+    scene.frame_set(frame)
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    channels = read_exr(path)
+    return np.stack([channels[name] for name in "RGBA"], -1)
+
+
+def as_array(frame):
+    return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
+
+
+@pytest.fixture
+def wall_scene(hand_scene):
+    """Another scene of the same size and camera: a wall of known light, its left half before and the right behind."""
+    hand_scene.camera.location.x = load_default_hand().v_template[:, 0].mean()
+    scene = bpy.data.scenes.new("Wall")
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    scene.camera = hand_scene.camera
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    material = bpy.data.materials.new("Light")
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    light, out = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    light.inputs["Color"].default_value = (0.2, 0.4, 0.8, 1)
+    material.node_tree.links.new(light.outputs[0], out.inputs["Surface"])
+    x, y, _ = scene.camera.location
+    for sign, z in ((-1, 0.2), (1, -0.2)):
+        mesh = bpy.data.meshes.new("Wall")
+        corners = [(x, y - 1, z), (x + sign, y - 1, z), (x + sign, y + 1, z), (x, y + 1, z)]
+        mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+        mesh.materials.append(material)
+        scene.collection.objects.link(bpy.data.objects.new("Wall", mesh))
+    return scene
+
+
+def test_the_hand_lies_over_what_is_farther_and_under_what_is_nearer(
+    hand_scene, wall_scene, fake_session, read_exr, tmp_path
+):
+    assert bpy.ops.livehand.setup_compositing(behind="Wall") == {"FINISHED"}
+    got = composite(hand_scene, tmp_path / "over.exr", read_exr)
+    (renderer,) = fake_session.made
+    hand = as_array(renderer.render(renderer.shots[-1]))
+    wall = np.broadcast_to(np.float32([0.2, 0.4, 0.8, 1]), got.shape)
+    is_near_wall = np.arange(SIZE[0])[None, :, None] < SIZE[0] // 2
+    assert hand[:, : SIZE[0] // 2, 3].max() == hand[:, SIZE[0] // 2 :, 3].max() == 1
+    soft = (hand[..., 3] > 0) & (hand[..., 3] < 1)
+    assert soft[:, SIZE[0] // 2 + 1 :].any()
+    expected = np.where(is_near_wall, wall, over(hand, wall))
+    middle = slice(SIZE[0] // 2 - 1, SIZE[0] // 2 + 1)  # Cycles' pixel filter blurs the wall's edge
+    np.testing.assert_allclose(np.delete(got, middle, 1), np.delete(expected, middle, 1), atol=2e-5)
+
+
+def test_without_a_scene_behind_the_render_is_the_hand(hand_scene, fake_session, read_exr, tmp_path):
+    bpy.ops.livehand.setup_compositing()
+    got = composite(hand_scene, tmp_path / "alone.exr", read_exr)
+    (renderer,) = fake_session.made
+    np.testing.assert_allclose(got, as_array(renderer.render(renderer.shots[-1])), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("Nowhere", "no scene 'Nowhere'"), ("Scene", "another one"), ("Wall", "one size")]
+)
+def test_a_scene_that_cannot_lie_behind_is_refused(hand_scene, wall_scene, name, message):
+    wall_scene.render.resolution_x = 50
+    with pytest.raises(RuntimeError, match=message):
+        bpy.ops.livehand.setup_compositing(behind=name)
+
+
+def hand_picture(frame):
+    """[H, W, 4] straight sRGB levels of a frame's picture: soft alpha, another colour each frame."""
+    rng = np.random.default_rng(frame)
+    return rng.integers(0, 256, (SIZE[1], SIZE[0], 4)).astype(np.uint8)
+
+
+def premultiplied(levels):
+    alpha = levels[..., 3:] / 255
+    return np.concatenate([linear(levels[..., :3] / 255) * alpha, alpha], -1)
+
+
+def plate_picture(frame):
+    rng = np.random.default_rng(1000 + frame)
+    return rng.integers(0, 256, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+
+
+def opaque(levels):
+    return np.concatenate([linear(levels / 255), np.ones((*levels.shape[:2], 1))], -1)
+
+
+def save_float_image(rgba, path, multilayer):
+    """Blender's own EXR of premultiplied linear RGBA, rendered by the compositor."""
+    scene = bpy.data.scenes.new("Writer")
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    image = bpy.data.images.new("Pixels", *SIZE, alpha=True, float_buffer=True)
+    image.alpha_mode = "PREMUL"
+    image.pixels.foreach_set(np.ascontiguousarray(rgba[::-1], np.float32).ravel())
+    tree = compositor_of(scene)
+    node = tree.nodes.new("CompositorNodeImage")
+    node.image = image
+    tree.links.new(node.outputs["Image"], output_input(tree))
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type") and multilayer:
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER" if multilayer else "OPEN_EXR"
+    settings.color_mode, settings.color_depth = "RGBA", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True, scene=scene.name)
+    bpy.data.scenes.remove(scene)
+    bpy.data.images.remove(image)
+
+
+@pytest.fixture
+def empty_scene():
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    return scene
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Numbered plates 4 to 7."""
+    folder = tmp_path / "plates"
+    folder.mkdir()
+    for frame in range(4, 8):
+        Image.fromarray(plate_picture(frame)).save(folder / f"plate.{frame:03d}.png")
+    return folder
+
+
+@pytest.fixture(params=["png", "exr", "multilayer"])
+def hands(request, tmp_path):
+    """Frames 5, 6 and 8 of a hand, as finished files."""
+    folder = tmp_path / "hands"
+    folder.mkdir()
+    for frame in (5, 6, 8):
+        if request.param == "png":
+            Image.fromarray(hand_picture(frame)).save(folder / f"wave_{frame:04d}.png")
+        else:
+            path = folder / f"wave_{frame:04d}.exr"
+            save_float_image(premultiplied(hand_picture(frame)), path, request.param == "multilayer")
+    return next(folder.glob("wave_0006.*"))
+
+
+def expected_over(hand_frame, plate_frame):
+    return over(premultiplied(hand_picture(hand_frame)), opaque(plate_picture(plate_frame)))
+
+
+def test_each_frame_lies_over_the_plate_of_its_number(empty_scene, hands, plates, read_exr, tmp_path):
+    bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.005.png"))
+    for frame in (5, 6):
+        got = composite(empty_scene, tmp_path / f"{frame}.exr", read_exr, frame)
+        np.testing.assert_allclose(got, expected_over(frame, frame), atol=2e-6)
+
+
+def test_the_plate_may_come_later_or_be_a_still(empty_scene, hands, plates, read_exr, tmp_path):
+    plate = {"plate_path": str(plates / "plate.004.png")}
+    bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_delay=2, **plate)
+    got = composite(empty_scene, tmp_path / "late.exr", read_exr, frame=8)
+    np.testing.assert_allclose(got, expected_over(8, 6), atol=2e-6)
+    bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_is_still=True, **plate)
+    got = composite(empty_scene, tmp_path / "still.exr", read_exr, frame=8)
+    np.testing.assert_allclose(got, expected_over(8, 4), atol=2e-6)
+
+
+@pytest.mark.parametrize("frame", [4, 7])
+def test_where_no_frame_is_the_plate_is_seen(empty_scene, hands, plates, read_exr, tmp_path, frame):
+    bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.004.png"))
+    got = composite(empty_scene, tmp_path / "gap.exr", read_exr, frame)
+    np.testing.assert_allclose(got, opaque(plate_picture(frame)), atol=2e-6)
