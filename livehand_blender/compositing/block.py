@@ -1,7 +1,8 @@
 """Nodes of ours in a frame of their own, beside those of the user.
 
-A block of a kind is there once: made again, it takes the place of the old one, and what the old one's nodes fed is fed by
-the new ones of the same role. Frame and nodes are known by a custom property, so that they may be renamed and moved.
+A block of a kind is there once: made again, it takes the place of the old one, and what the old one's nodes fed is
+fed by the new ones of the same role. Frame and nodes are known by a custom property, so that they may be renamed and
+moved.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Block:
                 self.link(nodes[role].outputs[output], socket)
 
     def feed_output(self, result: bpy.types.NodeSocket, replace: bool) -> bool:
-        """Feed the compositor's output if nothing else does, or if it is to be replaced; says whether this block does."""
+        """Feed the compositor's output if nothing else does, or if it is to be replaced; says whether it is fed."""
         socket = output_input(self.tree)
         if replace or not socket.is_linked:
             self.link(result, socket)

@@ -20,20 +20,20 @@ class Plate:
     """What lies behind the hand.
 
     Attributes:
-        pictures: a still, an image sequence or a movie; None takes the clip.
-        clip: a movie clip of the file.
-        delay_frames: frames by which the pictures come later than their numbers say; a movie's first is number 1.
+        source: a still, an image sequence or a movie on disk, or a movie clip of the .blend.
+        delay_frames: frames by which pictures come later than their numbers say; a movie's first is number 1. A clip
+            has settings of its own for that.
     """
 
-    pictures: PictureFiles | None = None
-    clip: bpy.types.MovieClip | None = None
+    source: PictureFiles | bpy.types.MovieClip
     delay_frames: int = 0
 
 
 def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, replace_output: bool) -> bool:
     """Build the nodes in the scene's compositor: `hand + (1 - alpha) * plate`.
 
-    A numbered picture is shown at the scene's frame of that number; before and after a sequence the hand is not there.
+    A numbered picture is shown at the scene's frame of that number. Before a sequence and in its gaps the hand is not
+    there; after it, its last picture stays.
 
     Args:
         scene: whose compositor it is.
@@ -45,22 +45,20 @@ def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, re
         Whether these nodes feed the compositor's output.
 
     Raises:
-        LiveHandError: there is no plate, Blender cannot read a file, or the hand's has another kind than EXR and PNG.
+        LiveHandError: Blender cannot read a file, or the hand's has another kind than EXR and PNG.
     """
     if hand.path.suffix.lower() not in _ALPHA_MODES:
         raise LiveHandError(f"the hand's frames must be EXR or PNG files, got {hand.path.name}; choose one of those")
-    if plate.pictures is None and plate.clip is None:
-        raise LiveHandError("a plate is needed; choose a picture or a movie, or load a clip into the scene")
+    # Before any node is made: a file that cannot be read leaves the tree as it is.
     hand_image = hand.load()
-    plate_image = plate.pictures and plate.pictures.load()
-    block = Block(compositor_of(scene), "hand_over_plate", "LiveHand: Hand over Plate")
     hand_image.alpha_mode = _ALPHA_MODES[hand.path.suffix.lower()]
-    hand_node = _picture_node(block, hand_image, hand, "hand", 0)
-    if plate_image:
-        plate_node = _picture_node(block, plate_image, plate.pictures, "plate", 1, plate.delay_frames)
-    else:
-        plate_node = block.add("CompositorNodeMovieClip", "plate", (0, 1))
-        plate_node.clip = plate.clip
+    plate_image = plate.source.load() if isinstance(plate.source, PictureFiles) else plate.source
+    block = Block(compositor_of(scene), "hand_over_plate", "LiveHand: Hand over Plate")
+    hand_node = _picture_node(block, "hand", (0, 0), hand_image)
+    plate_node = _picture_node(block, "plate", (0, 1), plate_image)
+    _show_at(hand_node, hand)
+    if isinstance(plate.source, PictureFiles):
+        _show_at(plate_node, plate.source, plate.delay_frames)
     over, inputs = block.add_over("result", (1, 0))
     block.link(_colour(plate_node), inputs["background"])
     block.link(_colour(hand_node), inputs["foreground"])
@@ -69,16 +67,25 @@ def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, re
 
 
 def _picture_node(
-    block: Block, image: bpy.types.Image, files: PictureFiles, role: str, row: int, delay_frames: int = 0
+    block: Block, role: str, at: tuple[int, int], picture: bpy.types.Image | bpy.types.MovieClip
 ) -> bpy.types.Node:
-    node = block.add("CompositorNodeImage", role, (0, row))
-    node.image = image
-    if files.source != "FILE":
-        is_movie = files.source == "MOVIE"
-        node.frame_duration = image.frame_duration if is_movie else files.last_frame - files.first_frame + 1
-        node.frame_start = files.first_frame + delay_frames
-        node.frame_offset = files.first_frame - 1
+    if isinstance(picture, bpy.types.MovieClip):
+        node = block.add("CompositorNodeMovieClip", role, at)
+        node.clip = picture
+    else:
+        node = block.add("CompositorNodeImage", role, at)
+        node.image = picture
     return node
+
+
+def _show_at(node: bpy.types.Node, files: PictureFiles, delay_frames: int = 0) -> None:
+    """Which of the files an Image node shows at which frame; a still needs nothing."""
+    if files.source == "FILE":
+        return
+    is_movie = files.source == "MOVIE"
+    node.frame_duration = node.image.frame_duration if is_movie else files.last_frame - files.first_frame + 1
+    node.frame_start = files.first_frame + delay_frames
+    node.frame_offset = files.first_frame - 1
 
 
 def _colour(node: bpy.types.Node) -> bpy.types.NodeSocket:

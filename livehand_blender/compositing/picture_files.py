@@ -63,7 +63,7 @@ class PictureFiles:
 
 
 def _numbered_siblings(path: Path) -> dict[int, Path]:
-    """number -> file, of all in the folder with the same name before the number and the same suffix."""
+    """Number -> file, of all in the folder with the same name before the number and the same suffix."""
     own = _NUMBERED.fullmatch(path.name)
     if own is None:
         return {}

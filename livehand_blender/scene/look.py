@@ -84,9 +84,9 @@ def _inverse(view: View) -> np.ndarray:
     missed_levels = float(np.median(np.abs(error).max(-1)) * 255)
     if missed_levels > _BEARABLE_LEVELS:
         raise LiveHandError(
-            f"Keep Look needs a view transform that can be undone, '{view.transform}' is {missed_levels:.0f} levels off "
-            "for half of all colours; choose Standard, AgX or Filmic (Render properties, Color Management), or turn "
-            "Keep Look off"
+            f"Keep Look needs a view transform that can be undone, '{view.transform}' is {missed_levels:.0f} levels "
+            "off for half of all colours; choose Standard, AgX or Filmic (Render properties, Color Management), or "
+            "turn Keep Look off"
         )
     return code.reshape(_GRID_SIZE, _GRID_SIZE, _GRID_SIZE, 3)
 

@@ -64,14 +64,14 @@ class LIVEHAND_OT_load_sequence_over_plate(bpy.types.Operator, ImportHelper):
     )
     plate_delay: IntProperty(
         name="Plate Delay",
-        description="Frames by which the plate comes later than its numbers say; the first frame of a movie is number 1",
+        description="Frames by which the plate comes later than its numbers say; a movie begins at number 1",
     )
     replace_output: BoolProperty(**_REPLACE_OUTPUT)
 
     def execute(self, context):
         """Build the nodes."""
         try:
-            plate = Plate(_plate_pictures(self), context.scene.active_clip, self.plate_delay)
+            plate = Plate(_plate_source(self, context.scene), self.plate_delay)
             hand = PictureFiles.find(Path(bpy.path.abspath(self.filepath)))
             is_output = hand_over_plate(context.scene, hand, plate, self.replace_output)
         except LiveHandError as error:
@@ -115,10 +115,19 @@ def _scene(name: str) -> bpy.types.Scene | None:
     return bpy.data.scenes[name] if name else None
 
 
-def _plate_pictures(operator: LIVEHAND_OT_load_sequence_over_plate) -> PictureFiles | None:
-    if not operator.plate_path:
-        return None
-    return PictureFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
+def _plate_source(
+    operator: LIVEHAND_OT_load_sequence_over_plate, scene: bpy.types.Scene
+) -> PictureFiles | bpy.types.MovieClip:
+    """The operator's file, or else the scene's clip.
+
+    Raises:
+        LiveHandError: there is neither, or no such file.
+    """
+    if operator.plate_path:
+        return PictureFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
+    if scene.active_clip is None:
+        raise LiveHandError("a plate is needed; choose a picture or a movie, or load a clip into the scene")
+    return scene.active_clip
 
 
 def _report(operator: bpy.types.Operator, is_output: bool) -> None:

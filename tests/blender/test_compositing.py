@@ -1,6 +1,7 @@
 """Compositor set-ups, by rendering: each pixel against the closed form of over; and what they leave alone."""
 
 import bpy
+import cv2
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
@@ -190,6 +191,12 @@ def test_the_plate_may_come_later_or_be_a_still(empty_scene, hands, plates, read
     np.testing.assert_allclose(got, expected_over(8, 4), **HALF)
 
 
+def test_after_the_last_frame_the_last_stays(empty_scene, hands, plates, read_exr, tmp_path):
+    bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.004.png"))
+    got = composite(empty_scene, tmp_path / "late.exr", read_exr, frame=20)
+    np.testing.assert_allclose(got, expected_over(8, 7), **HALF)
+
+
 @pytest.mark.skipif(bpy.app.version < (4, 5), reason="there, a missing picture is black or pink")
 @pytest.mark.parametrize("frame", [4, 7])
 def test_where_no_frame_is_the_plate_is_seen(empty_scene, hands, plates, read_exr, tmp_path, frame):
@@ -205,6 +212,23 @@ def test_a_clip_may_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path)
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands))
     got = composite(empty_scene, tmp_path / "clip.exr", read_exr, frame=5)
     np.testing.assert_allclose(got, expected_over(5, 5), **HALF)
+
+
+def test_a_movie_begins_at_frame_1(empty_scene, read_exr, tmp_path):
+    movie = cv2.VideoWriter(str(tmp_path / "plate.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 24, SIZE)
+    for level in (40, 120, 200):
+        movie.write(np.full((SIZE[1], SIZE[0], 3), level, np.uint8))
+    movie.release()
+    clear = np.zeros((SIZE[1], SIZE[0], 4), np.uint8)
+    Image.fromarray(clear).save(tmp_path / "clear.png")
+    paths = {"filepath": str(tmp_path / "clear.png"), "plate_path": str(tmp_path / "plate.avi")}
+    bpy.ops.livehand.load_sequence_over_plate(**paths)
+    for frame, level in ((1, 40), (2, 120), (3, 200)):
+        got = composite(empty_scene, tmp_path / f"{frame}.exr", read_exr, frame)
+        np.testing.assert_allclose(got[..., :3], linear(np.float64(level / 255)), atol=0.02)
+    bpy.ops.livehand.load_sequence_over_plate(plate_delay=10, **paths)
+    got = composite(empty_scene, tmp_path / "late.exr", read_exr, frame=12)
+    np.testing.assert_allclose(got[..., :3], linear(np.float64(120 / 255)), atol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -238,7 +262,8 @@ def users_tree(hand_scene):
 def shape_of(tree):
     """All that tells two trees apart, but names."""
     nodes = sorted((node.bl_idname, node.label, tuple(node.location)) for node in tree.nodes)
-    links = sorted((l.from_node.bl_idname, l.from_socket.name, l.to_node.bl_idname, l.to_socket.name) for l in tree.links)
+    ends = ((link.from_node, link.from_socket, link.to_node, link.to_socket) for link in tree.links)
+    links = sorted((a.bl_idname, output.name, b.bl_idname, socket.name) for a, output, b, socket in ends)
     return nodes, links
 
 

@@ -139,4 +139,6 @@ def test_the_files_header_says_which_name_has_which_id(engine, tmp_path):
     assert {name: np.uint32(int(bits, 16)).view(np.float32) for name, bits in manifest.items()} == {
         name: crypto_id(name) for name in engine
     }
-    assert fields == {f"cryptomatte/{crypto_hash(LAYER):08x}"[:19] + f"/{k.split('/')[-1]}": v for k, v in fields.items()}
+    assert fields == {
+        f"cryptomatte/{crypto_hash(LAYER):08x}"[:19] + f"/{k.split('/')[-1]}": v for k, v in fields.items()
+    }

@@ -97,7 +97,7 @@ def test_a_view_is_solved_once(skin, monkeypatch):
 
 
 def test_a_view_that_cannot_be_undone_is_refused(skin):
-    with pytest.raises(LiveHandError, match="'False Color' is .* choose Standard, AgX or Filmic"):
+    with pytest.raises(LiveHandError, match=r"'False Color' is .* choose Standard, AgX or Filmic"):
         kept_look(skin, in_view("False Color"))
 
 
