@@ -2,7 +2,8 @@
 
 AgX and Filmic are made for light without bounds; an avatar's colours were learnt from images and are what is to be
 seen. So the inverse of the view is looked for: on a grid of colours, by Gauss-Newton steps against Blender's own colour
-management, once per view; in between it is interpolated. Exposure, gamma and curves of the scene still act on the hand.
+management, once per view; in between it is interpolated. Exposure, gamma, white balance and curves still act on the
+hand.
 
 Colours are linear and straight. They are sought as non-negative Rec.2020, which reaches more of what AgX can show than
 Rec.709 does; `code` is log2 of them, `axis` the 2.4th root of a Rec.709 component, [N, 3] both.
@@ -11,6 +12,7 @@ Rec.709 does; `code` is log2 of them, `axis` the 2.4th root of a Rec.709 compone
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +21,7 @@ import bpy
 import numpy as np
 
 from ...backend.errors import LiveHandError
+from ...backend.shot import Frame
 from .colour import rec709_to_working_space
 
 _GRID_SIZE = 33
@@ -72,6 +75,15 @@ def kept_look(rgb_linear: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
     axis = np.clip(rgb_linear, 0, 1).reshape(-1, 3) ** (1 / _AXIS_POWER)
     kept = _rgb_of_code(_interpolated(_inverse(view), axis))
     return kept.reshape(rgb_linear.shape).astype(rgb_linear.dtype)
+
+
+def frame_with_kept_look(frame: Frame, scene: bpy.types.Scene) -> Frame:
+    """The frame in colours that are shown as Standard shows its own; see `kept_look`. Alpha and depth stay."""
+    is_seen = frame.alpha > 0
+    alpha = frame.alpha[is_seen][:, None]
+    rgb = np.zeros_like(frame.rgb)
+    rgb[is_seen] = kept_look(frame.rgb[is_seen] / alpha, scene) * alpha
+    return replace(frame, rgb=rgb)
 
 
 @lru_cache(maxsize=4)

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.compositing.picture_files import PictureFiles
 from livehand.livehand_blender.compositing.tree import compositor_of, output_input
 from PIL import Image
 
@@ -203,6 +204,16 @@ def test_where_no_frame_is_the_plate_is_seen(empty_scene, hands, plates, read_ex
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.004.png"))
     got = composite(empty_scene, tmp_path / "gap.exr", read_exr, frame)
     np.testing.assert_allclose(got, opaque(plate_picture(frame)), **HALF)
+
+
+def test_a_sequence_is_the_files_of_one_name(tmp_path):
+    for name in ("v2_0009.png", "v2_0010.png", "v2_0012.png", "v3_0001.png", "v2_0001.exr", "v2_0100.png.txt", "a.png"):
+        (tmp_path / name).touch()
+    found = PictureFiles.find(tmp_path / "v2_0010.png")
+    assert found == PictureFiles(tmp_path / "v2_0009.png", "SEQUENCE", 9, 12)
+    for alone in ("v3_0001.png", "a.png"):
+        assert PictureFiles.find(tmp_path / alone) == PictureFiles(tmp_path / alone, "FILE")
+    assert PictureFiles.find(tmp_path / "v2_0010.png", is_still=True).source == "FILE"
 
 
 def test_a_clip_may_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path):

@@ -7,7 +7,7 @@ from livehand.backend.errors import LiveHandError
 from livehand.backend.shot import Frame
 from livehand.livehand_blender.scene import look
 from livehand.livehand_blender.scene.colour import combined_buffer
-from livehand.livehand_blender.scene.look import kept_look
+from livehand.livehand_blender.scene.look import frame_with_kept_look, kept_look
 from PIL import Image
 
 # sRGB levels between deep shade and highlight of skin, nails and palms, light to deep.
@@ -63,6 +63,16 @@ def test_black_and_white_stay(tmp_path):
         scene = in_view(transform)
         levels = shown(kept_look(ends, scene), scene, tmp_path / "ends.png")
         assert np.abs(levels[0, :, 0] - [0, 255, 255, 0]).max() <= 1
+
+
+def test_a_frame_keeps_its_look_through_soft_edges(skin):
+    scene = in_view("AgX")
+    alpha = np.linspace(0, 1, 32, dtype=np.float32)[None].repeat(32, 0)
+    frame = Frame((skin * alpha[..., None]).astype(np.float32), alpha, alpha)
+    kept = frame_with_kept_look(frame, scene)
+    np.testing.assert_allclose(kept.rgb, kept_look(skin, scene) * alpha[..., None], rtol=1e-4, atol=1e-6)
+    assert kept.alpha is alpha
+    assert kept.rgb.dtype == np.float32
 
 
 def test_standard_costs_nothing(skin):
