@@ -19,7 +19,7 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     material = bpy.data.materials.new("bake")
-    if material.node_tree is None:  # before Blender 5
+    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
         material.use_nodes = True
     surface.data.materials.clear()
     surface.data.materials.append(material)

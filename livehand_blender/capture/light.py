@@ -28,7 +28,7 @@ GROUND, SKY = (0.22, 0.205, 0.19), (0.36, 0.39, 0.44)
 def dome_world() -> bpy.types.World:
     """Ground-to-sky gradient plus four lobes."""
     world = bpy.data.worlds.new("dome")
-    if world.node_tree is None:  # before Blender 5
+    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
         world.use_nodes = True
     graph = NodeGraph(world.node_tree)
     direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]

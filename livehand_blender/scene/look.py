@@ -2,8 +2,7 @@
 
 AgX and Filmic are made for light without bounds; an avatar's colours were learnt from images and are what is to be
 seen. So the inverse of the view is looked for: on a grid of colours, by Gauss-Newton steps against Blender's own colour
-management, once per view; in between it is interpolated. Exposure, gamma, white balance and curves still act on the
-hand.
+management, once per view; in between it is interpolated. Exposure, gamma, white balance and curves act as ever.
 
 Colours are linear and straight. They are sought as non-negative Rec.2020, which reaches more of what AgX can show than
 Rec.709 does; `code` is log2 of them, `axis` the 2.4th root of a Rec.709 component, [N, 3] both.
