@@ -3,10 +3,12 @@
 PYTHON ?= python3.11
 VENV := .venv
 OUT ?= out/wave
+# The other versions of Blender that have a module for Python 3.11.
+OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
 
-.PHONY: demo test test-cuda check zip clean
+.PHONY: demo test test-cuda test-matrix check zip clean
 
 demo: $(VENV)/demo.stamp
 	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -21,6 +23,13 @@ test-cuda: $(VENV)/dev.stamp
 	@$(VENV)/bin/python -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
 	$(VENV)/bin/python -m pytest -q tests/test_cuda.py
 
+# The Blender tests in each of the other versions; all are run, then it fails if one did.
+test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
+	@failed=; for version in $(OTHER_BLENDERS); do \
+		echo "Blender $$version"; \
+		.venv-bpy$$version/bin/python -m pytest -q tests/blender || failed="$$failed $$version"; \
+	done; test -z "$$failed" || { echo "Failed in Blender$$failed" >&2; exit 1; }
+
 check: $(VENV)/dev.stamp
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/ruff check
@@ -32,7 +41,7 @@ zip: $(VENV)/demo.stamp
 		--source-dir . --output-dir dist
 
 clean:
-	rm -rf $(VENV) out dist build *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) .venv-bpy* out dist build *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/demo.stamp: $(VENV)/bin/python pyproject.toml
@@ -44,6 +53,13 @@ $(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml
 	@echo "Installing what checks and tests need into $(VENV); once"
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
 	@touch $@ $(VENV)/demo.stamp
+
+# Not `dev`: that extra asks for the one version of Blender that all else runs in.
+.venv-bpy%/test.stamp: $(VENV)/bin/python pyproject.toml
+	@echo "Installing Blender $* and what tests need into .venv-bpy$*; once"
+	$(VENV)/bin/python -m venv --clear .venv-bpy$*
+	.venv-bpy$*/bin/python -m pip install --disable-pip-version-check --quiet -e '.[test]' 'bpy==$*.*'
+	@touch $@
 
 $(VENV)/bin/python:
 	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON) is not there: Blender as a module needs Python 3.11. Install it, or name it: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }

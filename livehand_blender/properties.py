@@ -1,7 +1,15 @@
 """What LiveHand keeps in a .blend: `Object.livehand` on a hand's armature, `Scene.livehand` for rendering."""
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 # Every property may be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
@@ -39,7 +47,7 @@ _ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
 
 
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
-    """A hand: which model it was built from, what it looks like, and its shape."""
+    """A hand: which model it was built from, what it looks like, its shape, and how it is matched to a plate."""
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
     side: EnumProperty(name="Side", items=_SIDES, override=_OVERRIDE)
@@ -86,6 +94,38 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         override=_OVERRIDE,
         **_ON_CHANGE,
     )
+    exposure: FloatProperty(
+        name="Exposure",
+        description="Stops by which the hand is rendered lighter",
+        soft_min=-4.0,
+        soft_max=4.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    gain: FloatVectorProperty(
+        name="Gain",
+        description="Factors for the hand's red, green and blue",
+        subtype="COLOR",
+        size=3,
+        default=(1.0, 1.0, 1.0),
+        min=0.0,
+        soft_max=2.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    bias: FloatVectorProperty(
+        name="Bias",
+        description="Light added to the hand's red, green and blue after exposure and gain, as haze or flare adds it",
+        subtype="COLOR",
+        size=3,
+        default=(0.0, 0.0, 0.0),
+        min=-1.0,
+        max=1.0,
+        soft_min=-0.1,
+        soft_max=0.1,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
 
 
 class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
@@ -107,6 +147,10 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
     precision: EnumProperty(name="Precision", description="Floats the networks compute with", items=_PRECISIONS)
+    keep_look: BoolProperty(
+        name="Keep Look",
+        description="Show the hand's colors as the Standard view transform does, though the scene uses AgX or Filmic",
+    )
 
 
 class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):

@@ -6,9 +6,16 @@ import bpy
 
 from . import preferences, properties
 from .render import engine, memory
-from .ui import operators, panels
+from .ui import compositing, operators, panels
 
-CLASSES = (*properties.CLASSES, *operators.CLASSES, *preferences.CLASSES, *panels.CLASSES, *engine.CLASSES)
+CLASSES = (
+    *properties.CLASSES,
+    *operators.CLASSES,
+    *compositing.CLASSES,
+    *preferences.CLASSES,
+    *panels.CLASSES,
+    *engine.CLASSES,
+)
 
 
 def register() -> None:

@@ -75,7 +75,7 @@ ROWS = [
     ("backend",),
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
-    ("livehand_blender.render", "livehand_blender.capture"),
+    ("livehand_blender.render", "livehand_blender.capture", "livehand_blender.compositing"),
     ("livehand_blender.ui", "livehand_blender.benchmark"),
     ("livehand_blender.registration",),
     ("livehand_blender",),

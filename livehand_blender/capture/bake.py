@@ -19,7 +19,8 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     material = bpy.data.materials.new("bake")
-    material.use_nodes = True
+    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
+        material.use_nodes = True
     surface.data.materials.clear()
     surface.data.materials.append(material)
     graph, emission = _emissive(material)

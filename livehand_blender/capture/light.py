@@ -28,7 +28,8 @@ GROUND, SKY = (0.22, 0.205, 0.19), (0.36, 0.39, 0.44)
 def dome_world() -> bpy.types.World:
     """Ground-to-sky gradient plus four lobes."""
     world = bpy.data.worlds.new("dome")
-    world.use_nodes = True
+    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
+        world.use_nodes = True
     graph = NodeGraph(world.node_tree)
     direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]
     separate = graph.node("ShaderNodeSeparateXYZ")

@@ -210,7 +210,8 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
 def baked_material(maps: dict[str, Path], tone: SkinTone) -> bpy.types.Material:
     """The skin from its three baked maps (`bake.MAPS`)."""
     material = bpy.data.materials.new("skin")
-    material.use_nodes = True
+    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
+        material.use_nodes = True
     graph = NodeGraph(material.node_tree)
     uv = graph.node("ShaderNodeUVMap", uv_map=UV_LAYER).outputs[0]
 

@@ -24,13 +24,24 @@ from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.exposure import Lens, read_lens
+from ..scene.look import in_scene_colours
 from ..scene.settings import ENGINE
+from .cryptomatte import crypto_metadata
 from .cycles_scene import hide_hands_from_camera, is_in_scene, read_scene, scene_layer
 from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .passes import PASSES, SURFACE_PASSES, Pass, ScenePasses, drawn_passes, fill_pass, wanted_passes
+from .passes import (
+    CRYPTOMATTE,
+    SURFACE_PASSES,
+    Pass,
+    ScenePasses,
+    cryptomatte_passes,
+    drawn_passes,
+    fill_pass,
+    wanted_passes,
+)
 from .picture import Picture, draw_picture
 from .session import Session
 from .stage import Stage, set_stage
@@ -57,22 +68,27 @@ class Output(NamedTuple):
     """Where a view layer's picture goes.
 
     Attributes:
+        scene: whose picture it is; the original, which outlives the depsgraph.
         layer: its name.
         size_px: (width, height).
         passes: that it has switched on.
+        cryptomatte: names of the passes of ranks that it has switched on.
         is_in_scene: whether Cycles renders it first.
     """
 
+    scene: bpy.types.Scene
     layer: str
     size_px: tuple[int, int]
     passes: list[Pass]
+    cryptomatte: list[str]
     is_in_scene: bool
 
     @classmethod
     def of(cls, depsgraph: bpy.types.Depsgraph) -> Output:
         """The depsgraph's layer."""
         layer, scene = depsgraph.view_layer, depsgraph.scene
-        return cls(layer.name, render_region(scene.render).size_px, wanted_passes(layer), is_in_scene(scene))
+        size_px = render_region(scene.render).size_px
+        return cls(scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), is_in_scene(scene))
 
 
 class LiveHandRender(bpy.types.RenderEngine):
@@ -125,6 +141,8 @@ class LiveHandRender(bpy.types.RenderEngine):
             CyclesRender.update_render_passes(self, scene, renderlayer)
         for one in wanted_passes(renderlayer):
             self.register_pass(scene, renderlayer, one.name, len(one.channels), one.channels, one.kind)
+        for name in cryptomatte_passes(renderlayer):
+            self.register_pass(scene, renderlayer, name, 4, "RGBA", "COLOR")
 
     def update(self, data, depsgraph):
         """Before a view layer's render: Cycles' own preparations, where it is to render."""
@@ -218,10 +236,13 @@ class LiveHandRender(bpy.types.RenderEngine):
             scene = read_scene(self.get_result(), output.layer, pending.view, output.size_px)
             around = scene_layer(scene)
         needs_surface = any(one.name in SURFACE_PASSES for one in output.passes)
-        picture = draw_picture(pending.stage, moments, output.size_px, around, needs_surface)
+        convert = partial(in_scene_colours, scene=output.scene)
+        picture = draw_picture(pending.stage, moments, output.size_px, convert, around, needs_surface)
         for one in output.passes:
             if not one.is_blenders:
                 self.add_pass(one.name, len(one.channels), one.channels, layer=output.layer)
+        for name in output.cryptomatte:
+            self.add_pass(name, 4, "RGBA", layer=output.layer)
         self._write(output, pending.view, picture, scene)
 
     def _write(self, output: Output, view: str, picture: Picture, scene: ScenePasses) -> None:
@@ -229,9 +250,11 @@ class LiveHandRender(bpy.types.RenderEngine):
         result = self.begin_result(0, 0, *output.size_px, layer=output.layer, view=view)
         try:
             passes = result.layers[0].passes
-            present = [one for one in PASSES if one.name in passes]
-            for name, values in drawn_passes(picture, present, scene):
+            for name, values in drawn_passes(picture, passes.keys(), scene):
                 fill_pass(passes[name], values)
+            if output.cryptomatte and not output.is_in_scene:  # else Cycles has named all objects
+                for field, value in crypto_metadata(f"{output.layer}.{CRYPTOMATTE}", picture.coverage).items():
+                    self.get_result().stamp_data_add_field(field, value)
         finally:
             self.end_result(result)
 

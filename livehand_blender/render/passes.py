@@ -5,13 +5,14 @@ In a scene, Cycles has made its own passes first. What it knows beside the hand 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from ...backend.shot import DEPTH_BACKGROUND, Frame
+from .cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
 from .picture import Picture
 
 ScenePasses = Mapping[str, np.ndarray]
@@ -68,6 +69,7 @@ PASSES = (
     Pass("HandAlpha", "A", "VALUE", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: p.visible_alpha),
 )
 SURFACE_PASSES = ("Normal", "UV", "Position")
+CRYPTOMATTE = "CryptoObject"
 
 
 def wanted_passes(layer: bpy.types.ViewLayer) -> list[Pass]:
@@ -75,11 +77,30 @@ def wanted_passes(layer: bpy.types.ViewLayer) -> list[Pass]:
     return [one for one in PASSES if one.is_wanted(layer)]
 
 
-def drawn_passes(picture: Picture, wanted: list[Pass], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
-    """Each pass's name and values: ours, and what else Cycles has made."""
-    ours = {one.name for one in wanted}
-    yield from ((name, values) for name, values in scene.items() if name not in ours)
-    yield from ((one.name, one.draw(picture, scene.get(one.name))) for one in wanted)
+def cryptomatte_passes(layer: bpy.types.ViewLayer) -> list[str]:
+    """Names of the passes of two ranks each that tell which object covers a pixel, if they are switched on."""
+    count = (layer.pass_cryptomatte_depth + 1) // PAIRS_PER_LEVEL if layer.use_pass_cryptomatte_object else 0
+    return [f"{CRYPTOMATTE}{number:02d}" for number in range(count)]
+
+
+def drawn_passes(picture: Picture, names: Container[str], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and values of each pass there is: ours, and what else Cycles has made."""
+    ours = {one.name: one.draw(picture, scene.get(one.name)) for one in PASSES if one.name in names}
+    yield from {**scene, **ours, **_cryptomatte(picture, names, scene)}.items()
+
+
+def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) -> Mapping[str, np.ndarray]:
+    levels = [name for name in (f"{CRYPTOMATTE}{number:02d}" for number in range(_MAX_LEVELS)) if name in names]
+    if not levels or not picture.coverage:
+        return {}
+    if scene:
+        ranks = merged_ranks(np.stack([scene[name] for name in levels]), picture.coverage)
+    else:
+        ranks = crypto_ranks(picture.coverage, len(levels))
+    return dict(zip(levels, ranks, strict=True))
+
+
+_MAX_LEVELS = 8  # Blender's own limit of 16 ranks
 
 
 def read_pass(render_pass: bpy.types.RenderPass, size_px: tuple[int, int]) -> np.ndarray:

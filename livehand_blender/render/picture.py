@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...backend.composition import Layer, joined, mean_frame, over, visible_parts
 from ...backend.shot import Frame, empty_frame
-from ..scene.colour import in_working_space
+from ..scene.grade import graded
 from .stage import Stage
 from .task import Moment
 
@@ -45,7 +45,12 @@ class Picture:
 
 
 def draw_picture(
-    stage: Stage, moments: Sequence[Moment], size_px: tuple[int, int], scene: Layer | None, needs_surface: bool
+    stage: Stage,
+    moments: Sequence[Moment],
+    size_px: tuple[int, int],
+    convert: Callable[[Frame], Frame],
+    around: Layer | None,
+    needs_surface: bool,
 ) -> Picture:
     """Compose what was rendered.
 
@@ -53,18 +58,22 @@ def draw_picture(
         stage: the hands.
         moments: their frames.
         size_px: of the picture.
-        scene: what stands around the hands, in the working space; None: nothing.
+        convert: a frame into the scene's colours.
+        around: what stands around the hands, in the working space; None: nothing.
         needs_surface: whether to make the surface's maps.
     """
-    moments = [tuple(in_working_space(frame) for frame in moment) for moment in moments]
+    grades = [actor.grade for actor in stage.actors]
+    moments = [
+        tuple(convert(graded(frame, grade)) for frame, grade in zip(moment, grades, strict=True)) for moment in moments
+    ]
     alone = [visible_parts(moment) for moment in moments]
-    shown = alone if scene is None else [visible_parts(moment, scene.depth) for moment in moments]
+    shown = alone if around is None else [visible_parts(moment, around.depth) for moment in moments]
     empty = empty_frame(size_px)
     hands, visible = (
         mean_frame([joined(parts) for parts in each]) if stage.actors else empty for each in (alone, shown)
     )
     return Picture(
-        combined=visible if scene is None else over(visible, scene),
+        combined=visible if around is None else over(visible, around),
         hands=hands,
         visible_alpha=visible.alpha,
         coverage=_coverage(stage, shown),

@@ -12,6 +12,7 @@ from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
 from ..rig.hand import find_hands, mesh_of
 from ..scene.exposure import SHARP, Lens, Moment, moments_of, seen_at
+from ..scene.grade import Grade
 from ..scene.shot import HandSource, hand_source, read_shot, visible_hands
 from .session import Device, Session
 from .task import FrameTask, HandRenderer, Task
@@ -30,6 +31,7 @@ class Actor:
         source: its files.
         model: of the hand.
         renderer: of its avatar.
+        grade: what becomes of its colours.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Actor:
     source: HandSource
     model: HandModel
     renderer: HandRenderer
+    grade: Grade
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def _actor(hand: bpy.types.Object, session: Session, device: Device) -> Actor:
     source = hand_source(hand)
     model = session.hand(source.model_path)
     renderer = session.renderer(source.avatar_path, model, device)
-    return Actor(hand.name, mesh_of(hand.original).name, source, model, renderer)
+    return Actor(hand.name, mesh_of(hand.original).name, source, model, renderer, Grade.of_hand(hand))
 
 
 def _device(scene: bpy.types.Scene) -> Device:

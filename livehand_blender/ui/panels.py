@@ -60,6 +60,29 @@ class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
             column.prop(armature.livehand, "beta", index=index, text=f"Beta {index}", slider=True)
 
 
+class LIVEHAND_PT_match_plate(_Tab, bpy.types.Panel):
+    """Colors of the active hand, brought to those of a plate."""
+
+    bl_label = "Match Plate"
+    bl_parent_id = "LIVEHAND_PT_hand"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only on a hand."""
+        return active_hand(context) is not None
+
+    def draw(self, context):
+        """Settings that can be keyed."""
+        self.layout.use_property_split = True
+        armature = active_hand(context)
+        assert armature is not None  # poll
+        column = self.layout.column()
+        column.prop(armature.livehand, "exposure")
+        column.prop(armature.livehand, "gain")
+        column.prop(armature.livehand, "bias")
+
+
 class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
     """How hands are rendered."""
 
@@ -76,12 +99,13 @@ class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
         layout.prop(context.scene.livehand, "blur_samples")
         layout.prop(context.scene.livehand, "device")
         layout.prop(context.scene.livehand, "precision")
+        layout.prop(context.scene.livehand, "keep_look")
         layout.prop(context.scene.livehand, "free_after_render")
         layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))
 
 
-CLASSES = (LIVEHAND_PT_hand, LIVEHAND_PT_shape, LIVEHAND_PT_render)
+CLASSES = (LIVEHAND_PT_hand, LIVEHAND_PT_shape, LIVEHAND_PT_match_plate, LIVEHAND_PT_render)
 
 
 def add_to_menus() -> None:

@@ -121,5 +121,5 @@ def hand_scene():
 
 @pytest.fixture(scope="session")
 def read_exr():
-    """path -> {channel: [H, W]} of a single-part, zip-compressed EXR, by the file format's own description."""
+    """path -> {channel: [H, W]} of a zip-compressed EXR, by the file format's own description."""
     return runpy.run_path(str(Path(__file__).parent / "exr.py"))["read_exr"]

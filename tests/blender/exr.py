@@ -10,13 +10,23 @@ ROWS_PER_CHUNK = 16
 
 
 def read_exr(path):
-    """{channel: [H, W]} of a single-part, zip-compressed scan-line file."""
+    """{channel: [H, W]} of a zip-compressed scan-line file; Blender 5 writes a part for each pass."""
     data = path.read_bytes()
-    (part,), position = read_exr_header(data)
+    parts, position = read_exr_header(data)
+    channels = {}
+    for part in parts:
+        offsets = struct.unpack_from(f"<{part.chunk_count}Q", data, position)
+        position += 8 * part.chunk_count
+        # A chunk begins with its part's number, where there are several.
+        channels |= read_part(data, part, [offset + 4 * (len(parts) > 1) for offset in offsets])
+    return channels
+
+
+def read_part(data, part, offsets):
     assert part.compression == 3
     width, height = part.size_px
     channels = {name: np.zeros((height, width), f"<f{size}") for name, size in part.channels.items()}
-    for chunk, offset in enumerate(struct.unpack_from(f"<{part.chunk_count}Q", data, position)):
+    for chunk, offset in enumerate(offsets):
         _, size = struct.unpack_from("<ii", data, offset)
         packed, expected = data[offset + 8 : offset + 8 + size], part.unpacked_size(chunk)
         raw = packed if size == expected else unpacked(zlib.decompress(packed))

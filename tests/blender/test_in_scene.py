@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.render.cryptomatte import crypto_id
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from mathutils import Matrix
 from PIL import Image
@@ -172,3 +173,32 @@ def test_cycles_itself_still_renders(hand_scene, tmp_path):
     bpy.ops.render.render(write_still=True)
     alpha = np.array(Image.open(tmp_path / "cycles.png"))[..., 3]
     assert alpha.max() == 255
+
+
+def test_cryptomatte_knows_hand_and_scene(shot, fake_session, fake_renderer, render):
+    shot.view_layers[0].use_pass_cryptomatte_object = True
+    channels = render(shot)
+    alpha = fake_renderer().render(fake_session.made[-1].shots[-1]).alpha
+    channels = {name.lower(): values for name, values in channels.items()}  # Cycles' own are small letters
+    ranks = [(channels[f"cryptoobject00.{a}"], channels[f"cryptoobject00.{b}"]) for a, b in ("rg", "ba")]
+    for name, coverage in (("LiveHand Mesh", alpha), ("Wall", 1 - alpha)):
+        found = sum(np.where(ids == crypto_id(name), part, 0) for ids, part in ranks)
+        np.testing.assert_allclose(found, coverage, atol=1e-5)
+
+
+def test_cryptomatte_of_the_hand_alone(hand_scene, fake_session, fake_renderer, render):
+    hand_scene.view_layers[0].use_pass_cryptomatte_object = True
+    channels = render(hand_scene)
+    alpha = fake_renderer().render(fake_session.made[-1].shots[-1]).alpha
+    np.testing.assert_allclose(channels["CryptoObject00.G"], alpha, atol=1e-6)
+    assert (channels["CryptoObject00.R"][alpha > 0] == crypto_id("LiveHand Mesh")).all()
+    assert "CryptoObject02.A" in channels
+
+
+def test_a_hand_is_graded_and_keeps_its_look(hand_scene, fake_session, fake_renderer, render):
+    find_hands(hand_scene)[0].livehand.exposure = 1.0
+    channels = render(hand_scene)
+    frame = fake_renderer().render(fake_session.made[-1].shots[-1])
+    np.testing.assert_allclose(rgb(channels), 2 * frame.rgb, rtol=1e-5)
+    hand_scene.view_settings.view_transform, hand_scene.livehand.keep_look = "AgX", True
+    assert np.abs(rgb(render(hand_scene, "kept.exr")) - 2 * frame.rgb).max() > 0.05

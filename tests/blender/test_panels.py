@@ -8,7 +8,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender import dependencies
 from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
 from livehand.livehand_blender.rig.hand import add_hand
-from livehand.livehand_blender.ui import panels
+from livehand.livehand_blender.ui import compositing, panels
 
 UI = bpy.types.UILayout.bl_rna.functions
 
@@ -62,10 +62,25 @@ def test_a_hand_shows_its_avatar_and_ten_sliders():
     assert draw(panels.LIVEHAND_PT_shape) == ["beta"] * 10
 
 
+def test_a_hand_can_be_matched_to_a_plate():
+    assert not panels.LIVEHAND_PT_match_plate.poll(bpy.context)
+    add_hand(bpy.context, load_default_hand())
+    assert panels.LIVEHAND_PT_match_plate.poll(bpy.context)
+    assert draw(panels.LIVEHAND_PT_match_plate) == ["exposure", "gain", "bias"]
+
+
+def test_the_compositor_offers_both_set_ups():
+    panel = compositing.LIVEHAND_PT_compositing
+    assert draw(panel) == ["livehand.setup_compositing", "livehand.load_sequence_over_plate"]
+    for kind, is_shown in (("CompositorNodeTree", True), ("ShaderNodeTree", False)):
+        assert panel.poll(SimpleNamespace(space_data=SimpleNamespace(tree_type=kind))) is is_shown
+
+
 def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
     assert draw(panels.LIVEHAND_PT_render)[:4] == ["mode", "blur_samples", "device", "precision"]
+    assert "keep_look" in draw(panels.LIVEHAND_PT_render)
 
 
 @pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])

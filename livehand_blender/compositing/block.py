@@ -1,0 +1,98 @@
+"""Nodes of ours in a frame of their own, beside those of the user.
+
+A block of a kind is there once: made again, it takes the place of the old one, and what the old one's nodes fed is
+fed by the new ones of the same role. Frame and nodes are known by a custom property, so that they may be renamed and
+moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import bpy
+
+from .tree import add_over, output_input, place_px
+
+_KIND, _ROLE = "livehand_block", "livehand_role"
+_COLUMN_PX, _ROW_PX, _MARGIN_PX = 260, 320, 120
+
+
+class _Reader(NamedTuple):
+    """A socket outside a block that a node of the block feeds."""
+
+    role: str
+    output: str
+    socket: bpy.types.NodeSocket
+
+
+class Block:
+    """Nodes being added in a frame; call `restore` when all are there."""
+
+    def __init__(self, tree: bpy.types.NodeTree, kind: str, label: str):
+        """Remove the block of that kind, if there is one, and begin a new one in its place, or below all nodes."""
+        self.tree = tree
+        old = [node for node in tree.nodes if node.get(_KIND) == kind]
+        place = old[0].location.copy() if old else (0.0, _lowest(tree) - _MARGIN_PX)
+        self._readers = [reader for frame in old for reader in _readers(tree, frame)]
+        for frame in old:
+            _remove(tree, frame)
+        self.frame = tree.nodes.new("NodeFrame")
+        self.frame[_KIND], self.frame.label = kind, label
+        self.frame.location = place
+
+    def add(self, idname: str, role: str, at: tuple[int, int]) -> bpy.types.Node:
+        """A node in a column and row of the block."""
+        return self._placed(self.tree.nodes.new(idname), role, at)
+
+    def add_over(self, role: str, at: tuple[int, int]) -> tuple[bpy.types.Node, dict[str, bpy.types.NodeSocket]]:
+        """An Alpha Over node, with its inputs `background`, `foreground` and `factor`."""
+        node, sockets = add_over(self.tree)
+        return self._placed(node, role, at), sockets
+
+    def link(self, output: bpy.types.NodeSocket, socket: bpy.types.NodeSocket) -> None:
+        """Feed an input."""
+        self.tree.links.new(output, socket)
+
+    def restore(self) -> None:
+        """Feed what the old block of this kind fed."""
+        nodes = {node[_ROLE]: node for node in _members(self.tree, self.frame)}
+        for role, output, socket in self._readers:
+            if role in nodes and output in nodes[role].outputs:
+                self.link(nodes[role].outputs[output], socket)
+
+    def feed_output(self, result: bpy.types.NodeSocket, replace: bool) -> bool:
+        """Feed the compositor's output if nothing else does, or if it is to be replaced; says whether it is fed."""
+        socket = output_input(self.tree)
+        if replace or not socket.is_linked:
+            self.link(result, socket)
+        return socket.links[0].from_node.parent == self.frame
+
+    def _placed(self, node: bpy.types.Node, role: str, at: tuple[int, int]) -> bpy.types.Node:
+        node[_ROLE] = role
+        node.parent = self.frame
+        node.location = (_COLUMN_PX * at[0], -_ROW_PX * at[1])
+        return node
+
+
+def _members(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[bpy.types.Node]:
+    return (node for node in tree.nodes if node.parent == frame and _ROLE in node)
+
+
+def _readers(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[_Reader]:
+    members = list(_members(tree, frame))
+    for link in tree.links:
+        if link.from_node in members and link.to_node not in members:
+            yield _Reader(link.from_node[_ROLE], link.from_socket.name, link.to_socket)
+
+
+def _remove(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> None:
+    """Remove a block; what the user has put into its frame stays."""
+    for node in list(_members(tree, frame)):
+        tree.nodes.remove(node)
+    tree.nodes.remove(frame)
+
+
+def _lowest(tree: bpy.types.NodeTree) -> float:
+    bottoms = (place_px(node)[1] - _ROW_PX for node in tree.nodes if node.bl_idname != "NodeFrame")
+    return min(bottoms, default=_MARGIN_PX)

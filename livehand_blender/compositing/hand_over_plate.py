@@ -1,0 +1,93 @@
+"""Finished frames of a hand, as `livehand render` writes them, over a plate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from ...backend.errors import LiveHandError
+from .block import Block
+from .picture_files import PictureFiles
+from .tree import compositor_of
+
+# What a file holds: EXR light, premultiplied; PNG a picture, straight.
+_ALPHA_MODES = {".exr": "PREMUL", ".png": "STRAIGHT"}
+
+
+@dataclass(frozen=True)
+class Plate:
+    """What lies behind the hand.
+
+    Attributes:
+        source: a still, an image sequence or a movie on disk, or a movie clip of the .blend.
+        delay_frames: frames by which pictures come later than their numbers say; a movie's first is number 1. A clip
+            has settings of its own for that.
+    """
+
+    source: PictureFiles | bpy.types.MovieClip
+    delay_frames: int = 0
+
+
+def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, replace_output: bool) -> bool:
+    """Build the nodes in the scene's compositor: `hand + (1 - alpha) * plate`.
+
+    A numbered picture is shown at the scene's frame of that number. Before a sequence and in its gaps the hand is not
+    there; after it, its last picture stays.
+
+    Args:
+        scene: whose compositor it is.
+        hand: frames with alpha.
+        plate: behind it.
+        replace_output: feed the compositor's output even if something else feeds it.
+
+    Returns:
+        Whether these nodes feed the compositor's output.
+
+    Raises:
+        LiveHandError: Blender cannot read a file, or the hand's has another kind than EXR and PNG.
+    """
+    if hand.path.suffix.lower() not in _ALPHA_MODES:
+        raise LiveHandError(f"the hand's frames must be EXR or PNG files, got {hand.path.name}; choose one of those")
+    # Before any node is made: a file that cannot be read leaves the tree as it is.
+    hand_image = hand.load()
+    hand_image.alpha_mode = _ALPHA_MODES[hand.path.suffix.lower()]
+    plate_image = plate.source.load() if isinstance(plate.source, PictureFiles) else plate.source
+    block = Block(compositor_of(scene), "hand_over_plate", "LiveHand: Hand over Plate")
+    hand_node = _picture_node(block, "hand", (0, 0), hand_image)
+    plate_node = _picture_node(block, "plate", (0, 1), plate_image)
+    _show_at(hand_node, hand)
+    if isinstance(plate.source, PictureFiles):
+        _show_at(plate_node, plate.source, plate.delay_frames)
+    over, inputs = block.add_over("result", (1, 0))
+    block.link(_colour(plate_node), inputs["background"])
+    block.link(_colour(hand_node), inputs["foreground"])
+    block.restore()
+    return block.feed_output(over.outputs["Image"], replace_output)
+
+
+def _picture_node(
+    block: Block, role: str, at: tuple[int, int], picture: bpy.types.Image | bpy.types.MovieClip
+) -> bpy.types.Node:
+    if isinstance(picture, bpy.types.MovieClip):
+        node = block.add("CompositorNodeMovieClip", role, at)
+        node.clip = picture
+    else:
+        node = block.add("CompositorNodeImage", role, at)
+        node.image = picture
+    return node
+
+
+def _show_at(node: bpy.types.Node, files: PictureFiles, delay_frames: int = 0) -> None:
+    """Which of the files an Image node shows at which frame; a still needs nothing."""
+    if files.source == "FILE":
+        return
+    is_movie = files.source == "MOVIE"
+    node.frame_duration = node.image.frame_duration if is_movie else files.last_frame - files.first_frame + 1
+    node.frame_start = files.first_frame + delay_frames
+    node.frame_offset = files.first_frame - 1
+
+
+def _colour(node: bpy.types.Node) -> bpy.types.NodeSocket:
+    """The output with the picture: a multilayer EXR has one for each pass."""
+    return node.outputs["Combined"] if "Combined" in node.outputs else node.outputs["Image"]

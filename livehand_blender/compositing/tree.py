@@ -1,0 +1,63 @@
+"""A scene's compositor nodes and their output, in Blender 4 (`Scene.node_tree`) and 5 (a node group) alike."""
+
+from __future__ import annotations
+
+import bpy
+
+# Since Blender 5 a scene refers to a node group, whose Group Output is what the Composite node was before.
+IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties
+MATH = "ShaderNodeMath" if IS_GROUP else "CompositorNodeMath"
+
+
+def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+    """The scene's nodes, in use from now on; empty where it had none."""
+    scene.render.use_compositing = True
+    if IS_GROUP:
+        if scene.compositing_node_group is None:
+            scene.compositing_node_group = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+        return scene.compositing_node_group
+    is_new = scene.node_tree is None
+    scene.use_nodes = True
+    if is_new:
+        scene.node_tree.nodes.clear()  # Blender's own proposal
+    return scene.node_tree
+
+
+def output_input(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
+    """The input socket whose image the render becomes; its node is added where there is none."""
+    return _group_output(tree) if IS_GROUP else _node(tree, "CompositorNodeComposite").inputs["Image"]
+
+
+def add_over(tree: bpy.types.NodeTree) -> tuple[bpy.types.Node, dict[str, bpy.types.NodeSocket]]:
+    """An Alpha Over node for premultiplied images, and its inputs `background`, `foreground` and `factor`."""
+    node = tree.nodes.new("CompositorNodeAlphaOver")
+    names = ("Background", "Foreground", "Factor") if IS_GROUP else ("Image", "Image_001", "Fac")
+    sockets = {socket.name if IS_GROUP else socket.identifier: socket for socket in node.inputs}
+    return node, dict(zip(("background", "foreground", "factor"), (sockets[name] for name in names), strict=True))
+
+
+def place_px(node: bpy.types.Node) -> tuple[float, float]:
+    """Where a node's upper left corner is, whatever frames it lies in."""
+    x, y = node.location
+    if node.parent is None:
+        return x, y
+    parent_x, parent_y = place_px(node.parent)
+    return x + parent_x, y + parent_y
+
+
+def _group_output(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
+    has_output = any(item.item_type == "SOCKET" and item.in_out == "OUTPUT" for item in tree.interface.items_tree)
+    if not has_output:
+        tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    return _node(tree, "NodeGroupOutput").inputs[0]
+
+
+def _node(tree: bpy.types.NodeTree, idname: str) -> bpy.types.Node:
+    """The first node of a kind, or a new one to the right of all others."""
+    found = [node for node in tree.nodes if node.bl_idname == idname]
+    if found:
+        return found[0]
+    right_px = max((place_px(node)[0] + node.width for node in tree.nodes), default=0.0)
+    node = tree.nodes.new(idname)
+    node.location = (right_px + 80, 0)
+    return node
