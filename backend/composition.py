@@ -41,7 +41,11 @@ def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None
     if len(frames) == 1 and scene_depth is None:
         return list(frames)
     profiles = [_profile_of(frame) for frame in frames]
-    shares = [_visible_share(number, profiles, frame, scene_depth) for number, frame in enumerate(frames)]
+    seen = [_seen_weights(number, profiles) for number in range(len(profiles))]
+    shares = [
+        _visible_share(profile, weights, frame.alpha.shape, scene_depth)
+        for profile, weights, frame in zip(profiles, _balanced(profiles, seen), frames, strict=True)
+    ]
     # Blurred shares of two hands may add up to a little more than there is.
     total = sum((frame.alpha * share for frame, share in zip(frames, shares, strict=True)), np.float32(0))
     excess = np.maximum(total, 1)
@@ -79,24 +83,56 @@ def _profile_of(frame: Frame) -> DepthProfile:
     return frame.profile or DepthProfile.of_depth(frame.depth, DEPTH_BACKGROUND)
 
 
-def _visible_share(
-    number: int, profiles: Sequence[DepthProfile], frame: Frame, scene_depth: np.ndarray | None
-) -> np.ndarray:
-    """[H, W] how much of a frame's light gets past the others and the scene."""
+def _seen_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
+    """[R, N] what of a hand's weights gets past the other hands."""
     own, others = profiles[number], [*profiles[:number], *profiles[number + 1 :]]
-    height, width = frame.alpha.shape
+    has_ray = own.row >= 0
+    seen = np.zeros_like(own.weights)
+    rays = own.row[has_ray]
+    passes = (other.transmittance(other.row[has_ray], own.t[rays]) for other in others)
+    seen[rays] = reduce(np.multiply, passes, own.weights[rays])
+    return seen
+
+
+def _balanced(profiles: Sequence[DepthProfile], seen: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The same weights, scaled along each ray so that together the hands hide what one after the other would.
+
+    Where hands pass through each other, steps are too coarse to say how much of each is in front.
+    """
+    clear = reduce(np.multiply, (1 - _on_grid(profile, profile.alpha) for profile in profiles))
+    total = reduce(np.add, (_on_grid(one, weights.sum(1)) for one, weights in zip(profiles, seen, strict=True)))
+    scale = (1 - clear) / np.maximum(total, _MIN_ALPHA)
+    balanced = []
+    for profile, weights in zip(profiles, seen, strict=True):
+        has_ray = profile.row >= 0
+        of_ray = np.ones(len(weights), np.float32)
+        of_ray[profile.row[has_ray]] = scale[has_ray]
+        balanced.append(weights * of_ray[:, None])
+    return balanced
+
+
+def _on_grid(profile: DepthProfile, values: np.ndarray) -> np.ndarray:
+    """[h, w] a value of each ray, zero where there is no ray."""
+    grid = np.zeros(profile.row.shape, np.float32)
+    has_ray = profile.row >= 0
+    grid[has_ray] = values[profile.row[has_ray]]
+    return grid
+
+
+def _visible_share(
+    own: DepthProfile, seen: np.ndarray, shape: tuple[int, ...], scene_depth: np.ndarray | None
+) -> np.ndarray:
+    """[H, W] how much of a hand's light gets past the scene, of which `seen` [R, N] gets past the other hands."""
+    height, width = shape
     has_ray = own.row >= 0
     rays = own.row[has_ray]
-    t, dt, weights = own.t[rays], own.dt[rays], own.weights[rays]
-    left = reduce(np.multiply, (other.transmittance(other.row[has_ray], t) for other in others), weights)
     if scene_depth is None:
-        seen = np.repeat(left.sum(1, keepdims=True), 4, 1)
+        light = np.repeat(seen[rays].sum(1, keepdims=True), 4, 1)
     else:
-        seen = opacity_before(_four_depths(scene_depth)[has_ray], t, dt, left)
-    alpha = weights.sum(1, keepdims=True)
-    share = np.zeros((*own.row.shape, 4), np.float32)
-    certainty = np.zeros_like(share)
-    share[has_ray] = seen / np.maximum(alpha, _MIN_ALPHA)
+        light = opacity_before(_four_depths(scene_depth)[has_ray], own.t[rays], own.dt[rays], seen[rays])
+    alpha = own.alpha[rays][:, None]
+    share, certainty = (np.zeros((*own.row.shape, 4), np.float32) for _ in range(2))
+    share[has_ray] = light / np.maximum(alpha, _MIN_ALPHA)
     certainty[has_ray] = alpha
     return _softened(_as_image(share)[:height, :width], _as_image(certainty)[:height, :width])
 

@@ -93,7 +93,7 @@ def test_interpenetrating_hands_never_give_more_light_than_there_is():
     parts = visible_parts([a_frame(1.0, colour=(1, 1, 1)), a_frame(1.0, colour=(1, 1, 1))])
     whole = joined(parts)
     assert whole.rgb.max() <= 1 + 1e-6
-    np.testing.assert_allclose(whole.alpha, 1, atol=0.1)
+    np.testing.assert_allclose(whole.alpha, 1, atol=1e-6)
     np.testing.assert_array_equal(parts[0].alpha, parts[1].alpha)
 
 

@@ -1,0 +1,96 @@
+"""The grasp and the clasped pair: what is in them, that their scripts make them anew, and what the camera sees."""
+
+import runpy
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from livehand.livehand_blender.rig.hand import find_hands, mesh_of
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def open_example(name):
+    bpy.ops.wm.open_mainfile(filepath=str(EXAMPLES / f"{name}.blend"))
+    return bpy.context.scene
+
+
+def world_vertices(thing):
+    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    return np.array([evaluated.matrix_world @ vertex.co for vertex in mesh.vertices])
+
+
+@pytest.mark.parametrize(("name", "build"), [("grasp", "build_grasp"), ("clasp", "build_clasp")])
+def test_the_file_is_what_its_script_makes(name, build):
+    def contents(scene):
+        return {
+            **{thing.name: world_vertices(thing) for thing in scene.objects if thing.type == "MESH"},
+            "camera": np.array(scene.camera.matrix_world),
+        }
+
+    saved = contents(open_example(name))
+    assert not bpy.data.texts
+    assert not bpy.data.libraries
+    bpy.ops.wm.read_homefile(use_empty=True)
+    made = contents(runpy.run_path(str(EXAMPLES / f"make_{name}.py"))[build]())
+    assert saved.keys() == made.keys()
+    for key, values in saved.items():
+        np.testing.assert_allclose(made[key], values, atol=1e-6, err_msg=key)
+
+
+@pytest.mark.parametrize("frame", [1, 12, 24])
+def test_the_hand_holds_the_tumbler(frame):
+    """Its skin touches the tumbler's side, and goes no deeper than flesh gives way, however both are carried."""
+    scene = open_example("grasp")
+    scene.frame_set(frame)
+    tumbler = scene.objects["Tumbler"]
+    skin = world_vertices(mesh_of(find_hands(scene)[0]))
+    inverse = np.array(tumbler.matrix_world.inverted())
+    local = skin @ inverse[:3, :3].T + inverse[:3, 3]
+    beside = (local[:, 2] > 0.002) & (local[:, 2] < 0.123)
+    depth_m = 0.031 - np.linalg.norm(local[beside, :2], axis=1)
+    assert 0 < depth_m.max() < 0.002
+    assert (depth_m > -0.001).sum() > 20
+
+
+def rendered(scene, path, read_exr, passes=("HandAlpha.A",)):
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.exr_codec = "OPEN_EXR_MULTILAYER", "ZIP"
+    scene.view_layers[0].livehand.use_pass_hand = True
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    channels = read_exr(path)
+    return [channels[f"{scene.view_layers[0].name}.{name}"] for name in passes]
+
+
+def test_the_tumbler_hides_the_palm_and_not_the_fingertips(read_exr, tmp_path):
+    scene = open_example("grasp")
+    scene.frame_set(12)
+    scene.render.resolution_percentage, scene.cycles.samples, scene.cycles.use_denoising = 25, 1, False
+    visible, hand = rendered(scene, tmp_path / "grasp.exr", read_exr, ("HandAlpha.A", "Hand.A"))
+    # Places in the full picture, px: the palm behind the tumbler, the middle finger's tip before it, thumb, wrist.
+    for (x, y), is_seen in {(240, 200): False, (176, 278): True, (325, 190): True, (400, 180): True}.items():
+        assert hand[y // 4, x // 4] > 0.95
+        assert visible[y // 4, x // 4] == pytest.approx(float(is_seen), abs=0.05)
+    assert (visible <= hand + 1e-3).all()
+
+
+def test_each_of_a_clasped_pair_hides_part_of_the_other(read_exr, tmp_path):
+    scene = open_example("clasp")
+    scene.render.resolution_percentage = 25
+    scene.view_layers[0].use_pass_cryptomatte_object = True
+    (both,) = rendered(scene, tmp_path / "both.exr", read_exr)
+    one, other = find_hands(scene)
+    alone = []
+    for hand in (one, other):
+        mesh_of(hand).hide_render = True
+        alone += rendered(scene, tmp_path / "alone.exr", read_exr)
+        mesh_of(hand).hide_render = False
+    np.testing.assert_allclose(both, np.maximum(*alone), atol=0.3)
+    overlap = np.minimum(*alone) > 0.95
+    assert overlap.sum() > 300
+    np.testing.assert_allclose(both[overlap], 1, atol=0.05)
