@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import preferences, properties
+from .blender_command import BlenderCommand
 from .render import engine
 from .ui import operators, panels
 
@@ -18,10 +19,12 @@ def register() -> None:
     properties.attach()
     panels.add_to_menus()
     engine.register_panels()
+    BlenderCommand.register()
 
 
 def unregister() -> None:
     """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
+    BlenderCommand.unregister()
     engine.unregister_panels()
     panels.remove_from_menus()
     properties.detach()
