@@ -62,8 +62,8 @@ def frame_record(
 
 
 def save_record(record: dict[str, Any], path: Path) -> None:
-    """Write it, readable for people too; raises OSError."""
-    path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    """Write it on one line; raises OSError."""
+    path.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
 @cache
