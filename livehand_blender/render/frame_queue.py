@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from ...backend.errors import LiveHandError
 from ...backend.shot import Frame
 from .task import Task
 
@@ -42,7 +43,7 @@ class FrameQueue:
         self._worker.shutdown()
 
     def stop(self) -> None:
-        """Give up: every result is None from now on, soon even that of a render that runs. A signal may call it."""
+        """Give up: every result is an error from now on, soon even that of a render that runs. A signal may call it."""
         self._is_stopped = True
 
     def begin(self, frame: int, next_frame: int | None) -> None:
@@ -60,7 +61,7 @@ class FrameQueue:
         if self._next_frame is not None and not self._find(self._next_frame, task):
             self._add(self._next_frame, task)
 
-    def ask(self, task: Task) -> Future[Frame | None]:
+    def ask(self, task: Task) -> Future[Frame]:
         """The frame at hand's result, whether foreseen or begun now; it holds the renderer's error if there was one."""
         if not any(task.is_same_as(other) for other in self.asked):
             self.asked.append(task)
@@ -102,12 +103,13 @@ class _Render:
     def _should_stop(self) -> bool:
         return self._is_unwanted or self._is_queue_stopped()
 
-    def _run(self) -> Frame | None:
-        if self._should_stop():
-            return None
+    def _run(self) -> Frame:
+        """The frame; where it was stopped an error, for Blender crashes when it saves a render without a result."""
         from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
 
         try:
+            if self._should_stop():
+                raise RenderStopped
             return self.task.run(self._should_stop)
-        except RenderStopped:
-            return None
+        except RenderStopped as stopped:
+            raise LiveHandError("the render was stopped") from stopped
