@@ -2,7 +2,7 @@
 
     python examples/kill_test.py [KILLS]        20 if not given
 
-renders 40 frames of `wave.blend` at 84 x 128 px undisturbed, then once more into another folder while it is killed with
+renders 40 frames of `wave.blend` at 251 x 384 px undisturbed, then once more into another folder while it is killed with
 SIGKILL at random moments and started again; a last run is left in peace. Then all frames must be whole and equal to the
 undisturbed ones, and nothing else may lie there.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 from livehand.livehand_blender.render.frame_file import check_frame, read_exr_header
 
 FRAMES = "1-40"
-SIZE = "84x128"
+SIZE = "251x384"
 
 
 def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[float, float], random: random.Random):
@@ -34,11 +34,13 @@ def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[f
     calm, killed = folder / "calm", folder / "killed"
     written = _frames(_start(command, calm))
     lost: list[int] = []
+    ended = 0
     rendered: list[int] = []
     for _ in range(kills):
         process = _start(command, killed)
         first = process.stdout.readline()
         time.sleep(random.uniform(*delay_s))
+        ended += process.poll() is not None
         process.kill()
         rendered += _frames(process, first)
         lost.append(len({path.name.split(".")[1] for path in killed.glob(".*")}))
@@ -47,7 +49,7 @@ def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[f
     names = sorted(path.name for path in calm.glob("*.exr"))
     return {
         "frames": len(written),
-        "kills": kills,
+        "kills": kills - ended,
         "kills_amid_a_frame": sum(count > 0 for count in lost),
         "most_frames_lost_per_kill": max(lost),
         "written_twice": len(rendered) - len(set(rendered)),
@@ -85,7 +87,7 @@ def main() -> None:
     command = [sys.executable, "-m", "livehand.livehand_blender.cli", "render", str(shot)]
     with tempfile.TemporaryDirectory() as folder:
         report = survive_kills(
-            [*command, "--frames", FRAMES, "--size", SIZE], Path(folder), kills, (0.0, 4.0), random.Random(1)
+            [*command, "--frames", FRAMES, "--size", SIZE], Path(folder), kills, (0.0, 2.5), random.Random(1)
         )
     for name, value in report.items():
         print(f"{name}: {value}")
