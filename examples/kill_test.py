@@ -2,9 +2,9 @@
 
     python examples/kill_test.py [KILLS]        20 if not given
 
-renders 40 frames of `wave.blend` at 251 x 384 px undisturbed, then once more into another folder while it is killed with
-SIGKILL at random moments and started again; a last run is left in peace. Then all frames must be whole and equal to the
-undisturbed ones, and nothing else may lie there.
+renders 40 frames of `wave.blend` at 251 x 384 px undisturbed, then once more into another folder while it is killed
+with SIGKILL at random moments and started again; a last run is left in peace. Then all frames must be whole and equal
+to the undisturbed ones, and nothing else may lie there.
 """
 
 import json
@@ -28,8 +28,8 @@ def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[f
         command: without `-o`.
         folder: for both runs' frames; made.
         kills: how many.
-        delay_s: (least, most) seconds from a run's first event, the shot being open, to its kill.
-        random: gives the delays.
+        delay_s: (least, most) seconds to a kill from when the run has opened the shot and written 0 to 2 frames.
+        random: gives the moments.
     """
     calm, killed = folder / "calm", folder / "killed"
     written = _frames(_start(command, calm))
@@ -38,11 +38,11 @@ def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[f
     rendered: list[int] = []
     for _ in range(kills):
         process = _start(command, killed)
-        first = process.stdout.readline()
+        begun = _read_until(process, random.randint(0, 2))
         time.sleep(random.uniform(*delay_s))
         ended += process.poll() is not None
         process.kill()
-        rendered += _frames(process, first)
+        rendered += _frames(process, begun)
         lost.append(len({path.name.split(".")[1] for path in killed.glob(".*")}))
     last = _frames(_start(command, killed))
     rendered += last
@@ -63,11 +63,25 @@ def _start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen([*command, "-o", str(folder), "--json"], stdout=subprocess.PIPE, text=True)
 
 
-def _frames(process: subprocess.Popen[str], first: str = "") -> list[int]:
+def _read_until(process: subprocess.Popen[str], count: int) -> str:
+    """What a process prints until it has opened the shot and written that many frames, or ends."""
+    printed = process.stdout.readline()
+    while len(_written(printed)) < count:
+        line = process.stdout.readline()
+        if not line:
+            break
+        printed += line
+    return printed
+
+
+def _frames(process: subprocess.Popen[str], printed: str = "") -> list[int]:
     """The frames that a process told it has written, once it has ended."""
     out, _ = process.communicate()
-    lines = [line for line in (first + out).splitlines() if line.endswith("}")]
-    told = [json.loads(line) for line in lines]
+    return _written(printed + out)
+
+
+def _written(printed: str) -> list[int]:
+    told = [json.loads(line) for line in printed.splitlines() if line.endswith("}")]
     return [event["frame"] for event in told if event.get("event") == "frame" and event["state"] == "written"]
 
 
@@ -87,7 +101,7 @@ def main() -> None:
     command = [sys.executable, "-m", "livehand.livehand_blender.cli", "render", str(shot)]
     with tempfile.TemporaryDirectory() as folder:
         report = survive_kills(
-            [*command, "--frames", FRAMES, "--size", SIZE], Path(folder), kills, (0.0, 2.5), random.Random(1)
+            [*command, "--frames", FRAMES, "--size", SIZE], Path(folder), kills, (0.0, 0.5), random.Random(1)
         )
     for name, value in report.items():
         print(f"{name}: {value}")

@@ -105,11 +105,10 @@ class _Render:
 
     def _run(self) -> Frame:
         """The frame; where it was stopped an error, for Blender crashes when it saves a render without a result."""
-        from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
-
         try:
-            if self._should_stop():
-                raise RenderStopped
-            return self.task.run(self._should_stop)
-        except RenderStopped as stopped:
-            raise LiveHandError("the render was stopped") from stopped
+            if not self._should_stop():
+                return self.task.run(self._should_stop)
+        except Exception:
+            if not self._should_stop():
+                raise
+        raise LiveHandError("the render was stopped")
