@@ -109,6 +109,7 @@ MORE_DOORS = {
     "livehand_blender.capture.command": ("command",),
     "livehand_blender.render.command": ("command",),
     "livehand_blender.render.report": ("command",),
+    "livehand_blender.render.workers": ("command",),
     "livehand_blender.blender_command": ("command",),
 }
 

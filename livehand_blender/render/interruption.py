@@ -26,7 +26,8 @@ class Interruption:
 
     def __exit__(self, *_):
         for number, handler in self._previous.items():
-            signal.signal(number, handler)
+            # None: not one of Python's, as in the Blender program, where it can only be replaced.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if it was asked for."""

@@ -120,6 +120,13 @@ class ShotTally:
         """How many frames ended so."""
         return Counter(self.states.values())[state]
 
+    def missing(self, with_left: bool) -> str | None:
+        """Which frames nobody has done, in words; `with_left`: those left to another process among them."""
+        if self.count is None:
+            return "all frames are"
+        done = len(self.states) - (self.number_of("left") if with_left else 0)
+        return f"{self.count - done} of {self.count} frames are" if done < self.count else None
+
     @property
     def seconds_per_frame(self) -> float:
         """Median over the frames written; 0 if none was."""

@@ -14,8 +14,8 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
-from typing import IO
 
+from ...backend.command import FAILED, OK
 from .progress import Failed, FrameProgress, from_record
 from .report import Report
 
@@ -89,21 +89,21 @@ def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
     """The workers' events as they come, until all have ended."""
     lines: SimpleQueue[str | None] = SimpleQueue()
 
-    def read(output: IO[str]) -> None:
-        for line in output:
+    def read(worker: subprocess.Popen[str]) -> None:
+        assert worker.stdout is not None
+        for line in worker.stdout:
             lines.put(line)
+        worker.wait()  # at once: until then the process exists, and what it had claimed is not taken over
         lines.put(None)
 
     for worker in workers:
-        threading.Thread(target=read, args=(worker.stdout,), daemon=True).start()
+        threading.Thread(target=read, args=(worker,), daemon=True).start()
     running = len(workers)
     while running:
         line = lines.get()
         running -= line is None
         if line and line.startswith('{"event"'):
             yield json.loads(line)
-    for worker in workers:
-        worker.wait()
 
 
 def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
@@ -120,15 +120,13 @@ def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
 
 
 def _tell_what_is_missing(workers: Sequence[subprocess.Popen[str]], report: Report) -> None:
-    """Every shot must be complete, or have an error, even if a worker was lost."""
-    lost = sorted({worker.returncode for worker in workers} - {0, 1})
-    if not lost:
-        return
-    ends = ", ".join(f"signal {-code}" if code < 0 else f"exit code {code}" for code in lost)
+    """Every shot must be complete or have an error, even if a worker was lost; what was left to that one is missing."""
+    codes = sorted({worker.returncode for worker in workers} - {OK})
+    is_lost = any(code != FAILED for code in codes)
+    ends = ", ".join(f"signal {-code}" if code < 0 else f"exit code {code}" for code in codes)
     for shot, tally in report.tallies.items():
-        done = tally.number_of("written") + tally.number_of("skipped")
-        if not tally.errors and (tally.count is None or done < tally.count):
-            missing = "frames are" if tally.count is None else f"{tally.count - done} frames are"
+        missing = tally.missing(with_left=is_lost)
+        if missing and not tally.errors:
             report.tell(
-                shot, Failed(f"{missing} missing, a worker process was lost ({ends}); run the same command again")
+                shot, Failed(f"{missing} missing: a worker process failed ({ends}); run the same command again")
             )

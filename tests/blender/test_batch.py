@@ -171,31 +171,26 @@ def test_a_frame_that_is_taken_over_meanwhile_is_dropped(shot_path, tmp_path, fa
     assert hidden(tmp_path / "out") == []
 
 
-def test_workers_share_the_frames_and_write_each_once(program, tmp_path):
-    out, err = program("--frames", "1-12", "--jobs", "2", "--json", seconds=0.1).communicate(timeout=60)
-    told, result = events(out)
-    assert err == ""
-    assert (result["written"], result["skipped"], result["left"]) == (12, 0, 0)
-    assert sorted(event["frame"] for event in told if event["event"] == "frame") == list(range(1, 13))
-    assert [event["event"] for event in told].count("shot") == 1
-    assert all(is_finished(path, SIZE_PX) for path in (tmp_path / "out").glob("*.exr"))
-    assert hidden(tmp_path / "out") == []
-
-
-def test_workers_overwrite_each_frame_once_and_fail_once(program, tmp_path):
-    program("--frames", "1-2").communicate(timeout=60)
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*.exr")}
-    missing = tmp_path / "no.blend"
-    process = program(missing, "--frames", "1-4", "--jobs", "2", "--overwrite", "--json")
-    out, err = process.communicate(timeout=60)
-    _, result = events(out)
-    assert process.returncode == 1
-    assert err.count("no file at") == 1
-    assert [file["written"] for file in result["files"]] == [4, 0]  # in a folder of its own, beside another shot
-    assert {path: path.stat().st_mtime_ns for path in before} == before
-    out, _ = program("--frames", "1-4", "--jobs", "2", "--overwrite", "--json", seconds=0.1).communicate(timeout=60)
-    assert sorted(event["frame"] for event in events(out)[0] if event["event"] == "frame") == [1, 2, 3, 4]
-    assert all(path.stat().st_mtime_ns > changed for path, changed in before.items())
+def test_workers_write_each_frame_once_overwrite_it_once_and_fail_once(program, tmp_path):
+    folder, missing = tmp_path / "out" / "wave", tmp_path / "no.blend"
+    arguments = (missing, "--frames", "1-8", "--jobs", "2", "--json")
+    changed = {}
+    for more in ((), ("--overwrite",)):
+        process = program(*arguments, *more, seconds=0.1)
+        out, err = process.communicate(timeout=60)
+        told, result = events(out)
+        assert process.returncode == 1
+        assert err.count("\n") == err.count(f"livehand render: {missing}: no file at") == 1
+        rows = [(file["written"], file["skipped"], file["left"]) for file in result["files"]]
+        assert rows == [(8, 0, 0), (0, 0, 0)]
+        assert sorted(event["frame"] for event in told if event["event"] == "frame") == list(range(1, 9))
+        assert [event["event"] for event in told].count("shot") == 1
+        assert hidden(folder) == []
+        files = {path: path.stat().st_mtime_ns for path in folder.glob("*.exr")}
+        assert all(is_finished(path, SIZE_PX) for path in files)
+        assert all(files[path] > time_ns for path, time_ns in changed.items())
+        changed = files
+    assert len(changed) == 8
 
 
 def wait_for_frames(folder, count):
@@ -203,6 +198,37 @@ def wait_for_frames(folder, count):
     while len(list(folder.glob("*.exr"))) < count:
         assert time.monotonic() < end, f"no {count} frames in 30 s"
         time.sleep(0.02)
+
+
+def children(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the workers in /proc")
+def test_a_killed_workers_frames_are_taken_over(program, tmp_path):
+    process = program("--frames", "1-16", "--jobs", "2", "--json", seconds=0.1)
+    wait_for_frames(tmp_path / "out", 3)
+    victim = json.loads(next((tmp_path / "out").glob(".*.claim")).read_text())["pid"]
+    assert victim in children(process.pid)
+    os.kill(victim, signal.SIGKILL)
+    out, _ = process.communicate(timeout=60)
+    _, result = events(out)
+    assert process.returncode == 0
+    assert result["written"] + result["skipped"] == result["frames"] == 16
+    assert hidden(tmp_path / "out") == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the workers in /proc")
+def test_frames_that_no_worker_is_left_to_render_are_a_failure(program, tmp_path):
+    process = program("--frames", "1-200", "--jobs", "2", "--json", seconds=0.1)
+    wait_for_frames(tmp_path / "out", 2)
+    for worker in children(process.pid):
+        os.kill(worker, signal.SIGKILL)
+    out, err = process.communicate(timeout=60)
+    _, result = events(out)
+    assert process.returncode == 1
+    assert re.search(r"\d+ of 200 frames are missing: a worker process failed \(signal 9\); run the same", err)
+    assert result["files"][0]["error"] in err
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
