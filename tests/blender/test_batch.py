@@ -16,6 +16,7 @@ import bpy
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.livehand_blender import cli
+from livehand.livehand_blender.render.claims import process_space
 from livehand.livehand_blender.render.command import parse_chunk
 from livehand.livehand_blender.render.folders import folders_of
 from livehand.livehand_blender.render.frame_file import is_finished
@@ -161,6 +162,19 @@ def test_frames_of_another_process_are_left_to_it(shot_path, tmp_path, fake_sess
     assert "3 frames (2 written, 0 already there, 1 left to other processes)" in summary
     assert claim.exists()
     assert not (tmp_path / "out" / "wave_0002.exr").exists()
+
+
+def test_what_kills_left_is_removed_and_what_lives_is_not(shot_path, tmp_path, fake_session):
+    (tmp_path / "out").mkdir()
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    dead = ["wave_0009.claim", "wave_0009.0123abcd.part.exr", "wave_-004.claim.2", "wave_0002.part.exr"]
+    alive = ["wave_0010.claim", "wave_0010.0123abcd.part.exr", "other_0001.claim", "wave_b_0001.part.exr"]
+    for name in (*dead, *alive):
+        pid = process.pid if name in dead else os.getppid()
+        (tmp_path / "out" / f".{name}").write_text(json.dumps({"place": process_space(), "pid": pid}))
+    assert render(shot_path, "-o", tmp_path / "out", "--frames", "1") == 0
+    assert sorted(hidden(tmp_path / "out")) == sorted(f".{name}" for name in alive)
 
 
 def test_a_frame_that_is_taken_over_meanwhile_is_dropped(shot_path, tmp_path, fake_session, capsys, monkeypatch):

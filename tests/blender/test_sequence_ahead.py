@@ -172,6 +172,26 @@ def wait_until(condition):
     return False
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_reaches_the_renderer(
+    hand_scene, save_shot, tmp_path, fake_session, fake_renderer, monkeypatch, caplog, number
+):
+    was_stopped = []
+
+    def press(self, shot, should_stop):
+        signal.pthread_kill(threading.main_thread().ident, number)
+        was_stopped.append(wait_until(should_stop))
+        raise RenderStopped
+
+    monkeypatch.setattr(fake_renderer, "render", press)
+    with pytest.raises(KeyboardInterrupt):
+        write(save_shot(), tmp_path / "out")
+    assert was_stopped == [True]
+    assert not (tmp_path / "out").exists()
+    assert caplog.records == []
+    assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
+
+
 def test_a_second_ctrl_c_stops_the_render_in_the_thread(
     hand_scene, save_shot, tmp_path, fake_session, fake_renderer, monkeypatch
 ):
