@@ -109,6 +109,14 @@ def test_overwrite_renders_all(shot_path, folder, fake_session):
     assert counts(report) == (3, 0)
 
 
+def test_overwriting_spares_what_was_written_since_the_run_began(shot_path, folder, fake_session):
+    write(shot_path, folder)
+    for frame, changed_ns in ((1, 10**18 - 1), (2, 10**18), (3, 10**18 + 1)):
+        os.utime(folder / f"wave_{frame:04d}.exr", ns=(changed_ns, changed_ns))
+    _, told = write(shot_path, folder, overwrite=True, began_ns=10**18)
+    assert [progress.state for progress in told] == ["written", "skipped", "skipped"]
+
+
 def test_a_frame_that_lacks_one_format_gets_it(shot_path, folder, fake_session):
     write(shot_path, folder, frames=(1,))
     report, _ = write(shot_path, folder, frames=(1,), formats=("exr", "png"))
