@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
-from livehand.livehand_blender.render import frame_files
+from livehand.livehand_blender.render import frame_paths
 from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.progress import FrameProgress, ShotTally
@@ -205,7 +205,7 @@ def test_a_file_that_does_not_decode_is_never_renamed(shot_path, folder, fake_se
     def refuse(path, size_px):
         raise BrokenFrameError("cut short")
 
-    monkeypatch.setattr(frame_files, "check_frame", refuse)
+    monkeypatch.setattr(frame_paths, "check_frame", refuse)
     with pytest.raises(LiveHandError, match="could not be written: cut short"):
         write(shot_path, folder)
     assert not folder.exists()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.backend.renderer import RenderStopped
-from livehand.livehand_blender.render import frame_files
+from livehand.livehand_blender.render import frame_paths
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.frame_file import check_frame
 from livehand.livehand_blender.render.plan import SequencePlan
@@ -121,7 +121,7 @@ def test_the_next_frame_is_rendered_while_one_is_written(
         check_frame(path, size_px)
 
     monkeypatch.setattr(fake_renderer, "render", tell_and_render)
-    monkeypatch.setattr(frame_files, "check_frame", wait_for_the_next_and_check)
+    monkeypatch.setattr(frame_paths, "check_frame", wait_for_the_next_and_check)
     assert write(save_shot(), tmp_path / "out").number_of("written") == 4
 
 

@@ -13,7 +13,7 @@ from .frame_file import BrokenFrameError, check_frame, is_finished
 
 
 @dataclass(frozen=True)
-class FrameFiles:
+class FramePaths:
     """Where one frame of `wave.blend` lies: `wave_0001.exr` and, beside it, `wave_0001.json`."""
 
     folder: Path
@@ -52,7 +52,7 @@ class FrameFiles:
 class FrameParts:
     """A frame's files under temporary names: `.wave_0001.TOKEN.part.exr`."""
 
-    def __init__(self, files: FrameFiles, token: str):
+    def __init__(self, files: FramePaths, token: str):
         self._files, self._token = files, token
         self._paths: dict[Path, Path] = {}
 
