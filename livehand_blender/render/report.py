@@ -35,10 +35,9 @@ class Report:
     def tell(self, shot: Path, event: Event) -> None:
         """Add an event up, and print it if it is news."""
         if self.tallies[shot].add(event):
-            self.show(shot, event)
+            self._show(shot, event)
 
-    def show(self, shot: Path, event: Event) -> None:
-        """Print an event."""
+    def _show(self, shot: Path, event: Event) -> None:
         if self._as_json:
             say(json.dumps(to_record(shot, event)))
         elif isinstance(event, FrameProgress):
