@@ -20,6 +20,14 @@ from .idle_threads import spin_briefly
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
 
+class FailedInPart(Exception):
+    """A command did not do all it was asked for, and has told why: its result is printed, and the exit code is 1."""
+
+    def __init__(self, result: Mapping[str, Any]):
+        super().__init__()
+        self.result = result
+
+
 @dataclass(frozen=True)
 class Command:
     """One sub-command.
@@ -29,7 +37,8 @@ class Command:
         help: one line.
         add_arguments: declares its arguments.
         run: does the work and returns a result that JSON can hold; a key `summary` is the text printed at the end
-            without `--json`, and is left out of the JSON. Nothing is printed of an empty one.
+            without `--json`, and is left out of the JSON. Nothing is printed of an empty one. Beside its arguments it
+            gets `json`, and `argv`: all that the program was given.
     """
 
     name: str
@@ -43,10 +52,13 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
     spin_briefly()
     try:
         args = _parser(program, about, commands).parse_args(argv)
+        args.argv = tuple(sys.argv[1:] if argv is None else argv)
     except SystemExit as stop:  # argparse has printed the usage, or --help
         return OK if not stop.code else USAGE
     try:
-        result = dict(commands[args.command].run(args))
+        result, code = dict(commands[args.command].run(args)), OK
+    except FailedInPart as failure:
+        result, code = dict(failure.result), FAILED
     except LiveHandError as error:
         sys.stderr.write(f"{program} {args.command}: {error}\n")
         return FAILED
@@ -55,7 +67,7 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
         return INTERRUPTED
     if result:
         _print_result(result, args.json)
-    return OK
+    return code
 
 
 def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
@@ -95,8 +107,8 @@ def _print_result(result: dict[str, Any], as_json: bool) -> None:
     summary = result.pop("summary", None)
     if as_json:
         say(json.dumps(result))
-    elif summary is not None:
+    elif summary:
         say(summary)
-    else:
+    elif summary is None:
         for key, value in result.items():
             say(f"{key}: {value}")

@@ -6,9 +6,11 @@ Only `render` and `capture` need Blender as a module, `benchmark` uses it for Cy
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from ..backend.cli import COMMANDS as BACKEND_COMMANDS
@@ -42,9 +44,29 @@ def _silent_capture(args: argparse.Namespace) -> Mapping[str, Any]:
         return capture.run(args)
 
 
+@contextlib.contextmanager
+def _registered() -> Iterator[None]:
+    """LiveHand's classes, unless a caller has them registered already."""
+    import bpy
+
+    from .. import register, unregister
+
+    if hasattr(bpy.types.Scene, "livehand"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()  # a render engine that is still registered at exit hangs Blender 4.5
+
+
 COMMANDS: dict[str, Command] = {
     "render": Command(
-        "render", "render the frames of a .blend file's hand", render.add_arguments, _in_blender(render.run)
+        "render",
+        "render the frames of .blend files with a hand",
+        render.add_arguments,
+        _in_blender(partial(render.run, in_blender=_registered)),
     ),
     "capture": Command(
         "capture",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import preferences, properties
+from .blender_command import BlenderCommand
 from .render import engine, memory
 from .ui import compositing, operators, panels
 
@@ -26,10 +27,12 @@ def register() -> None:
     panels.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
+    BlenderCommand.register()
 
 
 def unregister() -> None:
     """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
+    BlenderCommand.unregister()
     memory.stop_watching()
     engine.unregister_panels()
     panels.remove_from_menus()

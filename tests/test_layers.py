@@ -76,11 +76,11 @@ ROWS = [
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
     ("livehand_blender.render", "livehand_blender.capture", "livehand_blender.compositing"),
-    ("livehand_blender.ui", "livehand_blender.benchmark"),
+    ("livehand_blender.ui", "livehand_blender.benchmark", "livehand_blender.blender_command"),
     ("livehand_blender.registration",),
     ("livehand_blender",),
     ("",),  # the repository's root, the package `livehand`
-    ("livehand_blender.render.command", "livehand_blender.capture.command", "livehand_blender.benchmark.command"),
+    ("livehand_blender.capture.command", "livehand_blender.benchmark.command"),
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -117,6 +117,9 @@ MORE_DOORS = {
     "livehand_blender.cli": ("cli", "command"),
     "livehand_blender.capture.command": ("command",),
     "livehand_blender.render.command": ("command",),
+    "livehand_blender.render.report": ("command",),
+    "livehand_blender.render.workers": ("command",),
+    "livehand_blender.blender_command": ("command",),
 }
 
 

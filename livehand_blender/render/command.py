@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import re
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...backend.avatars import SKINS, avatar_path
-from ...backend.command import parse_size_px, say
-
-if TYPE_CHECKING:
-    from .sequence import FrameProgress
+from ...backend.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
+from .chunk import ALL, Chunk
+from .folders import folders_of, writable_folder
+from .report import Report
+from .workers import run_workers, stop_with_parent
 
 FORMATS = ("exr", "png")
 _FRAME_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")
@@ -21,9 +23,21 @@ _FRAME_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("shot", type=Path, metavar="SHOT.blend", help="the scene, with a LiveHand hand and a camera")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the frames")
+    parser.add_argument(
+        "shots", type=Path, nargs="+", metavar="SHOT.blend", help="scenes, each with a LiveHand hand and a camera"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of the frames; of a folder per shot if there are several",
+    )
     parser.add_argument("--frames", type=parse_frames, metavar="1-24,30", help="default: the scene's range")
+    parser.add_argument(
+        "--chunk", type=parse_chunk, default=ALL, metavar="I/N", help="the I-th of N parts of the frames"
+    )
     parser.add_argument(
         "--avatar",
         type=avatar_path,
@@ -35,59 +49,68 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--precision", choices=("fp32", "bf16"), help="default: the scene's")
     parser.add_argument("--format", type=parse_formats, default=("exr",), metavar="exr|png|exr,png")
     parser.add_argument("--overwrite", action="store_true", help="render frames that are already there as well")
-
-
-def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Render the sequence; returns what was done."""
-    from .plan import SequencePlan
-    from .sequence import write_sequence
-
-    plan = SequencePlan(
-        shot=args.shot,
-        folder=args.output,
-        frames=args.frames,
-        formats=args.format,
-        overwrite=args.overwrite,
-        avatar=args.avatar,
-        size_px=args.size,
-        device=args.device,
-        precision=args.precision,
+    parser.add_argument(
+        "--jobs", type=parse_count, default=1, metavar="N", help="worker processes that share the frames"
     )
-    with _registered():
-        report = write_sequence(plan, _say_progress)
-    return {
-        "folder": str(report.folder),
-        "frames": report.written + report.skipped,
-        "written": report.written,
-        "skipped": report.skipped,
-        "seconds_per_frame": round(report.seconds_per_frame, 3),
-        "summary": (
-            f"{report.folder}: {report.written + report.skipped} frames ({report.written} written, "
-            f"{report.skipped} already there), {report.seconds_per_frame:.2f} s/frame"
-        ),
-    }
+    # Of such a worker: when the run began, see SequencePlan.
+    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
 
 
-@contextlib.contextmanager
-def _registered() -> Iterator[None]:
-    """LiveHand's classes, unless a caller has them registered already."""
-    import bpy
+def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManager[None]]) -> dict[str, Any]:
+    """Render the shots; returns what was done.
 
-    from ... import register, unregister
+    Args:
+        args: the command's.
+        in_blender: within, Blender knows LiveHand's classes.
 
-    if hasattr(bpy.types.Scene, "livehand"):
-        yield
-        return
-    register()
+    Raises:
+        FailedInPart: a shot failed.
+    """
+    folders = folders_of(args.shots, args.output)
+    report = Report(folders, args.output, args.json, is_quiet=args.worker is not None)
+    if args.worker is not None:
+        _work(args, folders, report, in_blender)
+    elif args.jobs > 1:
+        with writable_folder(args.output) as began_ns:
+            run_workers(args.argv, args.jobs, began_ns, report)
+    else:
+        _render(args, folders, report, in_blender)
+    if report.has_failed:
+        raise FailedInPart(report.result())
+    return report.result()
+
+
+def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: Report, in_blender: Callable) -> None:
+    """As a worker: whoever started it tells people of its end."""
+    stop_with_parent()
     try:
-        yield
-    finally:
-        unregister()  # a render engine that is still registered at exit hangs Blender 4.5
+        _render(args, folders, report, in_blender)
+    except (KeyboardInterrupt, BrokenPipeError):
+        sys.exit(INTERRUPTED)
 
 
-def _say_progress(progress: FrameProgress) -> None:
-    done = f"frame {progress.frame} ({progress.number}/{progress.count})"
-    say(f"{done}: already there" if progress.seconds is None else f"{done}: {progress.seconds:.2f} s")
+def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: Report, in_blender: Callable) -> None:
+    from .batch import write_batch
+    from .plan import SequencePlan
+
+    with in_blender():
+        plans = [
+            SequencePlan(
+                shot=shot,
+                folder=folder,
+                frames=args.frames,
+                chunk=args.chunk,
+                formats=args.format,
+                overwrite=args.overwrite,
+                began_ns=args.worker,
+                avatar=args.avatar,
+                size_px=args.size,
+                device=args.device,
+                precision=args.precision,
+            )
+            for shot, folder in folders.items()
+        ]
+        write_batch(plans, report)
 
 
 def parse_frames(text: str) -> tuple[int, ...]:
@@ -107,6 +130,18 @@ def parse_frames(text: str) -> tuple[int, ...]:
             raise argparse.ArgumentTypeError(f"a range must run forwards and hold a frame, got {part.strip()!r}")
         frames.update(dict.fromkeys(range(first, last + 1)))
     return tuple(frames)
+
+
+def parse_chunk(text: str) -> Chunk:
+    """`2/8` -> the second of eight.
+
+    Raises:
+        argparse.ArgumentTypeError: malformed, or no such part.
+    """
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise argparse.ArgumentTypeError(f"must be I/N with I from 1 to N, such as 2/8, got {text!r}")
+    return Chunk(int(number), int(count))
 
 
 def parse_formats(text: str) -> tuple[str, ...]:

@@ -8,9 +8,10 @@ other the task is rendered as it stands.
 
 from __future__ import annotations
 
-import threading
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from ...backend.errors import LiveHandError
 from .task import FrameTask, Moment
 
 # After as many frames running that came otherwise than foreseen, guessing would only cost renders.
@@ -18,9 +19,15 @@ _PATIENCE = 2
 
 
 class FrameQueue:
-    """The frame at hand and the next one, rendered one after the other. A context: its end stops what still runs."""
+    """The frame at hand and the next one, rendered one after the other. A context: its end stops what still runs.
+
+    Attributes:
+        asked: the tasks of the frame at hand that were asked for, each once.
+    """
 
     def __init__(self):
+        self.asked: list[FrameTask] = []
+        self._is_stopped = False
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="livehand")
         self._renders: list[_Render] = []
         self._frame: int | None = None
@@ -31,13 +38,16 @@ class FrameQueue:
         return self
 
     def __exit__(self, *_):
-        for render in self._renders:
-            render.stop()
+        self.stop()
         self._worker.shutdown()
+
+    def stop(self) -> None:
+        """Give up: every result is an error from now on, soon even that of a render that runs. A signal may call it."""
+        self._is_stopped = True
 
     def begin(self, frame: int, next_frame: int | None) -> None:
         """From now on `frame` is asked for; `next_frame` is the one after it, None where none is to be rendered."""
-        self._frame, self._next_frame = frame, next_frame
+        self._frame, self._next_frame, self.asked = frame, next_frame, []
         self._keep(frame)
 
     @property
@@ -52,6 +62,8 @@ class FrameQueue:
 
     def ask(self, task: FrameTask) -> Future[tuple[Moment, ...]]:
         """The frame at hand's result, whether foreseen or begun now; it holds the renderer's error if there was one."""
+        if not any(task.is_same_as(other) for other in self.asked):
+            self.asked.append(task)
         found = self._find(self._frame, task)
         guesses = [render for render in self._renders if render.frame == self._frame]
         if guesses:
@@ -62,7 +74,7 @@ class FrameQueue:
         return next((r for r in self._renders if r.frame == frame and r.task.is_same_as(task)), None)
 
     def _add(self, frame: int | None, task: FrameTask) -> _Render:
-        render = _Render(frame, task, self._worker)
+        render = _Render(frame, task, self._worker, lambda: self._is_stopped)
         self._renders.append(render)
         return render
 
@@ -77,12 +89,27 @@ class FrameQueue:
 class _Render:
     """One task on its way."""
 
-    def __init__(self, frame: int | None, task: FrameTask, worker: ThreadPoolExecutor):
+    def __init__(
+        self, frame: int | None, task: FrameTask, worker: ThreadPoolExecutor, is_queue_stopped: Callable[[], bool]
+    ):
         self.frame, self.task = frame, task
-        self._is_unwanted = threading.Event()
-        self.result = worker.submit(task.run, self._is_unwanted.is_set)
+        self._is_unwanted = False
+        self._is_queue_stopped = is_queue_stopped
+        self.result = worker.submit(self._run)
 
     def stop(self) -> None:
-        """Nobody will ask for it: drop it if it has not begun, or end it soon."""
-        self._is_unwanted.set()
-        self.result.cancel()
+        """Nobody will ask for it: do not begin it, or end it soon."""
+        self._is_unwanted = True
+
+    def _should_stop(self) -> bool:
+        return self._is_unwanted or self._is_queue_stopped()
+
+    def _run(self) -> tuple[Moment, ...]:
+        """The frame's moments; an error where it was stopped: Blender crashes if it saves a render without result."""
+        try:
+            if not self._should_stop():
+                return self.task.run(self._should_stop)
+        except Exception:
+            if not self._should_stop():
+                raise
+        raise LiveHandError("the render was stopped")

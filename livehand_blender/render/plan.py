@@ -11,6 +11,7 @@ import bpy
 from ...backend.errors import LiveHandError
 from ..rig.hand import find_hands
 from ..scene.settings import ENGINE
+from .chunk import ALL, Chunk
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,10 @@ class SequencePlan:
         shot: the .blend; it is not changed.
         folder: of the frames; made if missing.
         frames: frame numbers; None takes the scene's range and step.
+        chunk: which part of these frames.
         formats: of each frame, `exr` (multilayer) and `png`; all come from one render.
-        overwrite: render finished frames too.
+        overwrite: render finished frames too, those that were there when the run began.
+        began_ns: when that was, by the clock that dates the folder's files; None: when this sequence begins.
         avatar: for every hand of the scene.
         size_px: (width, height) at 100 %.
         device: `auto`, `cpu` or `cuda`.
@@ -32,12 +35,18 @@ class SequencePlan:
     shot: Path
     folder: Path
     frames: Sequence[int] | None = None
+    chunk: Chunk = ALL
     formats: Sequence[str] = ("exr",)
     overwrite: bool = False
+    began_ns: int | None = None
     avatar: Path | None = None
     size_px: tuple[int, int] | None = None
     device: str | None = None
     precision: str | None = None
+
+    def frames_of(self, scene: bpy.types.Scene) -> Sequence[int]:
+        """The frame numbers to render of the opened shot."""
+        return self.chunk.of(self.frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
 
 
 def open_shot(path: Path) -> bpy.types.Scene:
@@ -83,11 +92,6 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
     if "exr" in plan.formats:
         for view_layer in scene.view_layers:
             view_layer.use_pass_z = True
-
-
-def frame_path(plan: SequencePlan, frame: int, file_format: str) -> Path:
-    """Where a frame lies: `wave_0001.exr` for frame 1 of `wave.blend`."""
-    return plan.folder / f"{plan.shot.stem}_{frame:04d}.{file_format}"
 
 
 def blender_message(error: Exception) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from ...backend.avatars import shipped_avatar_path
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand, load_hand_model
@@ -87,6 +88,11 @@ class Session:
             _forget_old(self._renderers, key)
             self._renderers[key] = self._make_renderer(avatar_path, hand, device)
         return self._renderers[key]
+
+    def avatar_path(self, renderer: HandRenderer) -> Path:
+        """The file that a renderer of this session was made from."""
+        (key,) = (key for key, known in self._renderers.items() if known is renderer)
+        return key[0] or shipped_avatar_path()
 
     @contextlib.contextmanager
     def queueing(self) -> Iterator[FrameQueue]:

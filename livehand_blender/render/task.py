@@ -8,14 +8,34 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...backend.hand.model import HandModel
 from ...backend.shot import Frame, Shot
 
 Moment = tuple[Frame, ...]
 """What one moment of a frame's exposure shows: a frame per hand, each as if alone."""
 
 
+class NamedAvatar(Protocol):
+    """The part of an avatar that a frame's record needs."""
+
+    @property
+    def name(self) -> str:
+        """As its file says."""
+        ...
+
+
 class HandRenderer(Protocol):
     """The part of the backend's renderer that Blender needs."""
+
+    @property
+    def avatar(self) -> NamedAvatar:
+        """The look."""
+        ...
+
+    @property
+    def hand(self) -> HandModel:
+        """The model of the meshes it renders."""
+        ...
 
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
         """One hand from one view; raises the backend's RenderStopped soon after `should_stop` says so."""

@@ -6,6 +6,7 @@ FAKE_SECONDS in the environment makes every frame take that long.
 import os
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 from livehand.backend.shot import DEPTH_BACKGROUND, Frame
@@ -13,6 +14,8 @@ from livehand.backend.shot import DEPTH_BACKGROUND, Frame
 
 class FakeRenderer:
     """Colours every ray by its direction, and covers the disc around the hand's middle; no avatar, no torch."""
+
+    avatar = SimpleNamespace(name="fake")
 
     def __init__(self, avatar_path=None, hand=None, device=None):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

@@ -36,11 +36,17 @@ def test_render_ends_with_one_json_line(shot_path, tmp_path):
     assert done.returncode == 0, done.stderr
     *progress, last = done.stdout.splitlines()
     result = json.loads(last)
-    assert set(result) == {"folder", "frames", "written", "skipped", "seconds_per_frame"}
+    assert set(result) == {"folder", "frames", "written", "skipped", "left", "seconds_per_frame", "files"}
     assert result["folder"] == str(tmp_path / "out")
     assert (result["frames"], result["written"], result["skipped"]) == (2, 2, 0)
-    assert [line.split(":")[0] for line in progress] == ["frame 1 (1/2)", "frame 2 (2/2)"]
-    assert len(list((tmp_path / "out").iterdir())) == 4
+    shot, *frames = map(json.loads, progress)
+    assert shot == {"event": "shot", "file": str(shot_path), "folder": str(tmp_path / "out"), "frames": 2}
+    assert all(frame.pop("seconds") > 0 for frame in frames)
+    assert frames == [
+        {"event": "frame", "file": str(shot_path), "frame": n, "number": n, "count": 2, "state": "written"}
+        for n in (1, 2)
+    ]
+    assert len(list((tmp_path / "out").glob("wave_000?.???"))) == 4
 
 
 def test_the_last_line_names_folder_frames_and_seconds(shot_path, tmp_path):
@@ -116,10 +122,12 @@ def test_bad_shots_end_with_1_one_message_and_no_files(capsys, hand_scene, shot_
     capsys.readouterr()
     assert cli.main(["render", str(shot_path), "-o", str(tmp_path / "out"), "--json"]) == 1
     out, err = capsys.readouterr()
-    assert err.startswith("livehand render: ")
+    assert err.startswith(f"livehand render: {shot_path}: ")
     assert message in err
     assert err.count("\n") == 1
-    assert out == ""
+    assert [file["error"] for file in json.loads(out.splitlines()[-1])["files"]] == [
+        err.rstrip().partition(": ")[2].partition(": ")[2]
+    ]
     assert not (tmp_path / "out").exists()
 
 

@@ -11,9 +11,10 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
-from livehand.livehand_blender.render import sequence
+from livehand.livehand_blender.render import frame_paths
 from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
 from livehand.livehand_blender.render.plan import SequencePlan
+from livehand.livehand_blender.render.progress import FrameProgress, ShotTally
 from livehand.livehand_blender.render.sequence import write_sequence
 from PIL import Image
 
@@ -36,13 +37,24 @@ def folder(tmp_path):
 
 
 def names(folder):
-    return sorted(path.name for path in folder.iterdir())
+    """All but the frames' records."""
+    return sorted(path.name for path in folder.iterdir() if path.suffix != ".json")
+
+
+def counts(tally):
+    return tally.number_of("written"), tally.number_of("skipped")
 
 
 def write(shot_path, folder, **choices):
-    """Run a sequence; returns its report and the progress it told."""
-    told = []
-    return write_sequence(SequencePlan(shot_path, folder, **choices), told.append), told
+    """Run a sequence; returns what it adds up to, and the frames it told of."""
+    tally, told = ShotTally(folder), []
+
+    def tell(event):
+        tally.add(event)
+        told.append(event)
+
+    write_sequence(SequencePlan(shot_path, folder, **choices), tell)
+    return tally, [event for event in told if isinstance(event, FrameProgress)]
 
 
 def rendered_count(session):
@@ -52,7 +64,7 @@ def rendered_count(session):
 def test_scene_range_as_multilayer_exr(shot_path, folder, fake_session, read_exr):
     report, told = write(shot_path, folder)
     assert names(folder) == [f"wave_{n:04d}.exr" for n in (1, 2, 3)]
-    assert (report.written, report.skipped) == (3, 0)
+    assert counts(report) == (3, 0)
     assert report.seconds_per_frame > 0
     assert [(p.frame, p.number, p.count) for p in told] == [(1, 1, 3), (2, 2, 3), (3, 3, 3)]
     channels = read_exr(folder / "wave_0001.exr")
@@ -78,29 +90,37 @@ def test_finished_frames_are_skipped_and_broken_ones_rendered_again(shot_path, f
     (folder / "wave_0003.exr").write_bytes(b"")
     untouched = (folder / "wave_0001.exr").stat().st_mtime_ns
     report, told = write(shot_path, folder)
-    assert (report.written, report.skipped) == (2, 1)
+    assert counts(report) == (2, 1)
     assert [p.seconds is None for p in told] == [True, False, False]
     assert (folder / "wave_0001.exr").stat().st_mtime_ns == untouched
-    assert all(is_finished(path, SIZE_PX) for path in folder.iterdir())
+    assert all(is_finished(folder / name, SIZE_PX) for name in names(folder))
 
 
 def test_frames_of_another_size_are_rendered_again(shot_path, folder, fake_session):
     write(shot_path, folder)
     report, _ = write(shot_path, folder, size_px=(30, 40))
-    assert report.written == 3
+    assert report.number_of("written") == 3
     check_frame(folder / "wave_0001.exr", (30, 40))
 
 
 def test_overwrite_renders_all(shot_path, folder, fake_session):
     write(shot_path, folder)
     report, _ = write(shot_path, folder, overwrite=True)
-    assert (report.written, report.skipped) == (3, 0)
+    assert counts(report) == (3, 0)
+
+
+def test_overwriting_spares_what_was_written_since_the_run_began(shot_path, folder, fake_session):
+    write(shot_path, folder)
+    for frame, changed_ns in ((1, 10**18 - 1), (2, 10**18), (3, 10**18 + 1)):
+        os.utime(folder / f"wave_{frame:04d}.exr", ns=(changed_ns, changed_ns))
+    _, told = write(shot_path, folder, overwrite=True, began_ns=10**18)
+    assert [progress.state for progress in told] == ["written", "skipped", "skipped"]
 
 
 def test_a_frame_that_lacks_one_format_gets_it(shot_path, folder, fake_session):
     write(shot_path, folder, frames=(1,))
     report, _ = write(shot_path, folder, frames=(1,), formats=("exr", "png"))
-    assert report.written == 1
+    assert report.number_of("written") == 1
     assert names(folder) == ["wave_0001.exr", "wave_0001.png"]
 
 
@@ -129,8 +149,8 @@ def test_border_crop_sets_the_files_size(hand_scene, shot_path, folder, fake_ses
     bpy.ops.wm.save_mainfile()
     report, _ = write(shot_path, folder, frames=(1,))
     check_frame(folder / "wave_0001.exr", (24, 64))
-    assert write(shot_path, folder, frames=(1,))[0].skipped == 1
-    assert report.written == 1
+    assert write(shot_path, folder, frames=(1,))[0].number_of("skipped") == 1
+    assert report.number_of("written") == 1
 
 
 def not_a_blend(path):
@@ -185,7 +205,7 @@ def test_a_file_that_does_not_decode_is_never_renamed(shot_path, folder, fake_se
     def refuse(path, size_px):
         raise BrokenFrameError("cut short")
 
-    monkeypatch.setattr(sequence, "check_frame", refuse)
+    monkeypatch.setattr(frame_paths, "check_frame", refuse)
     with pytest.raises(LiveHandError, match="could not be written: cut short"):
         write(shot_path, folder)
     assert not folder.exists()
@@ -236,7 +256,7 @@ def program(shot_path, folder):
 def wait_for_frames(program, folder, count):
     end = time.monotonic() + 30
     while time.monotonic() < end and program.poll() is None:
-        if len(list(folder.glob("wave_*"))) >= count:
+        if len(list(folder.glob("wave_*.exr"))) >= count:
             return
         time.sleep(0.02)
     program.kill()
@@ -251,14 +271,14 @@ def test_ctrl_c_ends_with_130_and_whole_files(program, folder):
     assert "interrupted" in err
     assert "Traceback" not in err + out
     assert 2 <= len(names(folder)) < 40
-    assert all(is_finished(path, SIZE_PX) for path in folder.iterdir())
+    assert all(is_finished(folder / name, SIZE_PX) for name in names(folder))
 
 
 def test_a_killed_run_is_resumed(program, shot_path, folder, fake_session):
     wait_for_frames(program, folder, 2)
     program.kill()
     program.communicate(timeout=30)
-    kept = len([path for path in folder.glob("wave_*") if is_finished(path, SIZE_PX)])
+    kept = len([path for path in folder.glob("wave_*.exr") if is_finished(path, SIZE_PX)])
     report, _ = write(shot_path, folder, frames=range(1, 7))
-    assert report.skipped == kept
+    assert report.number_of("skipped") == kept
     assert names(folder) == [f"wave_{n:04d}.exr" for n in range(1, 7)]

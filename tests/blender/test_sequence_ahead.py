@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from livehand.backend.errors import LiveHandError
 from livehand.backend.renderer import RenderStopped
-from livehand.livehand_blender.render import sequence
+from livehand.livehand_blender.render import frame_paths
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.frame_file import check_frame
 from livehand.livehand_blender.render.plan import SequencePlan
+from livehand.livehand_blender.render.progress import ShotTally
 from livehand.livehand_blender.render.sequence import write_sequence
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 
@@ -56,8 +57,19 @@ def save_shot(tmp_path):
     return save
 
 
+def counts(tally):
+    return tally.number_of("written"), tally.number_of("skipped")
+
+
+def names(folder):
+    """All but the frames' records."""
+    return sorted(path.name for path in folder.iterdir() if path.suffix != ".json")
+
+
 def write(shot_path, folder, **choices):
-    return write_sequence(SequencePlan(shot_path, folder, **choices), lambda progress: None)
+    tally = ShotTally(folder)
+    write_sequence(SequencePlan(shot_path, folder, **choices), tally.add)
+    return tally
 
 
 def shots(session):
@@ -109,8 +121,8 @@ def test_the_next_frame_is_rendered_while_one_is_written(
         check_frame(path, size_px)
 
     monkeypatch.setattr(fake_renderer, "render", tell_and_render)
-    monkeypatch.setattr(sequence, "check_frame", wait_for_the_next_and_check)
-    assert write(save_shot(), tmp_path / "out").written == 4
+    monkeypatch.setattr(frame_paths, "check_frame", wait_for_the_next_and_check)
+    assert write(save_shot(), tmp_path / "out").number_of("written") == 4
 
 
 def test_wrong_guesses_never_show(moving_scene, save_shot, tmp_path, fake_session, read_exr, monkeypatch):
@@ -149,7 +161,7 @@ def test_an_error_in_the_thread_names_its_frame(
     monkeypatch.setattr(fake_renderer, "render", fail_on_the_second)
     with pytest.raises(LiveHandError, match=message):
         write(save_shot(), tmp_path / "out")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["wave_0001.exr"]
+    assert names(tmp_path / "out") == ["wave_0001.exr"]
 
 
 def wait_until(condition):
@@ -158,6 +170,26 @@ def wait_until(condition):
             return True
         time.sleep(0.001)
     return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_reaches_the_renderer(
+    hand_scene, save_shot, tmp_path, fake_session, fake_renderer, monkeypatch, caplog, number
+):
+    was_stopped = []
+
+    def press(self, shot, should_stop):
+        signal.pthread_kill(threading.main_thread().ident, number)
+        was_stopped.append(wait_until(should_stop))
+        raise RenderStopped
+
+    monkeypatch.setattr(fake_renderer, "render", press)
+    with pytest.raises(KeyboardInterrupt):
+        write(save_shot(), tmp_path / "out")
+    assert was_stopped == [True]
+    assert not (tmp_path / "out").exists()
+    assert caplog.records == []
+    assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
 
 
 def test_a_second_ctrl_c_stops_the_render_in_the_thread(
@@ -189,14 +221,14 @@ def test_a_scene_that_fails_later_fails_at_that_frame(moving_scene, save_shot, t
         subdivision.keyframe_insert("show_render", frame=frame)
     with pytest.raises(LiveHandError, match=r"^frame 3: the mesh of 'LiveHand' must keep its hand model's"):
         write(save_shot(), tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["wave_0001.exr", "wave_0002.exr"]
+    assert names(tmp_path / "out") == ["wave_0001.exr", "wave_0002.exr"]
 
 
 def test_finished_frames_are_not_foreseen(moving_scene, save_shot, tmp_path, fake_session):
     shot_path = save_shot()
     write(shot_path, tmp_path / "out", frames=(2, 4))
     report = write(shot_path, tmp_path / "out")
-    assert (report.written, report.skipped) == (2, 2)
+    assert counts(report) == (2, 2)
     assert len(shots(fake_session)) == 4
 
 
@@ -211,7 +243,7 @@ def test_view_layers_share_a_render_and_may_lack_the_hand(moving_scene, save_sho
     without.layer_collection.children["Hand"].exclude = True
     write(save_shot(), tmp_path / "out")
     assert len(shots(fake_session)) == 4
-    for path in (tmp_path / "out").iterdir():
+    for path in (tmp_path / "out").glob("*.exr"):
         alpha = {layer: read_exr(path)[f"{layer}.Combined.A"] for layer in ("ViewLayer", "Again", "Without")}
         assert alpha["ViewLayer"].max() > 0.9
         assert np.array_equal(alpha["ViewLayer"], alpha["Again"])
@@ -229,4 +261,4 @@ def test_after_a_run_renders_are_direct_again(moving_scene, save_shot, tmp_path,
 @pytest.mark.parametrize("name", ["{blend_name}", "a{b", "shot ##", "100%"])
 def test_folders_are_taken_by_their_very_names(hand_scene, save_shot, tmp_path, fake_session, name):
     write(save_shot(), tmp_path / name, frames=(1,), formats=("exr", "png"))
-    assert sorted(path.name for path in (tmp_path / name).iterdir()) == ["wave_0001.exr", "wave_0001.png"]
+    assert names(tmp_path / name) == ["wave_0001.exr", "wave_0001.png"]

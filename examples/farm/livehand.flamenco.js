@@ -1,0 +1,43 @@
+// Flamenco 3 job type: one shot in chunks, each a task. Put it into the Manager's `scripts` folder; see docs/farms.md.
+
+const JOB_TYPE = {
+    label: "LiveHand",
+    description: "Render the hands of a shot, resumed where frames are there already",
+    settings: [
+        { key: "frames", type: "string", required: true,
+          eval: "f'{C.scene.frame_start}-{C.scene.frame_end}'",
+          description: "Frames and ranges, such as 1-24,30" },
+        { key: "chunk_count", type: "int32", default: 4, propargs: { min: 1, max: 1024 },
+          description: "Into how many tasks the frames are cut" },
+        { key: "output", type: "string", subtype: "dir_path", required: true,
+          description: "Folder of the frames; all workers must see the same" },
+        { key: "format", type: "string", required: true, default: "exr", choices: ["exr", "png", "exr,png"],
+          description: "Of the frames; both come from one render" },
+        { key: "livehand", type: "string", required: true, default: "livehand", visible: "submission",
+          description: "The livehand program on the workers" },
+        { key: "blendfile", type: "string", required: true, visible: "web",
+          description: "The shot; filled in by the add-on" },
+    ],
+};
+
+function compileJob(job) {
+    for (let number = 1; number <= job.settings.chunk_count; number++) {
+        job.addTask(renderTask(job.settings, `${number}/${job.settings.chunk_count}`));
+    }
+}
+
+function renderTask(settings, chunk) {
+    const task = author.Task(`render-${chunk}`, "blender");
+    task.addCommand(author.Command("exec", {
+        exe: settings.livehand,
+        args: [
+            "render", settings.blendfile,
+            "--output", settings.output,
+            `--frames=${settings.frames}`,
+            `--format=${settings.format}`,
+            `--chunk=${chunk}`,
+            "--json",
+        ],
+    }));
+    return task;
+}

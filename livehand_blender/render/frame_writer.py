@@ -1,0 +1,118 @@
+"""One claimed frame: rendered by Blender, saved, checked, described and published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ...backend.errors import LiveHandError
+from ..scene.camera import output_size_px, read_camera, render_region
+from ..stdout import blender_silenced
+from .claims import Claim, Claims
+from .frame_paths import FrameParts, FramePaths, not_written
+from .frame_queue import FrameQueue
+from .interruption import Interruption
+from .output import OutputSettings, literal_path
+from .plan import blender_message
+from .provenance import HandRecord, frame_record, save_record
+from .session import Session
+from .task import Task
+
+
+@dataclass(frozen=True)
+class FrameWriter:
+    """The way of a frame from the open scene to disk.
+
+    Attributes:
+        scene: with the plan applied.
+        shot: the .blend it came from.
+        output: its settings before that.
+        session: that the engine renders with.
+        queue: likewise.
+        interruption: asked after each step.
+    """
+
+    scene: bpy.types.Scene
+    shot: Path
+    output: OutputSettings
+    session: Session
+    queue: FrameQueue
+    interruption: Interruption
+
+    def write(self, paths: FramePaths, formats: Sequence[str], claims: Claims, claim: Claim) -> bool:
+        """Render a frame once and save it in every format, and its record beside it.
+
+        Returns:
+            Whether it was published; not if somebody took the claim over meanwhile.
+
+        Raises:
+            LiveHandError: it cannot be rendered or saved.
+            KeyboardInterrupt: it was asked for.
+        """
+        if claim.generation:
+            paths.remove_parts()
+        with blender_silenced(), paths.parts(claim.token) as parts:
+            record_path = parts.path("json")  # the first to be published: no frame is ever without it
+            self.scene.frame_set(paths.frame)
+            self._save_images(paths.frame, formats, parts)
+            self._save_record(paths.frame, record_path)
+            is_ours = claims.holds(claim)
+            if is_ours:
+                parts.publish()
+        return is_ours
+
+    def _save_images(self, frame: int, formats: Sequence[str], parts: FrameParts) -> None:
+        for file_format in formats:
+            part = parts.path(file_format)
+            self.output.use(self.scene, file_format)
+            if file_format == formats[0]:
+                self._render(frame, part)
+            else:
+                self._save_again(part)
+            self.interruption.check()
+            parts.check(part, output_size_px(self.scene.render))
+
+    def _render(self, frame: int, path: Path) -> None:
+        """Render and save by one operator: it lets the queue's thread have Python meanwhile, `save_render` does not."""
+        self.scene.render.filepath = literal_path(path)
+        try:
+            read_camera(self.scene.camera, self.scene.render)  # Blender's message on a missing camera tells no remedy
+            result = bpy.ops.render.render(scene=self.scene.name, write_still=True)
+        except (RuntimeError, LiveHandError) as error:
+            self.interruption.check()  # Ctrl-C, pressed while the engine works, may end the operator as an error does
+            raise LiveHandError(f"frame {frame}: {blender_message(error)}") from error
+        if "FINISHED" not in result:
+            raise LiveHandError(f"frame {frame}: Blender did not render it ({', '.join(result)})")
+
+    def _save_again(self, path: Path) -> None:
+        try:
+            bpy.data.images["Render Result"].save_render(str(path), scene=self.scene)
+        except RuntimeError as error:
+            raise not_written(path, blender_message(error)) from error
+
+    def _save_record(self, frame: int, path: Path) -> None:
+        size_px, region = output_size_px(self.scene.render), render_region(self.scene.render)
+        camera = read_camera(self.scene.camera, self.scene.render).cropped(region.x0_px, region.y0_px, region.size_px)
+        hands = [self._hand_record(task) for task in self._hand_tasks()]
+        try:
+            save_record(frame_record(self.shot, frame, size_px, camera, hands), path)
+        except OSError as error:
+            raise not_written(path, str(error.strerror)) from error
+
+    def _hand_tasks(self) -> list[Task]:
+        """Each hand once, however many view layers show it, at the moment nearest to the frame itself."""
+        tasks: list[Task] = []
+        for asked in self.queue.asked:
+            for task in asked.moments[0] if asked.moments else ():
+                if not any(task.is_same_as(other) for other in tasks):
+                    tasks.append(task)
+        return tasks
+
+    def _hand_record(self, task: Task) -> HandRecord:
+        renderer = task.renderer
+        return HandRecord(
+            task.shot.pose, renderer.avatar.name, self.session.avatar_path(renderer), renderer.hand.sha256
+        )
