@@ -87,4 +87,4 @@ def test_every_hand_is_told_once_also_in_a_blurred_frame_of_two_layers(hand_scen
     hand_scene.render.use_motion_blur, hand_scene.livehand.blur_samples = True, 2
     bpy.ops.wm.save_mainfile()
     (record,) = records(shot_path, tmp_path / "out", frames=(1,))
-    assert [hand["side"] for hand in record["hands"]] == ["right", "left"]
+    assert [hand["side"] for hand in record["hands"]] == ["left", "right"]
