@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import bpy
 import numpy as np
+from cycles import CyclesRender
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
@@ -22,6 +23,7 @@ from ..scene.camera import Eye, Region, read_camera, render_region
 from ..scene.colour import combined_buffer, depth_buffer
 from ..scene.settings import ENGINE
 from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
+from ..viewport.viewport import Studio, hide_from_camera, viewport_of
 from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
@@ -32,7 +34,7 @@ from .task import Task
 LOGGER = logging.getLogger(__name__)
 
 
-class LiveHandRender(bpy.types.RenderEngine):
+class LiveHandRender(CyclesRender):
     """Renders the LiveHand hand alone, on transparent ground."""
 
     bl_idname = ENGINE
@@ -42,15 +44,18 @@ class LiveHandRender(bpy.types.RenderEngine):
 
     # Blender makes a new engine for every render: what must outlive a frame belongs to the registered class.
     session: ClassVar[Session | None] = None
+    studio: ClassVar[Studio]
 
     @classmethod
     def register(cls):
         """Called by Blender with the class."""
         cls.session = Session()
+        cls.studio = Studio(cls.session)
 
     @classmethod
     def unregister(cls):
         """Called by Blender with the class: give the avatars' memory back."""
+        cls.studio.close()
         if cls.session:
             cls.session.free()
         cls.session = None
@@ -65,6 +70,20 @@ class LiveHandRender(bpy.types.RenderEngine):
         if cls.session is None:
             raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
         return cls.session
+
+    def update(self, data, depsgraph):
+        """A final render needs nothing of Cycles."""
+
+    def view_update(self, context, depsgraph):
+        """The scene of a 3D view in Rendered shading has changed."""
+        hide_from_camera(depsgraph)
+        super().view_update(context, depsgraph)
+        viewport_of(self).update(context, depsgraph)
+
+    def view_draw(self, context, depsgraph):
+        """Draw a 3D view: the scene as Cycles has it, the hand over it."""
+        super().view_draw(context, depsgraph)
+        viewport_of(self).draw(self, context, depsgraph)
 
     def update_render_passes(self, scene, renderlayer):
         """Tell Blender's compositor which sockets a view layer has."""

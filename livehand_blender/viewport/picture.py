@@ -1,0 +1,99 @@
+"""Hands and a camera -> the picture that is laid over a 3D view. Runs in the preview's thread, without bpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...backend.camera import Camera
+from ...backend.shot import DEPTH_BACKGROUND, Frame, HandPose, Shot
+from ..render.session import Device, Session
+from ..render.task import Task
+from ..scene.shot import HandSource
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One hand as it stands: its files, the device, its pose, and its posed vertices [V, 3] in the world, m."""
+
+    source: HandSource
+    device: Device
+    pose: HandPose
+    vertices: np.ndarray
+
+    def task(self, session: Session, camera: Camera) -> Task:
+        """The work of rendering it; loads the avatar, which can take seconds.
+
+        Raises:
+            LiveHandError: a file or a package is missing, or does not fit.
+        """
+        hand = session.hand(self.source.model_path)
+        renderer = session.renderer(self.source.avatar_path, hand, self.device)
+        return Task(renderer, Shot(self.pose, self.vertices, camera))
+
+
+class Picture(NamedTuple):
+    """What is drawn over a view.
+
+    Attributes:
+        rgba: [h, w, 4] float32, bottom row first, in the scene's working space, premultiplied.
+        box: left, top, right, bottom of it in the view's rectangle, px from the upper left.
+    """
+
+    rgba: np.ndarray
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Order:
+    """A picture that is asked for.
+
+    Attributes:
+        subjects: the hands in it.
+        camera: of the view at full size.
+        to_working_space: [3, 3], from linear Rec.709 (`rec709_to_working_space`).
+    """
+
+    subjects: tuple[Subject, ...]
+    camera: Camera
+    to_working_space: np.ndarray
+
+    def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> Picture | None:
+        """The picture at `scale` times the view's resolution; None where no hand is in view.
+
+        Raises:
+            LiveHandError: a hand cannot be rendered.
+        """
+        camera = self.camera.scaled(scale)
+        with session.rendering:
+            frames = [subject.task(session, camera).run(should_stop) for subject in self.subjects]
+        return picture_of(compose(frames), scale, self.to_working_space) if frames else None
+
+
+def compose(frames: Sequence[Frame]) -> Frame:
+    """Frames of one view over each other, each as a whole: the one with the nearest point in front."""
+    nearest_first = sorted(frames, key=lambda frame: frame.depth.min())
+    front = nearest_first[0]
+    for behind in nearest_first[1:]:
+        through = 1 - front.alpha
+        front = Frame(
+            front.rgb + through[..., None] * behind.rgb,
+            front.alpha + through * behind.alpha,
+            np.where(front.depth < DEPTH_BACKGROUND, front.depth, behind.depth),
+        )
+    return front
+
+
+def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> Picture | None:
+    """Cut a frame of `scale` times a view's resolution to what is in it; None where nothing is."""
+    rows, columns = (np.flatnonzero(frame.alpha.any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    rgb = frame.rgb[top:bottom, left:right] @ to_working_space.T
+    rgba = np.concatenate([rgb, frame.alpha[top:bottom, left:right, None]], -1)
+    box = tuple(float(edge) / scale for edge in (left, top, right, bottom))
+    return Picture(np.ascontiguousarray(rgba[::-1], np.float32), box)
