@@ -13,7 +13,6 @@ from typing import ClassVar
 
 import bpy
 import numpy as np
-from cycles import CyclesRender
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
@@ -24,6 +23,7 @@ from ..scene.colour import combined_buffer, depth_buffer
 from ..scene.settings import ENGINE
 from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
 from ..viewport.viewport import Studio, hide_from_camera, viewport_of
+from .cycles_engine import CyclesEngine
 from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
@@ -34,17 +34,15 @@ from .task import Task
 LOGGER = logging.getLogger(__name__)
 
 
-class LiveHandRender(CyclesRender):
+class LiveHandRender(CyclesEngine):
     """Renders the LiveHand hand alone, on transparent ground."""
 
     bl_idname = ENGINE
     bl_label = "LiveHand"
     bl_use_preview = False
-    bl_use_eevee_viewport = True
 
     # Blender makes a new engine for every render: what must outlive a frame belongs to the registered class.
     session: ClassVar[Session | None] = None
-    studio: ClassVar[Studio]
 
     @classmethod
     def register(cls):
@@ -134,12 +132,14 @@ class LiveHandRender(CyclesRender):
 
     def _frame(self, depsgraph: bpy.types.Depsgraph, region: Region, stereo: bool) -> Frame | None:
         """The hand as it stands, an empty frame in a view layer that shows none on purpose, or None if stopped."""
-        task = self._task(depsgraph, region, stereo)
-        if task is None:
-            return empty_frame(region.size_px)
-        queue = self.required_session().queue
-        if queue is None:
-            return _run(task, self.test_break)
+        session = self.required_session()
+        with session.rendering:
+            task = self._task(depsgraph, region, stereo)
+            if task is None:
+                return empty_frame(region.size_px)
+            queue = session.queue
+            if queue is None:
+                return _run(task, self.test_break)
         result = queue.ask(task)
         if queue.foreseen_frame is not None:
             self._foresee(depsgraph, queue, queue.foreseen_frame)

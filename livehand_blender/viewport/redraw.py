@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import bpy
 
 from .preview import Preview
@@ -14,12 +16,13 @@ class RedrawTimer:
 
     def __init__(self, preview: Preview):
         self._preview = preview
-        self._engines: dict[object, bpy.types.RenderEngine] = {}
+        # Weakly: Cycles ends an engine's session when Python lets go of it, which must not be later than Blender does.
+        self._engines: dict[object, weakref.ref[bpy.types.RenderEngine]] = {}
         self._callback = self._tick  # Blender knows a timer by the function object, and a bound method is new each time
 
     def watch(self, view: object, engine: bpy.types.RenderEngine) -> None:
         """Redraw the engine's view when pictures come, until none is awaited."""
-        self._engines[view] = engine
+        self._engines[view] = weakref.ref(engine)
         if not bpy.app.timers.is_registered(self._callback):
             bpy.app.timers.register(self._callback, first_interval=_INTERVAL_S)
 
@@ -30,16 +33,15 @@ class RedrawTimer:
             bpy.app.timers.unregister(self._callback)
 
     def _tick(self) -> float | None:
-        for view, engine in list(self._engines.items()):
-            if not self._preview.is_busy(view):
-                del self._engines[view]
-            if self._preview.has_news(view):
-                self._redraw(view, engine)
+        for view, reference in list(self._engines.items()):
+            self._look_after(view, reference())
         return _INTERVAL_S if self._engines else None
 
-    def _redraw(self, view: object, engine: bpy.types.RenderEngine) -> None:
-        try:
-            engine.tag_redraw()
-        except ReferenceError:  # Blender has freed it: the view is closed, or shaded otherwise
-            self._engines.pop(view, None)
+    def _look_after(self, view: object, engine: bpy.types.RenderEngine | None) -> None:
+        if engine is None:  # the view is closed, or shaded otherwise
             self._preview.forget(view)
+        is_busy = self._preview.is_busy(view)  # asked first: what ends after this question is news at the next tick
+        if engine is not None and self._preview.has_news(view):
+            engine.tag_redraw()
+        if not is_busy:
+            del self._engines[view]

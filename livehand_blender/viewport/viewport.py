@@ -6,6 +6,7 @@ import logging
 from functools import partial
 
 import bpy
+import numpy as np
 
 from ...backend.errors import LiveHandError
 from ..render.session import Device, Session
@@ -104,8 +105,13 @@ def viewport_of(engine) -> Viewport:
 
 def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> None:
     """Take the hands' meshes out of the preview, their shadows and reflections not. Only evaluated copies change."""
-    for hand in visible_hands(depsgraph):
-        mesh_of(hand.original).evaluated_get(depsgraph).visible_camera = False
+    hidden = {mesh_of(hand.original).name_full for hand in visible_hands(depsgraph)}
+    names = [thing.name_full for thing in depsgraph.objects]
+    is_visible = np.empty(len(names), bool)
+    depsgraph.objects.foreach_get("visible_camera", is_visible)
+    is_visible &= [name not in hidden for name in names]
+    # Setting the property of one object tags the scene as changed, and the view would be updated for ever.
+    depsgraph.objects.foreach_set("visible_camera", is_visible)
 
 
 def _read_subjects(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[Subject, ...]:
