@@ -7,6 +7,8 @@ struct 'CYCLES'", Blender 4.3 and 4.5). So its functions are borrowed.
 
 from __future__ import annotations
 
+import contextlib
+
 import bpy
 from cycles import CyclesRender
 
@@ -20,7 +22,11 @@ class CyclesEngine(bpy.types.RenderEngine):
         super().__init__(*args, **kwargs)
         self.session = None  # Cycles' own
 
-    __del__ = CyclesRender.__del__
+    def __del__(self):
+        # Blender has taken an engine apart that Python kept longer, as a logged error's traceback does.
+        with contextlib.suppress(ReferenceError):
+            CyclesRender.__del__(self)
+
     update = CyclesRender.update
     render = CyclesRender.render
     render_frame_finish = CyclesRender.render_frame_finish

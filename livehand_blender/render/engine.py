@@ -22,7 +22,9 @@ from ..scene.camera import Eye, Region, read_camera, render_region
 from ..scene.colour import combined_buffer, depth_buffer
 from ..scene.settings import ENGINE
 from ..scene.shot import find_hand, hand_source, read_shot, visible_hands
-from ..viewport.viewport import Studio, hide_from_camera, viewport_of
+from ..viewport.proxy import hidden_from_camera
+from ..viewport.studio import Studio
+from ..viewport.viewport import viewport_of
 from .cycles_engine import CyclesEngine
 from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
@@ -74,8 +76,8 @@ class LiveHandRender(CyclesEngine):
 
     def view_update(self, context, depsgraph):
         """The scene of a 3D view in Rendered shading has changed."""
-        hide_from_camera(depsgraph)
-        super().view_update(context, depsgraph)
+        with hidden_from_camera(depsgraph):
+            super().view_update(context, depsgraph)
         viewport_of(self).update(context, depsgraph)
 
     def view_draw(self, context, depsgraph):

@@ -11,34 +11,13 @@ import numpy as np
 
 from ...backend.camera import Camera
 from ...backend.idle_threads import working_threads
-from ...backend.shot import DEPTH_BACKGROUND, Frame, HandPose, Shot
-from ..render.session import Device, Session
-from ..render.task import Task
-from ..scene.shot import HandSource
+from ...backend.shot import DEPTH_BACKGROUND, Frame
+from ..render.session import Session
+from .subject import Subject
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
 # cores a picture takes twice as long with two threads as with one.
 _THREADS = max(1, (os.cpu_count() or 1) // 4)
-
-
-@dataclass(frozen=True)
-class Subject:
-    """One hand as it stands: its files, the device, its pose, and its posed vertices [V, 3] in the world, m."""
-
-    source: HandSource
-    device: Device
-    pose: HandPose
-    vertices: np.ndarray
-
-    def task(self, session: Session, camera: Camera) -> Task:
-        """The work of rendering it; loads the avatar, which can take seconds.
-
-        Raises:
-            LiveHandError: a file or a package is missing, or does not fit.
-        """
-        hand = session.hand(self.source.model_path)
-        renderer = session.renderer(self.source.avatar_path, hand, self.device)
-        return Task(renderer, Shot(self.pose, self.vertices, camera))
 
 
 class Picture(NamedTuple):
