@@ -5,8 +5,10 @@ VENV := .venv
 OUT ?= out/wave
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
+# A Blender program for `make test-gui`, with torch in its Python.
+BLENDER ?= blender
 
-.PHONY: demo test test-cuda check zip clean
+.PHONY: demo test test-cuda test-gui check zip clean
 
 demo: $(VENV)/demo.stamp
 	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -20,6 +22,10 @@ test: $(VENV)/dev.stamp
 test-cuda: $(VENV)/dev.stamp
 	@$(VENV)/bin/python -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
 	$(VENV)/bin/python -m pytest -q tests/test_cuda.py
+
+# A real window, in a virtual X screen. Also needs Xvfb, xdotool and ImageMagick; takes minutes. Screenshots: out/gui.
+test-gui:
+	python3 tests/gui/run.py --blender $(BLENDER)
 
 check: $(VENV)/dev.stamp
 	$(VENV)/bin/ruff format --check

@@ -36,7 +36,7 @@ class Task:
 
 
 def is_equal(one: Any, other: Any) -> bool:
-    """Equality of records of arrays and tuples of such, field by field; a dataclass's own `==` cannot compare arrays."""
+    """Equality of records of arrays, and tuples of such, by field; a dataclass's own `==` cannot compare arrays."""
     if isinstance(one, tuple):
         return len(one) == len(other) and all(is_equal(*pair) for pair in zip(one, other, strict=True))
     if is_dataclass(one):

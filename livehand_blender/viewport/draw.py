@@ -18,6 +18,7 @@ from .view import Rectangle
 _FONT = 0
 _TEXT_PT = 12.0
 _MARGIN_PX = 20.0
+_TRIANGLES = ((0, 1, 2), (0, 2, 3))
 _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 
 
@@ -36,11 +37,8 @@ class PictureTexture:
         left, right = rectangle.left + left, rectangle.left + right
         top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
         shader = gpu.shader.from_builtin("IMAGE")
-        quad = {
-            "pos": ((left, bottom), (right, bottom), (right, top), (left, top)),
-            "texCoord": ((0, 0), (1, 0), (1, 1), (0, 1)),
-        }
-        batch = batch_for_shader(shader, "TRI_FAN", quad)
+        quad = {"pos": _corners(left, bottom, right, top), "texCoord": _corners(0, 0, 1, 1)}
+        batch = batch_for_shader(shader, "TRIS", quad, indices=_TRIANGLES)
         gpu.state.blend_set("ALPHA_PREMULT")
         shader.uniform_sampler("image", self._texture)
         batch.draw(shader)
@@ -67,9 +65,12 @@ def draw_message(text: str, width_px: int) -> None:
 def _draw_box(first_px: tuple[float, float], last_px: tuple[float, float]) -> None:
     (left, bottom), (right, top) = first_px, last_px
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    corners = ((left, bottom), (right, bottom), (right, top), (left, top))
-    batch = batch_for_shader(shader, "TRI_FAN", {"pos": corners})
+    batch = batch_for_shader(shader, "TRIS", {"pos": _corners(left, bottom, right, top)}, indices=_TRIANGLES)
     gpu.state.blend_set("ALPHA")
     shader.uniform_float("color", _SHADE)
     batch.draw(shader)
     gpu.state.blend_set("NONE")
+
+
+def _corners(left: float, bottom: float, right: float, top: float) -> tuple[tuple[float, float], ...]:
+    return (left, bottom), (right, bottom), (right, top), (left, top)

@@ -82,5 +82,5 @@ def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> Pict
     top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     rgb = frame.rgb[top:bottom, left:right] @ to_working_space.T
     rgba = np.concatenate([rgb, frame.alpha[top:bottom, left:right, None]], -1)
-    box = tuple(float(edge) / scale for edge in (left, top, right, bottom))
+    box = (left / scale, top / scale, right / scale, bottom / scale)
     return Picture(np.ascontiguousarray(rgba[::-1], np.float32), box)

@@ -2,7 +2,7 @@
 
 What is asked for a view replaces what waits for it. Its first step is never stopped once it runs, however often the
 view changes: so something new is shown all the time while an animation plays, and what is shown never goes back in
-time. Finer steps stop as soon as any view asks for a first one. Steps are plain functions; bpy stays in Blender's thread.
+time. Finer steps stop as soon as any view asks for a first one. Steps are plain functions without bpy.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ _OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class Rectangle(NamedTuple):
-    """Part of a region, whole px, rows counted from the top: columns left to right, rows top to bottom, ends excluded."""
+    """Part of a region, px, rows counted from the top: columns left to right, rows top to bottom, ends excluded."""
 
     left: int
     top: int
@@ -47,7 +47,9 @@ def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Vie
     """
     region, space = context.region, context.space_data
     camera = region_camera(context.region_data, (region.width, region.height))
-    rectangle = _border(context, depsgraph, camera) if _has_border(space, depsgraph) else Rectangle(0, 0, *camera.size_px)
+    rectangle = (
+        _border(context, depsgraph, camera) if _has_border(space, depsgraph) else Rectangle(0, 0, *camera.size_px)
+    )
     if min(rectangle.size_px) <= 0:
         return None
     return View(camera.cropped(rectangle.left, rectangle.top, rectangle.size_px), rectangle)
@@ -96,7 +98,7 @@ def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: 
 def _camera_border(
     space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, camera: Camera
 ) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of the render border in a camera's view; region and image differ in scale and place."""
+    """Left, top, right and bottom of the render border, px of a region that shows a camera's image somewhere in it."""
     scene = depsgraph.scene
     seen_through = space.camera if space.use_local_camera else scene.camera
     image = read_camera(seen_through.evaluated_get(depsgraph), scene.render).K

@@ -1,4 +1,4 @@
-"""What the render engine calls for a 3D view in Rendered shading: `update` when the scene has changed, `draw` always."""
+"""What the render engine calls for a 3D view in Rendered shading: `update` after changes of the scene, `draw` always."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Builds the extension's zip, installs it into a user folder of its own (kept in DIR from run to run), installs the Python
 packages that are missing by the command that the preferences offer, and starts Blender in a virtual X screen, where
-`story.py` drives it. Needs Blender with torch in its Python, Xvfb, xdotool and ImageMagick; this file needs Python only.
+`story.py` drives it. Needs Blender with torch in its Python, Xvfb, xdotool and ImageMagick.
 """
 
 import argparse
@@ -40,7 +40,17 @@ def main() -> int:
     report = out / "report.json"
     report.unlink(missing_ok=True)
     with virtual_screen() as display:
-        window = [args.blender, "--window-geometry", "0", "0", *map(str, SCREEN), "--python", str(STORY), "--", str(out)]
+        window = [
+            args.blender,
+            "--window-geometry",
+            "0",
+            "0",
+            *map(str, SCREEN),
+            "--python",
+            str(STORY),
+            "--",
+            str(out),
+        ]
         done = subprocess.run(window, env=environment | {"DISPLAY": display}, timeout=BLENDER_SECONDS, check=False)
     if not report.is_file():
         return say(f"failed: Blender ended with {done.returncode} and no report; its messages are above")
@@ -54,7 +64,9 @@ def install_extension(blender: str, out: Path, environment: dict[str, str]) -> N
     for old in out.glob("livehand-*.zip"):
         old.unlink()
     extension = [blender, "--command", "extension"]
-    subprocess.run([*extension, "build", "--source-dir", str(ROOT), "--output-dir", str(out)], env=environment, check=True)
+    subprocess.run(
+        [*extension, "build", "--source-dir", str(ROOT), "--output-dir", str(out)], env=environment, check=True
+    )
     (zip_path,) = out.glob("livehand-*.zip")
     install = ["install-file", "--repo", "user_default", "--enable", str(zip_path)]
     subprocess.run([*extension, *install], env=environment, check=True)
