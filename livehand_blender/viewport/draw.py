@@ -8,7 +8,6 @@ from __future__ import annotations
 import textwrap
 
 import blf
-import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
@@ -45,9 +44,8 @@ class PictureTexture:
         gpu.state.blend_set("NONE")
 
 
-def draw_message(text: str, width_px: int) -> None:
-    """Text on a dark ground in the lower left of a region, wrapped to its width."""
-    scale = bpy.context.preferences.system.ui_scale
+def draw_message(text: str, width_px: int, scale: float) -> None:
+    """Text on a dark ground in the lower left of a region, wrapped to its width; `scale` is the interface's."""
     blf.size(_FONT, _TEXT_PT * scale)
     letter_px, line_px = blf.dimensions(_FONT, "n")[0], 1.6 * _TEXT_PT * scale
     margin_px = _MARGIN_PX * scale

@@ -1,4 +1,4 @@
-"""What the render engine calls for a 3D view in Rendered shading: `update` after changes of the scene, `draw` always."""
+"""What the render engine calls for a 3D view in Rendered shading: `update` when the scene changes, `draw` always."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Viewport:
             except Exception as error:  # one that went on to Blender would keep the engine alive, and Cycles crash
                 message = _words(error)
         if message:
-            draw_message(f"LiveHand: {message}", context.region.width)
+            draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
 
     def _draw_view(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, view: View | None) -> str:
         """Draw the picture, and return the message that belongs to it."""

@@ -68,7 +68,7 @@ def test_a_picture_lies_in_its_box_upright_over_what_was_there(drawn):
 
 
 def test_a_long_message_is_wrapped_into_the_region(drawn):
-    pixels = drawn(lambda: draw_message("the hand cannot be shown because of this and that " * 2, SIZE_PX[0]))
+    pixels = drawn(lambda: draw_message("the hand cannot be shown because of this and that " * 2, SIZE_PX[0], 1.0))
     rows, columns = np.nonzero(np.abs(pixels[..., 0] - GROUND) > 0.01)
     assert pixels[..., 0].max() > 0.5
     assert columns.max() < SIZE_PX[0] - 1
@@ -179,7 +179,7 @@ def broken_hand(context):
 )
 def test_what_cannot_be_shown_is_said_in_the_view(drawn, context, studio, monkeypatch, spoil, words):
     told = []
-    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px: told.append(text))
+    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px, scale: told.append(text))
     spoil(context)
     pixels = drawn(lambda: show(Viewport(studio), Engine(), context, studio))
     assert words in told[-1]

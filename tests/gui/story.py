@@ -194,12 +194,13 @@ def story(watch, report):
     space = view_area().spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.region_3d.view_camera_zoom = 29
+    space.overlay.show_overlays = False  # bones and outlines are drawn in orange, which might pass for skin
     yield from compare_with_cycles(hand, space, watch, report)
     yield from see_the_first_picture(watch, report)
     yield from move_the_fingers(hand, watch, report)
     yield from turn_the_view(space, watch, report)
     yield from read_messages(hand, space, report)
-    yield from play(hand, space, watch, report)
+    yield from play(watch, report)
     yield from render_a_still(space, report)
     space.shading.type = "SOLID"
     yield 2
@@ -210,17 +211,18 @@ def pose_in_the_tab(hand):
     """The sidebar's tab, with the hand in pose mode."""
     space = view_area().spaces.active
     space.region_3d.view_perspective = "PERSP"
-    space.region_3d.view_location, space.region_3d.view_distance = (0.03, 0, -0.01), 0.55
+    space.region_3d.view_location, space.region_3d.view_distance = (0.04, 0, -0.005), 0.38
     space.region_3d.view_rotation = Euler((1.3, 0, -0.5)).to_quaternion()
     space.show_region_ui = True
     bpy.ops.object.mode_set(mode="POSE")
     for thing in bpy.data.objects:
         thing.hide_set(thing.type in ("MESH", "LIGHT", "CAMERA") and thing != hand.livehand.mesh)
-    bend_fingers(hand, 0.35)
-    yield 1
+    bpy.context.scene.frame_set(6)
     ui = next(region for region in view_area().regions if region.type == "UI")
-    ui.active_panel_category = "LiveHand"
-    yield 2
+    for _ in range(4):  # the region has no tabs before it has been drawn
+        yield 1
+        ui.active_panel_category = "LiveHand"
+    yield 1
     screenshot("posing")
     bpy.ops.object.mode_set(mode="OBJECT")
     for thing in bpy.data.objects:
@@ -290,7 +292,7 @@ def turn_the_view(space, watch, report):
     yield lambda: len(watch.pictures_since(start)) >= 2
     report.figures["first_image_of_a_turned_view_s"] = round(watch.pictures_since(start)[0][0], 2)
     yield 4
-    report.check(skin(view_of(screenshot("free"))).mean() > 0.03, "no hand in the free view")
+    report.check(skin(view_of(screenshot("free"))).mean() > 0.01, "no hand in the free view")
 
 
 def read_messages(hand, space, report):
@@ -299,13 +301,13 @@ def read_messages(hand, space, report):
     yield 3
     report.check(skin(view_of(screenshot("orthographic"))).mean() < 0.002, "a hand in an orthographic view")
     space.region_3d.view_perspective = "CAMERA"
-    hand.livehand.avatar_path = "//missing.safetensors"
+    hand.livehand.avatar_path = "/missing.safetensors"
     yield 3
     report.check(skin(view_of(screenshot("no_avatar"))).mean() < 0.002, "a hand without an avatar")
     hand.livehand.avatar_path = ""
 
 
-def play(hand, space, watch, report):
+def play(watch, report):
     """Pictures while an animation plays, the fine one when it stops."""
     yield 3
     start, frames = time.perf_counter(), set()
@@ -327,7 +329,6 @@ def play(hand, space, watch, report):
         bpy.ops.screen.animation_cancel(restore_frame=False)
     yield lambda: any(size > 150 for _, size in watch.pictures_since(stop))
     bpy.context.scene.frame_set(6)
-    space.overlay.show_overlays = False
     yield 35
     report.check(skin(view_of(screenshot("viewport"))).mean() > 0.04, "no hand after playing")
 
