@@ -7,8 +7,10 @@ OUT ?= out/wave
 OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
+# A Blender program for `make test-gui`, with torch in its Python.
+BLENDER ?= blender
 
-.PHONY: demo test test-cuda test-matrix check zip clean
+.PHONY: demo test test-cuda test-gui test-matrix check zip clean
 
 demo: $(VENV)/demo.stamp
 	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -29,6 +31,10 @@ test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
 		echo "Blender $$version"; \
 		.venv-bpy$$version/bin/python -m pytest -q tests/blender || failed="$$failed $$version"; \
 	done; test -z "$$failed" || { echo "Failed in Blender$$failed" >&2; exit 1; }
+
+# A real window, in a virtual X screen. Also needs Xvfb, xdotool and ImageMagick; takes minutes. Screenshots: out/gui.
+test-gui:
+	python3 tests/gui/run.py --blender $(BLENDER)
 
 check: $(VENV)/dev.stamp
 	$(VENV)/bin/ruff format --check

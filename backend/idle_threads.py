@@ -1,8 +1,10 @@
-"""What torch's threads do while they wait for work."""
+"""How many threads torch works with, and what they do while they wait for work."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 
 # Turns of a waiting loop, about a tenth of a millisecond; the library's own 300,000 are 8 ms and more.
 _GNU_SPINS = "10000"
@@ -17,3 +19,16 @@ def spin_briefly() -> None:
     """
     os.environ.setdefault("GOMP_SPINCOUNT", _GNU_SPINS)
     os.environ.setdefault("KMP_BLOCKTIME", _LLVM_BLOCK_MS)
+
+
+@contextlib.contextmanager
+def working_threads(count: int) -> Iterator[None]:
+    """Within, torch and the kernels use so many threads. Everything else that uses torch has to wait meanwhile."""
+    import torch
+
+    usual = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)

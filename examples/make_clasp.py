@@ -3,12 +3,11 @@
 Run it with the Python that LiveHand is installed in: `python examples/make_clasp.py [OUT.blend]`.
 """
 
-import sys
 from pathlib import Path
 
 import bpy
-import livehand
 import numpy as np
+from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.livehand_blender.rig.pose import write_theta
@@ -54,19 +53,5 @@ def add_hand(side: str, skin: str, place: Matrix) -> None:
     write_theta(armature, theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
 
 
-def main() -> None:
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("clasp.blend")
-    livehand.register()
-    try:
-        bpy.ops.wm.read_homefile(use_empty=True)
-        build_clasp()
-        bpy.data.orphans_purge(do_recursive=True)
-        bpy.context.preferences.filepaths.save_version = 0
-        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
-    finally:
-        livehand.unregister()
-    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-
-
 if __name__ == "__main__":
-    main()
+    write_example(build_clasp, Path(__file__).with_name("clasp.blend"))

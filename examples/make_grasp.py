@@ -6,12 +6,11 @@ World: Z up, metres. The hand lies as its template does: fingers towards -X, pal
 is that of the avatars' captures, so that the scene and the hand are lit alike.
 """
 
-import sys
 from pathlib import Path
 
 import bpy
-import livehand
 import numpy as np
+from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.livehand_blender.capture.light import dome_world
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
@@ -119,19 +118,5 @@ def add_camera(scene: bpy.types.Scene) -> None:
     camera.data.lens, camera.data.clip_start, camera.data.clip_end = 92, 0.01, 10
 
 
-def main() -> None:
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("grasp.blend")
-    livehand.register()
-    try:
-        bpy.ops.wm.read_homefile(use_empty=True)
-        build_grasp()
-        bpy.data.orphans_purge(do_recursive=True)
-        bpy.context.preferences.filepaths.save_version = 0
-        bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
-    finally:
-        livehand.unregister()
-    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-
-
 if __name__ == "__main__":
-    main()
+    write_example(build_grasp, Path(__file__).with_name("grasp.blend"))

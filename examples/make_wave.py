@@ -6,13 +6,12 @@ World: Z up, metres. The hand stands upright with its back to the front (-Y) and
 built-in avatar's key light is.
 """
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
-import livehand
 import numpy as np
+from example_file import write_example
 from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
@@ -159,31 +158,5 @@ def add_camera(scene: bpy.types.Scene) -> None:
             thing.keyframe_insert(channel, frame=key.frame)
 
 
-def save(path: Path) -> None:
-    """Write the open file without what it does not use, and without this machine's folders."""
-    bpy.data.orphans_purge(do_recursive=True)
-    for browser in _file_browsers():
-        browser.params.directory = b"//"
-    bpy.context.preferences.filepaths.save_version = 0
-    bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True, relative_remap=False)
-
-
-def _file_browsers() -> list[bpy.types.SpaceFileBrowser]:
-    spaces = (space for screen in bpy.data.screens for area in screen.areas for space in area.spaces)
-    return [space for space in spaces if space.type == "FILE_BROWSER" and space.params]
-
-
-def main() -> None:
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("wave.blend")
-    livehand.register()
-    try:
-        bpy.ops.wm.read_homefile(use_empty=True)
-        build_wave()
-        save(path)
-    finally:
-        livehand.unregister()
-    print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-
-
 if __name__ == "__main__":
-    main()
+    write_example(build_wave, Path(__file__).with_name("wave.blend"))

@@ -4,7 +4,9 @@ import os
 import subprocess
 import sys
 
-from livehand.backend.idle_threads import spin_briefly
+import pytest
+import torch
+from livehand.backend.idle_threads import spin_briefly, working_threads
 
 NAMES = ("GOMP_SPINCOUNT", "KMP_BLOCKTIME")
 
@@ -33,3 +35,16 @@ def test_commands_set_it_before_torch_comes():
     environment = {name: value for name, value in os.environ.items() if name not in NAMES}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     assert done.stdout.splitlines()[-1] == "False 10000"
+
+
+def test_threads_are_few_within_and_as_before_after_an_error():
+    usual = torch.get_num_threads()
+
+    def fail():
+        with working_threads(usual + 2):
+            assert torch.get_num_threads() == usual + 2
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert torch.get_num_threads() == usual

@@ -9,8 +9,6 @@ import numpy as np
 
 from ...backend.composition import Layer
 from ...backend.errors import LiveHandError
-from ..rig.hand import mesh_of
-from ..scene.shot import visible_hands
 from .passes import read_pass
 
 
@@ -28,12 +26,6 @@ def is_in_scene(scene: bpy.types.Scene) -> bool:
             "enable it in the preferences, or set LiveHand to Hand Only"
         )
     return True
-
-
-def hide_hands_from_camera(depsgraph: bpy.types.Depsgraph) -> None:
-    """In this evaluation only; the meshes still cast shadows and are reflected."""
-    for hand in visible_hands(depsgraph):
-        mesh_of(hand.original).evaluated_get(depsgraph).visible_camera = False
 
 
 def read_scene(

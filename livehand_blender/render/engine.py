@@ -1,8 +1,7 @@
 """Render engine LIVEHAND: a switchboard between Blender's render pipeline and the backend.
 
-In a scene, Cycles renders all but the hand, which still casts its shadows, and the hand is put in by depth; alone,
-Cycles is not asked. The engine calls the functions of Cycles' own engine class, but is no subclass of it: registering
-one takes the class away from Cycles, whose renders then come out empty or crash.
+In a scene, Cycles renders all but the hands, which still cast their shadows, and the hands are put in by depth; alone,
+Cycles is not asked. In 3D views Cycles draws the scene, and the hands are drawn over it.
 
 Blender goes on as if nothing had happened after an exception in `render`, and saves a black frame; only
 `report({'ERROR'})` stops a still and an animation. So every failure ends there.
@@ -18,16 +17,19 @@ from typing import ClassVar, NamedTuple
 
 import bpy
 import numpy as np
-from cycles import CyclesRender
 
 from ...backend.camera import Camera
 from ...backend.errors import LiveHandError
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.exposure import Lens, read_lens
 from ..scene.look import in_scene_colours
+from ..scene.proxy import hidden_from_camera, hide_from_camera
 from ..scene.settings import ENGINE
+from ..viewport.studio import Studio
+from ..viewport.viewport import viewport_of
 from .cryptomatte import crypto_metadata
-from .cycles_scene import hide_hands_from_camera, is_in_scene, read_scene, scene_layer
+from .cycles_engine import CyclesEngine
+from .cycles_scene import is_in_scene, read_scene, scene_layer
 from .frame_queue import FrameQueue
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
@@ -91,35 +93,27 @@ class Output(NamedTuple):
         return cls(scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), is_in_scene(scene))
 
 
-class LiveHandRender(bpy.types.RenderEngine):
+class LiveHandRender(CyclesEngine):
     """Renders LiveHand hands, alone on transparent ground or in their scene."""
 
     bl_idname = ENGINE
     bl_label = "LiveHand"
     bl_use_preview = False
-    bl_use_eevee_viewport = True
     bl_use_exclude_layers = True
 
     # Blender makes a new engine for every render: what must outlive a frame belongs to the registered class.
     hands_session: ClassVar[Session | None] = None
 
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
-        self.session = None  # Cycles' own, which its functions look for under this name
-
-    def __del__(self):
-        # An error's traceback may have kept this object until Blender's own was gone, and Cycles' session with it.
-        with contextlib.suppress(ReferenceError):
-            CyclesRender.__del__(self)
-
     @classmethod
     def register(cls):
         """Called by Blender with the class."""
         cls.hands_session = Session()
+        cls.studio = Studio(cls.hands_session)
 
     @classmethod
     def unregister(cls):
         """Called by Blender with the class: give the avatars' memory back."""
+        cls.studio.close()
         if cls.hands_session:
             cls.hands_session.free()
         cls.hands_session = None
@@ -135,10 +129,21 @@ class LiveHandRender(bpy.types.RenderEngine):
             raise LiveHandError("the LiveHand add-on is not enabled; enable it in the preferences")
         return cls.hands_session
 
+    def view_update(self, context, depsgraph):
+        """The scene of a 3D view in Rendered shading has changed."""
+        with hidden_from_camera(depsgraph):
+            super().view_update(context, depsgraph)
+        viewport_of(self).update(context, depsgraph)
+
+    def view_draw(self, context, depsgraph):
+        """Draw a 3D view: the scene as Cycles has it, the hand over it."""
+        super().view_draw(context, depsgraph)
+        viewport_of(self).draw(self, context, depsgraph)
+
     def update_render_passes(self, scene, renderlayer):
         """Tell Blender's compositor which sockets a view layer has."""
         if is_in_scene(scene):
-            CyclesRender.update_render_passes(self, scene, renderlayer)
+            super().update_render_passes(scene, renderlayer)
         for one in wanted_passes(renderlayer):
             self.register_pass(scene, renderlayer, one.name, len(one.channels), one.channels, one.kind)
         for name in cryptomatte_passes(renderlayer):
@@ -147,7 +152,7 @@ class LiveHandRender(bpy.types.RenderEngine):
     def update(self, data, depsgraph):
         """Before a view layer's render: Cycles' own preparations, where it is to render."""
         if is_in_scene(depsgraph.scene):
-            CyclesRender.update(self, data, depsgraph)
+            super().update(data, depsgraph)
 
     def render(self, depsgraph):
         """One frame of one view layer."""
@@ -164,7 +169,7 @@ class LiveHandRender(bpy.types.RenderEngine):
     def render_frame_finish(self):
         """After a frame's last view layer."""
         if self.session is not None:
-            CyclesRender.render_frame_finish(self)
+            super().render_frame_finish()
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         output = Output.of(depsgraph)
@@ -173,9 +178,9 @@ class LiveHandRender(bpy.types.RenderEngine):
         if queue is not None and queue.foreseen_frame is not None:
             self._foresee(depsgraph, queue, queue.foreseen_frame)
         if output.is_in_scene:
-            hide_hands_from_camera(depsgraph)
+            hide_from_camera(depsgraph)
             self.add_pass("Depth", 1, "Z", layer=output.layer)  # Cycles fills it, asked for by the layer or not
-            CyclesRender.render(self, depsgraph)  # which frees the depsgraph: nothing may be read from it any more
+            super().render(depsgraph)  # which frees the depsgraph: nothing may be read from it any more
         self.update_stats("", "LiveHand | rendering the hand")
         for one in pending:
             moments = None if self.test_break() else one.wait()
@@ -199,13 +204,14 @@ class LiveHandRender(bpy.types.RenderEngine):
         stage = self._stage(depsgraph, is_stereo=bool(view))
         queue = self.required_session().queue
         if queue is None:
-            return Pending(view, stage, partial(_run, stage.task, self.test_break))
+            return Pending(view, stage, partial(self._run, stage.task))
         return Pending(view, stage, queue.ask(stage.task).result)
 
     def _stage(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> Stage:
         self.update_stats("", "LiveHand | reading the hands")
-        read_camera = partial(self._camera, depsgraph, is_stereo)
-        return set_stage(depsgraph, self.required_session(), read_camera, self.frame_set)
+        session, read_camera = self.required_session(), partial(self._camera, depsgraph, is_stereo)
+        with session.rendering:  # a 3D view may be loading the same avatar
+            return set_stage(depsgraph, session, read_camera, self.frame_set)
 
     def _camera(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> tuple[Camera, Lens | None]:
         """The region's camera as the depsgraph stands, and its lens."""
@@ -218,6 +224,16 @@ class LiveHandRender(bpy.types.RenderEngine):
             eye = Eye(matrix_world, self.camera_shift_x(evaluated))
         whole = read_camera(evaluated, depsgraph.scene.render, eye)
         return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
+
+    def _run(self, task: FrameTask) -> tuple[Moment, ...] | None:
+        """The task's frames; None where the user has stopped the render."""
+        from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
+
+        try:
+            with self.required_session().rendering:
+                return task.run(self.test_break)
+        except RenderStopped:
+            return None
 
     def _foresee(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
         """Queue a later frame's task. It is read from this very depsgraph, which is then set back."""
@@ -257,15 +273,6 @@ class LiveHandRender(bpy.types.RenderEngine):
                     self.get_result().stamp_data_add_field(field, value)
         finally:
             self.end_result(result)
-
-
-def _run(task: FrameTask, should_stop: Callable[[], bool]) -> tuple[Moment, ...] | None:
-    from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
-
-    try:
-        return task.run(should_stop)
-    except RenderStopped:
-        return None
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_passes)

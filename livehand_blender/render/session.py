@@ -6,6 +6,7 @@ torch is imported on the first render, not before. One session belongs to the re
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,10 +66,12 @@ class Session:
 
     Attributes:
         queue: renders the frames of the sequence that is being written; None at any other time.
+        rendering: held by whoever loads or renders: 3D views and a still do so in threads of their own.
     """
 
     def __init__(self, make_renderer: RendererFactory = load_renderer):
         self.queue: FrameQueue | None = None
+        self.rendering = threading.Lock()
         self._make_renderer = make_renderer
         self._hands: dict[Any, HandModel] = {}
         self._renderers: dict[Any, HandRenderer] = {}

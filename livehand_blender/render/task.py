@@ -55,7 +55,7 @@ class Task:
 
     def is_same_as(self, other: Task) -> bool:
         """Whether both give the same frame: one renderer, and shots that are equal to the last bit."""
-        return self.renderer is other.renderer and _is_equal(self.shot, other.shot)
+        return self.renderer is other.renderer and is_equal(self.shot, other.shot)
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,12 @@ class FrameTask:
         return is_alike and all(one.is_same_as(another) for one, another in zip(ours, theirs, strict=True))
 
 
-def _is_equal(one: Any, other: Any) -> bool:
-    """Equality of records of arrays, field by field; a dataclass's own `==` cannot compare arrays."""
+def is_equal(one: Any, other: Any) -> bool:
+    """Equality of records of arrays, and tuples of such, by field; a dataclass's own `==` cannot compare arrays."""
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(is_equal(*pair) for pair in zip(one, other, strict=True))
     if is_dataclass(one):
         return type(one) is type(other) and all(
-            _is_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)
+            is_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)
         )
     return np.array_equal(one, other)

@@ -56,7 +56,7 @@ def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera
         LiveHandError: a modifier changes the vertex count, or the pose or the mesh is not finite.
     """
     pose = read_hand_pose(armature, depsgraph)
-    vertices = _world_vertices(mesh_of(armature.original).evaluated_get(depsgraph))
+    vertices = world_vertices(mesh_of(armature.original).evaluated_get(depsgraph))
     if len(vertices) != vertex_count:
         raise LiveHandError(
             f"the mesh of '{armature.name}' must keep its hand model's {vertex_count} vertices, it has "
@@ -65,7 +65,7 @@ def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera
     return Shot(pose, vertices, camera)
 
 
-def _world_vertices(mesh_object: bpy.types.Object) -> np.ndarray:
+def world_vertices(mesh_object: bpy.types.Object) -> np.ndarray:
     """[V, 3] m, of an evaluated mesh object."""
     mesh = mesh_object.to_mesh()
     try:

@@ -16,6 +16,11 @@ FRAMES = range(1, 25)
 MARGIN_PX = 12
 
 
+@pytest.fixture(autouse=True)
+def _scripts_find_each_other(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+
+
 @pytest.fixture
 def scene():
     bpy.ops.wm.open_mainfile(filepath=str(EXAMPLES / "wave.blend"))

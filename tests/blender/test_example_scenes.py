@@ -11,6 +11,11 @@ from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+@pytest.fixture(autouse=True)
+def _scripts_find_each_other(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+
+
 def open_example(name):
     bpy.ops.wm.open_mainfile(filepath=str(EXAMPLES / f"{name}.blend"))
     return bpy.context.scene

@@ -1,0 +1,208 @@
+"""What is drawn, read back from an off-screen buffer: place, orientation, blending, messages, and the whole road."""
+
+import time
+from types import SimpleNamespace
+
+import bpy
+import gpu
+import numpy as np
+import pytest
+from livehand.livehand_blender.rig.hand import find_hands
+from livehand.livehand_blender.viewport import viewport as viewport_module
+from livehand.livehand_blender.viewport.draw import PictureTexture, draw_message
+from livehand.livehand_blender.viewport.picture import Picture
+from livehand.livehand_blender.viewport.studio import Studio
+from livehand.livehand_blender.viewport.view import Rectangle
+from livehand.livehand_blender.viewport.viewport import Viewport
+from mathutils import Matrix
+
+SIZE_PX = (160, 120)
+GROUND = 0.25
+
+
+@pytest.fixture(scope="module", autouse=True)
+def gpu_context(registered):
+    """Blender without a window has a GPU context once something that needs one has been rendered."""
+    render = bpy.context.scene.render
+    bpy.context.scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    bpy.context.scene.collection.objects.link(bpy.context.scene.camera)
+    render.engine, render.resolution_x, render.resolution_y = "BLENDER_WORKBENCH", 16, 16
+    bpy.ops.render.render()
+
+
+@pytest.fixture
+def drawn():
+    """A function: draw into a grey region and give its pixels [H, W, 4], top row first."""
+
+    def of(draw):
+        width, height = SIZE_PX
+        offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA32F")
+        try:
+            with offscreen.bind(), gpu.matrix.push_pop():
+                buffer = gpu.state.active_framebuffer_get()
+                buffer.clear(color=(GROUND, GROUND, GROUND, 1.0))
+                gpu.matrix.load_matrix(Matrix.Identity(4))
+                pixels_to_device = Matrix.Diagonal((2 / width, 2 / height, 1, 1))
+                pixels_to_device.translation = (-1, -1, 0)
+                gpu.matrix.load_projection_matrix(pixels_to_device)
+                draw()
+                pixels = buffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
+                pixels.dimensions = width * height * 4
+                return np.array(pixels, np.float32).reshape(height, width, 4)[::-1]
+        finally:
+            offscreen.free()
+
+    return of
+
+
+def test_a_picture_lies_in_its_box_upright_over_what_was_there(drawn):
+    rgba = np.zeros((2, 3, 4), np.float32)
+    rgba[0] = (0.5, 0, 0, 0.5)  # the bottom row
+    rgba[1] = (0, 1, 0, 1)
+    texture = PictureTexture(Picture(rgba, (10.0, 20.0, 13.0, 22.0)))
+    pixels = drawn(lambda: texture.draw(Rectangle(40, 30, 140, 110), SIZE_PX[1]))
+    assert pixels[50, 50:53, :3] == pytest.approx(np.array([[0, 1, 0]] * 3), abs=1e-3)
+    assert pixels[51, 50:53, :3] == pytest.approx(np.array([[0.5 + GROUND / 2, GROUND / 2, GROUND / 2]] * 3), abs=1e-3)
+    pixels[50:52, 50:53] = pixels[0, 0]
+    assert np.all(pixels[..., :3] == GROUND)
+
+
+def test_a_long_message_is_wrapped_into_the_region(drawn):
+    pixels = drawn(lambda: draw_message("the hand cannot be shown because of this and that " * 2, SIZE_PX[0], 1.0))
+    rows, columns = np.nonzero(np.abs(pixels[..., 0] - GROUND) > 0.01)
+    assert pixels[..., 0].max() > 0.5
+    assert columns.max() < SIZE_PX[0] - 1
+    assert rows.min() < SIZE_PX[1] - 60
+
+
+class Engine:
+    """Counts the redraws asked for."""
+
+    def __init__(self):
+        self.redraws = 0
+
+    def tag_redraw(self):
+        self.redraws += 1
+
+
+@pytest.fixture
+def studio(fake_session):
+    made = Studio(fake_session)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def context(hand_scene):
+    """The hand from before, in a free perspective view."""
+    camera, depsgraph = hand_scene.camera, bpy.context.evaluated_depsgraph_get()
+    view = SimpleNamespace(
+        window_matrix=camera.calc_matrix_camera(depsgraph, x=SIZE_PX[0], y=SIZE_PX[1]),
+        view_matrix=camera.matrix_world.inverted(),
+        view_perspective="PERSP",
+    )
+    areas = (area for window in bpy.context.window_manager.windows for area in window.screen.areas)
+    space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
+    return SimpleNamespace(
+        region=SimpleNamespace(width=SIZE_PX[0], height=SIZE_PX[1]),
+        region_data=view,
+        space_data=space,
+        scene=hand_scene,
+        screen=SimpleNamespace(is_animation_playing=False),
+        preferences=bpy.context.preferences,
+    )
+
+
+def wait(studio, view):
+    end = time.monotonic() + 10
+    while studio.preview.is_busy(view):
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def show(viewport, engine, context, studio):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    viewport.update(context, depsgraph)
+    viewport.draw(engine, context, depsgraph)
+    wait(studio, viewport)
+    studio.timer._callback()
+    viewport.draw(engine, context, depsgraph)
+
+
+def test_the_hand_is_drawn_where_it_is_and_only_asked_for_when_something_changes(drawn, context, studio, fake_session):
+    viewport, engine = Viewport(studio), Engine()
+    drawn(lambda: show(viewport, engine, context, studio))
+    assert engine.redraws == 1
+    pixels = drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    (renderer,) = fake_session.made
+    frame = renderer.render(renderer.shots[-1])
+    expected = frame.rgb + (1 - frame.alpha[..., None]) * GROUND
+    assert frame.alpha.max() == 1
+    assert pixels[..., :3] == pytest.approx(expected, abs=2e-3)  # half floats
+    assert [shot.camera.size_px for shot in renderer.shots[:2]] == [(80, 60), SIZE_PX]
+    asked = len(renderer.shots)
+    drawn(lambda: show(viewport, engine, context, studio))
+    assert len(renderer.shots) == asked
+    find_hands(context.scene)[0].location.x += 0.02
+    drawn(lambda: show(viewport, engine, context, studio))
+    assert len(renderer.shots) == asked + 2
+    moved = renderer.shots[-1].vertices - renderer.shots[0].vertices
+    assert moved[:, 0] == pytest.approx(0.02, abs=1e-6)
+
+
+def test_while_an_animation_plays_only_coarse_pictures_are_asked_for(drawn, context, studio, fake_session):
+    context.screen.is_animation_playing = True
+    viewport, engine = Viewport(studio), Engine()
+    drawn(lambda: show(viewport, engine, context, studio))
+    assert [shot.camera.size_px for shot in fake_session.made[0].shots] == [(80, 60)]
+    context.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, context, studio))
+    assert fake_session.made[0].shots[-1].camera.size_px == SIZE_PX
+
+
+def missing_avatar(context):
+    find_hands(context.scene)[0].livehand.avatar_path = "/missing.safetensors"
+
+
+def orthographic(context):
+    context.region_data.window_matrix = Matrix.Identity(4)
+
+
+def broken_hand(context):
+    bone = find_hands(context.scene)[0].pose.bones[3]
+    bone.name = "renamed"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [(missing_avatar, "no file at"), (orthographic, "orthographic"), (broken_hand, "must keep its bones' names")],
+)
+def test_what_cannot_be_shown_is_said_in_the_view(drawn, context, studio, monkeypatch, spoil, words):
+    told = []
+    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px, scale: told.append(text))
+    spoil(context)
+    pixels = drawn(lambda: show(Viewport(studio), Engine(), context, studio))
+    assert words in told[-1]
+    assert np.all(pixels[..., :3] == GROUND)
+
+
+def test_the_timer_runs_while_pictures_are_awaited_and_forgets_closed_views(studio):
+    engine, is_open = Engine(), [True]
+    studio.preview.ask("view", [lambda stop: time.sleep(0.001) if is_open else None, stay_until(is_open)])
+    studio.timer.watch("view", engine)
+    assert bpy.app.timers.is_registered(studio.timer._callback)
+    assert studio.timer._callback() is not None
+    del engine
+    assert studio.timer._callback() is None
+    assert not studio.preview.is_busy("view")
+    is_open.clear()
+    studio.timer.stop()
+    assert not bpy.app.timers.is_registered(studio.timer._callback)
+
+
+def stay_until(is_open):
+    def step(should_stop):
+        while is_open and not should_stop():
+            time.sleep(0.001)
+
+    return step

@@ -1,0 +1,111 @@
+"""LiveHand in a real Blender window: `python3 tests/gui/run.py [--blender PROGRAM] [--out DIR]`.
+
+Builds the extension's zip, installs it into a user folder of its own (kept in DIR from run to run), installs the Python
+packages that are missing by the command that the preferences offer, and starts Blender in a virtual X screen, where
+`story.py` drives it. Needs Blender with torch in its Python, Xvfb, xdotool and ImageMagick.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+STORY = Path(__file__).with_name("story.py")
+SCREEN = (1280, 800)
+BLENDER_SECONDS = 420
+
+PRINT_INSTALL_COMMAND = """
+import importlib, json
+dependencies = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.dependencies")
+missing = dependencies.missing_requirements()
+print("MISSING " + json.dumps([[each.module for each in missing], dependencies.install_command(missing)]))
+"""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--blender", default="blender", help="the program (default: the one on the path)")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "gui", help="zip, user folder, screenshots, report")
+    args = parser.parse_args()
+    out = args.out.resolve()
+    # Blender puts this folder on Python's path only if it is there when Blender starts.
+    (out / "user" / "scripts" / "modules").mkdir(parents=True, exist_ok=True)
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(out / "user"), "LIBGL_ALWAYS_SOFTWARE": "1"}
+    install_extension(args.blender, out, environment)
+    install_packages(args.blender, environment)
+    report = out / "report.json"
+    report.unlink(missing_ok=True)
+    with virtual_screen() as display:
+        window = [
+            args.blender,
+            "--window-geometry",
+            "0",
+            "0",
+            *map(str, SCREEN),
+            "--python",
+            str(STORY),
+            "--",
+            str(out),
+        ]
+        done = subprocess.run(window, env=environment | {"DISPLAY": display}, timeout=BLENDER_SECONDS, check=False)
+    if not report.is_file():
+        return say(f"failed: Blender ended with {done.returncode} and no report; its messages are above")
+    told = json.loads(report.read_text())
+    say(json.dumps(told, indent=2))
+    return say("failed: " + "; ".join(told["failures"])) if told["failures"] or done.returncode else 0
+
+
+def install_extension(blender: str, out: Path, environment: dict[str, str]) -> None:
+    """Build the zip and install it."""
+    for old in out.glob("livehand-*.zip"):
+        old.unlink()
+    extension = [blender, "--command", "extension"]
+    subprocess.run(
+        [*extension, "build", "--source-dir", str(ROOT), "--output-dir", str(out)], env=environment, check=True
+    )
+    (zip_path,) = out.glob("livehand-*.zip")
+    install = ["install-file", "--repo", "user_default", "--enable", str(zip_path)]
+    subprocess.run([*extension, *install], env=environment, check=True)
+
+
+def install_packages(blender: str, environment: dict[str, str]) -> None:
+    """Run the command that LiveHand's preferences offer, if anything but torch is missing."""
+    ask = [blender, "--background", "--python-expr", PRINT_INSTALL_COMMAND]
+    told = subprocess.run(ask, env=environment, check=True, capture_output=True, text=True).stdout
+    (line,) = (line for line in told.splitlines() if line.startswith("MISSING "))
+    missing, command = json.loads(line.removeprefix("MISSING "))
+    if "torch" in missing:
+        sys.exit("failed: this Blender's Python must have torch; install it, or name another with BLENDER=")
+    if missing:
+        say(f"installing {', '.join(missing)}: {command}")
+        subprocess.run(command, shell=True, env=environment, check=True)
+
+
+@contextlib.contextmanager
+def virtual_screen():
+    """An X screen of its own; gives the name for DISPLAY."""
+    read_end, write_end = os.pipe()
+    screen = ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "{}x{}x24".format(*SCREEN), "-nolisten", "tcp"]
+    server = subprocess.Popen(screen, pass_fds=[write_end], stderr=subprocess.DEVNULL)
+    os.close(write_end)
+    try:
+        with os.fdopen(read_end) as told:
+            yield f":{told.readline().strip()}"
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def say(text: str) -> int:
+    """Print a line; returns the exit code of a failure."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
