@@ -336,13 +336,17 @@ def play(watch, report):
 
 
 def render_a_still(space, report):
-    """F12, pressed."""
-    done = []
+    """F12, pressed: the hand in its scene."""
+    scene, done = bpy.context.scene, []
+    scene.livehand.mode, scene.render.film_transparent = "SCENE", False
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     subprocess.run(["xdotool", "mousemove", "500", "400", "sleep", "0.5", "key", "F12"], check=True)
     yield lambda: done
     yield 3
-    report.check(skin(screenshot("f12")).mean() > 0.02, "no hand in the still")
+    picture = screenshot("f12")[180:660, 190:810]  # within the render's window
+    report.check(skin(picture).mean() > 0.04, "no hand in the still")
+    red, _, blue = np.moveaxis(picture, -1, 0)
+    report.check((blue > 1.5 * red).mean() > 0.3, "no blue wall in the still")
 
 
 def run(steps, watch, report):
