@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import bpy
 import numpy as np
@@ -31,13 +31,13 @@ from .cryptomatte import crypto_metadata
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, read_scene, scene_layer
 from .frame_queue import FrameQueue
+from .layer import Output, Pending
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import (
     CRYPTOMATTE,
     SURFACE_PASSES,
-    Pass,
     ScenePasses,
     cryptomatte_passes,
     drawn_passes,
@@ -50,47 +50,6 @@ from .stage import Stage, set_stage
 from .task import FrameTask, Moment
 
 LOGGER = logging.getLogger(__name__)
-
-
-class Pending(NamedTuple):
-    """A stereo view's picture on its way (of a mono render the only one, named by an empty string).
-
-    Attributes:
-        view: its name.
-        stage: the hands.
-        wait: gives the moments' frames, or None where the user has stopped the render.
-    """
-
-    view: str
-    stage: Stage
-    wait: Callable[[], tuple[Moment, ...] | None]
-
-
-class Output(NamedTuple):
-    """Where a view layer's picture goes.
-
-    Attributes:
-        scene: whose picture it is; the original, which outlives the depsgraph.
-        layer: its name.
-        size_px: (width, height).
-        passes: that it has switched on.
-        cryptomatte: names of the passes of ranks that it has switched on.
-        is_in_scene: whether Cycles renders it first.
-    """
-
-    scene: bpy.types.Scene
-    layer: str
-    size_px: tuple[int, int]
-    passes: list[Pass]
-    cryptomatte: list[str]
-    is_in_scene: bool
-
-    @classmethod
-    def of(cls, depsgraph: bpy.types.Depsgraph) -> Output:
-        """The depsgraph's layer."""
-        layer, scene = depsgraph.view_layer, depsgraph.scene
-        size_px = render_region(scene.render).size_px
-        return cls(scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), is_in_scene(scene))
 
 
 class LiveHandRender(CyclesEngine):
@@ -131,7 +90,9 @@ class LiveHandRender(CyclesEngine):
 
     def view_update(self, context, depsgraph):
         """The scene of a 3D view in Rendered shading has changed."""
-        with hidden_from_camera(depsgraph):
+        with contextlib.ExitStack() as hidden:
+            with contextlib.suppress(LiveHandError):  # a hand without a mesh: the view says so
+                hidden.enter_context(hidden_from_camera(depsgraph))
             super().view_update(context, depsgraph)
         viewport_of(self).update(context, depsgraph)
 
