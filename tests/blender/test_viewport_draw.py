@@ -30,6 +30,14 @@ def gpu_context(registered):
     bpy.ops.render.render()
 
 
+def forget_the_last_drawing():
+    """In Blender 4.2 without a window the state of whatever was drawn before would hide all."""
+    gpu.state.depth_test_set("NONE")
+    gpu.state.face_culling_set("NONE")
+    gpu.state.color_mask_set(True, True, True, True)
+    gpu.state.viewport_set(0, 0, *SIZE_PX)
+
+
 @pytest.fixture
 def drawn():
     """A function: draw into a grey region and give its pixels [H, W, 4], top row first."""
@@ -45,6 +53,7 @@ def drawn():
                 pixels_to_device = Matrix.Diagonal((2 / width, 2 / height, 1, 1))
                 pixels_to_device.translation = (-1, -1, 0)
                 gpu.matrix.load_projection_matrix(pixels_to_device)
+                forget_the_last_drawing()
                 draw()
                 pixels = buffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
                 pixels.dimensions = width * height * 4
