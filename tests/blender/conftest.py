@@ -123,3 +123,29 @@ def hand_scene():
 def read_exr():
     """path -> {channel: [H, W]} of a zip-compressed EXR, by the file format's own description."""
     return runpy.run_path(str(Path(__file__).parent / "exr.py"))["read_exr"]
+
+
+@pytest.fixture(scope="session")
+def use_multilayer_exr():
+    """A function: make a scene save every pass; Blender 5 offers that only among files of their own kind."""
+
+    def use(scene, depth="32"):
+        settings = scene.render.image_settings
+        if hasattr(settings, "media_type"):
+            settings.media_type = "MULTI_LAYER_IMAGE"
+        settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", depth, "ZIP"
+
+    return use
+
+
+@pytest.fixture(scope="session")
+def curves_of():
+    """A function: all curves of an action with one slot, in Blender 4 and 5."""
+
+    def of(action):
+        if hasattr(action, "fcurves"):  # until Blender 5.0
+            return action.fcurves
+        bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
+        return [curve for bag in bags for curve in bag.fcurves]
+
+    return of

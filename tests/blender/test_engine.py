@@ -19,14 +19,6 @@ def render_png(scene, path):
     return np.array(Image.open(path)).astype(int)
 
 
-def use_multilayer_exr(scene):
-    """Make the scene save every pass; Blender 5 offers that only among files of their own kind."""
-    settings = scene.render.image_settings
-    if hasattr(settings, "media_type"):
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format = "OPEN_EXR_MULTILAYER"
-
-
 def expected_levels(frame):
     """The 8-bit straight sRGB of a frame."""
     alpha = frame.alpha[..., None]
@@ -48,7 +40,7 @@ def test_a_still_has_the_frames_pixels(hand_scene, fake_session, fake_renderer, 
     assert np.array_equal(png[..., 3], expected[..., 3])
 
 
-def test_depth_is_a_pass(hand_scene, fake_session, read_exr, tmp_path):
+def test_depth_is_a_pass(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
     hand_scene.render.filepath = str(tmp_path / "still.exr")
     use_multilayer_exr(hand_scene)
     bpy.ops.render.render(write_still=True)
@@ -58,7 +50,7 @@ def test_depth_is_a_pass(hand_scene, fake_session, read_exr, tmp_path):
     assert depth[alpha > 0] == pytest.approx(0.5, abs=0.05)
 
 
-def test_without_depth_pass_there_is_none(hand_scene, fake_session, read_exr, tmp_path):
+def test_without_depth_pass_there_is_none(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
     hand_scene.view_layers[0].use_pass_z = False
     hand_scene.render.filepath = str(tmp_path / "still.exr")
     use_multilayer_exr(hand_scene)
@@ -102,7 +94,7 @@ def test_border_is_a_window_of_the_whole_frame(hand_scene, fake_session, tmp_pat
     assert np.abs(part - whole[rows, columns])[seen].max() <= 1
 
 
-def test_a_view_layer_without_the_hand_is_empty(hand_scene, fake_session, read_exr, tmp_path):
+def test_a_view_layer_without_the_hand_is_empty(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
     hand_scene.view_layers.new("Other")
     collection = bpy.data.collections.new("Hand")
     hand_scene.collection.children.link(collection)
@@ -188,7 +180,9 @@ def missing_avatar(scene):
     ],
 )
 @pytest.mark.parametrize("suffix", ["png", "exr"])
-def test_an_error_stops_the_render_with_its_message(hand_scene, fake_session, tmp_path, spoil, message, suffix):
+def test_an_error_stops_the_render_with_its_message(
+    hand_scene, use_multilayer_exr, fake_session, tmp_path, spoil, message, suffix
+):
     spoil(hand_scene)
     hand_scene.render.filepath = str(tmp_path / f"still.{suffix}")
     if suffix == "exr":

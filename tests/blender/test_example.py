@@ -36,14 +36,7 @@ def shots(scene):
         yield read_shot(hand, depsgraph, camera, len(hand.livehand.mesh.data.vertices))
 
 
-def curves_of(action):
-    if hasattr(action, "fcurves"):  # until Blender 5.0
-        return action.fcurves
-    bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
-    return [curve for bag in bags for curve in bag.fcurves]
-
-
-def keyframes():
+def keyframes(curves_of):
     """(object, channel, index) -> [K, 2] frames and values, of the open file."""
     curves = {}
     for thing in bpy.data.objects:
@@ -96,11 +89,11 @@ def test_it_goes_from_an_open_hand_to_a_fist(scene):
     assert bend_deg(24) > 900
 
 
-def test_its_script_makes_the_same_keyframes(scene):
-    saved = keyframes()
+def test_its_script_makes_the_same_keyframes(scene, curves_of):
+    saved = keyframes(curves_of)
     bpy.ops.wm.read_homefile(use_empty=True)
     runpy.run_path(str(EXAMPLES / "make_wave.py"))["build_wave"]()
-    made = keyframes()
+    made = keyframes(curves_of)
     assert saved.keys() == made.keys()
     assert len(saved) == 16 * 4 + 3 + 3 + 3 + 3
     for key, points in saved.items():

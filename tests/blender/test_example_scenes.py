@@ -60,23 +60,26 @@ def test_the_hand_holds_the_tumbler(frame):
     assert (depth_m > -0.001).sum() > 20
 
 
-def rendered(scene, path, read_exr, passes=("HandAlpha.A",)):
-    settings = scene.render.image_settings
-    if hasattr(settings, "media_type"):
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format, settings.exr_codec = "OPEN_EXR_MULTILAYER", "ZIP"
-    scene.view_layers[0].livehand.use_pass_hand = True
-    scene.render.filepath = str(path)
-    bpy.ops.render.render(write_still=True)
-    channels = read_exr(path)
-    return [channels[f"{scene.view_layers[0].name}.{name}"] for name in passes]
+@pytest.fixture
+def rendered(read_exr, use_multilayer_exr, tmp_path):
+    """A function: render the scene with its Hand passes, and give some passes' channels."""
+
+    def of(scene, passes=("HandAlpha.A",)):
+        use_multilayer_exr(scene)
+        scene.view_layers[0].livehand.use_pass_hand = True
+        scene.render.filepath = str(tmp_path / "scene.exr")
+        bpy.ops.render.render(write_still=True)
+        channels = read_exr(tmp_path / "scene.exr")
+        return [channels[f"{scene.view_layers[0].name}.{name}"] for name in passes]
+
+    return of
 
 
-def test_the_tumbler_hides_the_palm_and_not_the_fingertips(read_exr, tmp_path):
+def test_the_tumbler_hides_the_palm_and_not_the_fingertips(rendered):
     scene = open_example("grasp")
     scene.frame_set(12)
     scene.render.resolution_percentage, scene.cycles.samples, scene.cycles.use_denoising = 25, 1, False
-    visible, hand = rendered(scene, tmp_path / "grasp.exr", read_exr, ("HandAlpha.A", "Hand.A"))
+    visible, hand = rendered(scene, ("HandAlpha.A", "Hand.A"))
     # Places in the full picture, px: the palm behind the tumbler, the middle finger's tip before it, thumb, wrist.
     for (x, y), is_seen in {(240, 200): False, (176, 278): True, (325, 190): True, (400, 180): True}.items():
         assert hand[y // 4, x // 4] > 0.95
@@ -84,16 +87,16 @@ def test_the_tumbler_hides_the_palm_and_not_the_fingertips(read_exr, tmp_path):
     assert (visible <= hand + 1e-3).all()
 
 
-def test_each_of_a_clasped_pair_hides_part_of_the_other(read_exr, tmp_path):
+def test_each_of_a_clasped_pair_hides_part_of_the_other(rendered):
     scene = open_example("clasp")
     scene.render.resolution_percentage = 25
     scene.view_layers[0].use_pass_cryptomatte_object = True
-    (both,) = rendered(scene, tmp_path / "both.exr", read_exr)
+    (both,) = rendered(scene)
     one, other = find_hands(scene)
     alone = []
     for hand in (one, other):
         mesh_of(hand).hide_render = True
-        alone += rendered(scene, tmp_path / "alone.exr", read_exr)
+        alone += rendered(scene)
         mesh_of(hand).hide_render = False
     np.testing.assert_allclose(both, np.maximum(*alone), atol=0.3)
     overlap = np.minimum(*alone) > 0.95

@@ -39,14 +39,13 @@ def add_wall(scene, name, z, size, x=0.0):
 
 
 @pytest.fixture
-def render(tmp_path, read_exr):
+def render(tmp_path, read_exr, use_multilayer_exr):
     """A function: scene -> {pass.channel: [H, W]} of its first layer."""
 
     def of(scene, name="shot.exr", layer=LAYER):
         path = tmp_path / name
-        settings = scene.render.image_settings
         scene.render.filepath = str(path)
-        settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "ZIP"
+        use_multilayer_exr(scene)
         bpy.ops.render.render(write_still=True)
         channels = read_exr(path)
         return {k.removeprefix(f"{layer}."): v for k, v in channels.items() if k.startswith(layer)}
@@ -163,16 +162,6 @@ def test_without_cycles_the_remedy_is_told(shot, monkeypatch):
 
     with pytest.raises(Exception, match="Cycles add-on, which is switched off"):
         cycles_scene.is_in_scene(NoCycles())
-
-
-def test_cycles_itself_still_renders(hand_scene, tmp_path):
-    """A registered subclass of Cycles' engine would leave Cycles without a class."""
-    hand_scene.render.engine = "CYCLES"
-    hand_scene.cycles.samples, hand_scene.cycles.use_denoising = 1, False
-    hand_scene.render.filepath = str(tmp_path / "cycles.png")
-    bpy.ops.render.render(write_still=True)
-    alpha = np.array(Image.open(tmp_path / "cycles.png"))[..., 3]
-    assert alpha.max() == 255
 
 
 def test_cryptomatte_knows_hand_and_scene(shot, fake_session, fake_renderer, render):
