@@ -59,7 +59,7 @@ def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> Non
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="livehand")
+    return ThreadPoolExecutor(threads, thread_name_prefix="livehand-kernels")
 
 
 @cache

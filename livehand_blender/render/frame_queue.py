@@ -28,7 +28,7 @@ class FrameQueue:
     def __init__(self):
         self.asked: list[FrameTask] = []
         self._is_stopped = False
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="livehand")
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="livehand-queue")
         self._renders: list[_Render] = []
         self._frame: int | None = None
         self._next_frame: int | None = None

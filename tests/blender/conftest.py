@@ -1,6 +1,7 @@
 """Blender as a module, with LiveHand registered once; every test starts from an empty file."""
 
 import runpy
+import signal
 from pathlib import Path
 
 import bpy
@@ -20,6 +21,14 @@ def registered():
     livehand.register()
     yield
     livehand.unregister()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _ctrl_c_is_heard():
+    """A shell starts what it sends to the background deaf to Ctrl-C, and all its children with it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(autouse=True)

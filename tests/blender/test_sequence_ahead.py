@@ -253,7 +253,7 @@ def test_view_layers_share_a_render_and_may_lack_the_hand(moving_scene, save_sho
 def test_after_a_run_renders_are_direct_again(moving_scene, save_shot, tmp_path, fake_session):
     write(save_shot(), tmp_path / "out")
     assert fake_session.queue is None
-    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("livehand")] == []
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("livehand-queue")] == []
     bpy.ops.render.render()
     assert len(shots(fake_session)) == 5
 
