@@ -10,6 +10,7 @@ import numpy as np
 from ...backend.errors import LiveHandError
 from ...backend.rotation import continuous
 from .bones import bone_name
+from .controls import clear_controls
 from .pose import bone_quaternions, hand_side, wrist_locations
 
 
@@ -17,12 +18,14 @@ def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Seque
     """Key all 16 bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
     The bones are put into quaternion mode. Neighbouring quaternions keep their sign, so nothing spins in between.
+    Finger controls and IK sliders go to zero; where they are keyed themselves, their keys still add to these.
 
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
     """
     frames = _check(frames, thetas, (16, 3), "thetas")
     side = hand_side(armature)
+    clear_controls(armature)
     quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
     for joint in range(16):
         bone = armature.pose.bones[bone_name(joint, side)]
