@@ -6,14 +6,17 @@ import bpy
 
 from . import preferences, properties
 from .render import engine, memory
-from .ui import compositing, operators, panels
+from .ui import compositing, keying_set, operators, panels, picker, posing
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *posing.CLASSES,
+    *keying_set.CLASSES,
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
+    *picker.CLASSES,
     *engine.CLASSES,
 )
 

@@ -1,7 +1,7 @@
 """Controls of whole fingers: properties of the hand that add joint angles to what the animator's bones say.
 
 Each control is a gesture that its value scales. Per joint the angles of all controls are summed by drivers on a hidden
-bone in the joint's anatomical frame, which the animator's bone takes on before its own rotation. At zero nothing is added.
+bone in the joint's anatomical frame, which the animator's bone takes on before its own rotation. Zero adds nothing.
 """
 
 from __future__ import annotations

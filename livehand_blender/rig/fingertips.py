@@ -1,7 +1,7 @@
 """Fingertip IK: a target bone per finger, a slider per finger, and poses carried from bones to targets and back.
 
-The solver starts at the pose of the finger's own bones and moves it only as far as the fingertip is off its target. So a
-target put at the fingertip changes nothing, and the bones go on to say how the finger bends.
+The solver starts at the pose of the finger's own bones and moves it only as far as the fingertip is off its target. So
+a target put at the fingertip changes nothing, and the bones go on to say how the finger bends.
 """
 
 from __future__ import annotations

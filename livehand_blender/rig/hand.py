@@ -11,6 +11,7 @@ from .controls import add_controls
 from .fingertips import add_fingertip_targets
 from .hand_mesh import build_mesh
 from .limits import add_limits
+from .shapes import dress
 
 
 def add_hand(
@@ -34,6 +35,7 @@ def add_hand(
     add_controls(armature, model)
     add_limits(armature, model)
     add_fingertip_targets(armature, model.side)
+    dress(armature, model.side)
     mesh = build_mesh(model, armature, f"{name} Mesh")
     _describe(armature, mesh, model, model_path)
     return armature

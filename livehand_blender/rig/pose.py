@@ -110,6 +110,7 @@ def wrist_locations(armature: bpy.types.Object, transl: np.ndarray) -> np.ndarra
 
 
 def set_rotation(bone: bpy.types.PoseBone, quaternion: np.ndarray) -> None:
+    """Turn a bone by its own rotation [4] (wxyz), whatever rotation mode it is in."""
     match bone.rotation_mode:
         case "QUATERNION":
             bone.rotation_quaternion = quaternion
