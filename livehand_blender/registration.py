@@ -6,13 +6,14 @@ import bpy
 
 from . import preferences, properties
 from .render import engine, memory
-from .ui import compositing, keying_set, operators, panels, picker, posing
+from .ui import compositing, keying_set, operators, panels, picker, pose_library, posing
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
     *posing.CLASSES,
     *keying_set.CLASSES,
+    *pose_library.CLASSES,
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,

@@ -11,29 +11,24 @@ import numpy as np
 
 from ...backend.hand.gestures import Gesture
 from ...backend.hand.model import HandModel
+from ...backend.hand.poses import POSES
 from .axes import euler_rad
 from .bones import FINGERS, bone_name, control_name
 from .drivers import drive_by_properties
 
-# Joint angles at a control's value 1, degrees. Fingers flex as far as a closed fist; spreading fans them out from the
+_FIST = POSES["Fist"].gesture
+# Joint angles at a control's value 1, degrees. Fingers flex as far as in a fist; spreading fans them out from the
 # middle finger, which itself goes towards the thumb.
 CONTROLS: dict[str, Gesture] = {
-    "index.curl": Gesture({"index": (78, 96, 56)}),
-    "middle.curl": Gesture({"middle": (78, 96, 56)}),
-    "ring.curl": Gesture({"ring": (78, 96, 56)}),
-    "pinky.curl": Gesture({"pinky": (78, 96, 56)}),
+    **{f"{finger}.curl": Gesture({finger: flexion}) for finger, flexion in _FIST.flexion.items()},
     "thumb.curl": Gesture(thumb=((10, 0, 0), (45, 0, 0), (65, 0, 0))),
     "index.spread": Gesture(abduction={"index": 15}),
     "middle.spread": Gesture(abduction={"middle": 10}),
     "ring.spread": Gesture(abduction={"ring": -12}),
     "pinky.spread": Gesture(abduction={"pinky": -20}),
     "thumb.spread": Gesture(thumb=((-25, 0, 0), (0, 0, 0), (0, 0, 0))),
-    "fist": Gesture(
-        {"index": (80, 98, 58), "middle": (82, 97, 58), "ring": (83, 95, 57), "pinky": (82, 92, 56)},
-        {"index": -4, "ring": 5, "pinky": 12},
-        ((33, -16, 8), (42, 0, 0), (50, 0, 0)),
-    ),
-    "opposition": Gesture(thumb=((30, -12, 30), (15, 0, 0), (10, 0, 0))),
+    "fist": _FIST,
+    "opposition": Gesture(thumb=((30, -12, 24), (5, 0, 0), (5, 0, 0))),
 }
 COPIED = "Finger Controls"
 

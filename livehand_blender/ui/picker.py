@@ -6,6 +6,7 @@ import bpy
 
 from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
 from .operators import active_hand
+from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
 # Empty rows above each finger, as its tip lies lower than the middle finger's.
@@ -38,6 +39,8 @@ class LIVEHAND_PT_posing(bpy.types.Panel):
         row = self.layout.row(align=True)
         row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
         row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
+        if not is_library_added(context):
+            self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
 
 
 CLASSES = (LIVEHAND_PT_posing,)
