@@ -46,6 +46,35 @@ def _evaluate_again(hand, context) -> None:
 _ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
 
 
+class LIVEHAND_PG_finger(bpy.types.PropertyGroup):
+    """Controls of one finger; at zero the finger is where its bones say."""
+
+    curl: FloatProperty(
+        name="Curl",
+        description="Bends all joints of the finger, 1 into a fist; added to the bones' own rotations",
+        soft_min=-0.3,
+        soft_max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    spread: FloatProperty(
+        name="Spread",
+        description="Turns the finger away from its neighbors; added to the bones' own rotations",
+        soft_min=-1.0,
+        soft_max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    ik: FloatProperty(
+        name="IK",
+        description="How far the fingertip follows its target: 0 is FK, the bones alone, and 1 is IK",
+        min=0.0,
+        max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+
+
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     """A hand: which model it was built from, what it looks like, its shape, and how it is matched to a plate."""
 
@@ -91,6 +120,33 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         soft_min=-3.0,
         soft_max=3.0,
         options={"ANIMATABLE"},
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    thumb: PointerProperty(name="Thumb", type=LIVEHAND_PG_finger, override=_OVERRIDE)
+    index: PointerProperty(name="Index", type=LIVEHAND_PG_finger, override=_OVERRIDE)
+    middle: PointerProperty(name="Middle", type=LIVEHAND_PG_finger, override=_OVERRIDE)
+    ring: PointerProperty(name="Ring", type=LIVEHAND_PG_finger, override=_OVERRIDE)
+    pinky: PointerProperty(name="Little", type=LIVEHAND_PG_finger, override=_OVERRIDE)
+    fist: FloatProperty(
+        name="Fist",
+        description="Closes the whole hand; added to the bones' own rotations",
+        soft_min=0.0,
+        soft_max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    opposition: FloatProperty(
+        name="Opposition",
+        description="Brings the thumb before the fingers; added to the bones' own rotations",
+        soft_min=0.0,
+        soft_max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    limit_joints: BoolProperty(
+        name="Limit Joints",
+        description="Keep the finger joints within a hand's usual range",
         override=_OVERRIDE,
         **_ON_CHANGE,
     )
@@ -162,7 +218,7 @@ class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
+CLASSES = (LIVEHAND_PG_finger, LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
 
 
 def attach() -> None:

@@ -7,14 +7,18 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, operators, panels
+from .ui import compositing, keying_set, operators, panels, picker, pose_library, posing
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *posing.CLASSES,
+    *keying_set.CLASSES,
+    *pose_library.CLASSES,
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
+    *picker.CLASSES,
     *engine.CLASSES,
 )
 

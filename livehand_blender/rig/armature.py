@@ -1,4 +1,4 @@
-"""The armature: 16 bones to turn, and hidden helpers that make skinning exact for every beta.
+"""The armature: 16 bones to turn, fingertip targets, and hidden helpers that make skinning exact for every beta.
 
 MANO moves the joints with beta: J' = J + dJ. Bone j turns about J'_j, Blender binds the mesh to rest bones at J_j.
 So each turned bone is carried to J'_j by drivers on its location, and its deforming child steps back by dJ_j: together
@@ -7,14 +7,29 @@ they are MANO's transform for any pose and any animated beta, with drivers linea
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import bpy
 import numpy as np
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import PARENTS, HandModel
 from ...backend.shot import Side
-from .bones import RestBones, bone_name, deform_name, rest_bones, root_name
+from .axes import joint_frames
+from .bones import (
+    FINGERS,
+    RestBones,
+    bone_name,
+    control_name,
+    deform_name,
+    finger_joints,
+    rest_bones,
+    root_name,
+    target_name,
+)
 from .drivers import drive_by_beta
+
+TARGET_M = 0.01  # length of a fingertip target's bone
 
 
 def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> bpy.types.Object:
@@ -27,8 +42,8 @@ def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> b
     armature.show_in_front = True
     context.collection.objects.link(armature)
     _make_active(context, armature)
-    _add_bones(armature, rest_bones(model), model.side)
-    _hide_helpers(armature, model.side)
+    _add_bones(armature, rest_bones(model), joint_frames(model), model.side)
+    _sort_into_collections(armature, model.side)
     _set_channels(armature, model.side)
     return armature
 
@@ -68,38 +83,60 @@ def _make_active(context: bpy.types.Context, armature: bpy.types.Object) -> None
     armature.select_set(True)
 
 
-def _add_bones(armature: bpy.types.Object, rest: RestBones, side: Side) -> None:
+def _add_bones(armature: bpy.types.Object, rest: RestBones, anatomical: np.ndarray, side: Side) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
-    _add_bone(armature, root_name(side), None, rest, 0)
+    _add_bone(armature, root_name(side), None, _along(rest, 0))
     for joint, parent in enumerate(PARENTS):
         above = bone_name(parent, side) if parent >= 0 else root_name(side)
-        _add_bone(armature, bone_name(joint, side), above, rest, joint)
-        _add_bone(armature, deform_name(joint, side), bone_name(joint, side), rest, joint)
+        _add_bone(armature, bone_name(joint, side), above, _along(rest, joint))
+        _add_bone(armature, deform_name(joint, side), bone_name(joint, side), _along(rest, joint))
+    for joint in range(1, 16):
+        placed = _along(rest, joint)._replace(frame=anatomical[joint])
+        # Not below the finger's bones: they depend on it, and IK solves them all at once.
+        _add_bone(armature, control_name(joint, side), root_name(side), placed)
+    for finger in FINGERS:
+        last = _along(rest, finger_joints(finger)[-1])
+        tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=TARGET_M)
+        _add_bone(armature, target_name(finger, side), root_name(side), tip)
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, rest: RestBones, joint: int) -> None:
+class _Placed(NamedTuple):
+    """Where a bone rests: head [3] m, frame [3, 3] with columns X, Y, Z, and length in m along Y."""
+
+    head: np.ndarray
+    frame: np.ndarray
+    length: float
+
+
+def _along(rest: RestBones, joint: int) -> _Placed:
+    length = float(np.linalg.norm(rest.tails[joint] - rest.heads[joint]))
+    return _Placed(rest.heads[joint], rest.frames[joint], length)
+
+
+def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, placed: _Placed) -> None:
     bone = armature.data.edit_bones.new(name)
-    bone.head, bone.tail = rest.heads[joint], rest.tails[joint]
-    bone.align_roll(rest.frames[joint][:, 2])
+    bone.head, bone.tail = placed.head, placed.head + placed.length * placed.frame[:, 1]
+    bone.align_roll(placed.frame[:, 2])
     bone.parent = armature.data.edit_bones[parent] if parent else None
     # A connected bone cannot be carried to the shaped hand's joint.
     bone.use_connect = False
 
 
-def _hide_helpers(armature: bpy.types.Object, side: Side) -> None:
-    turned = armature.data.collections.new("Hand")
-    helpers = armature.data.collections.new("Helpers")
-    helpers.is_visible = False
-    names = {bone_name(joint, side) for joint in range(16)}
+def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
+    """FK and IK are for the animator, Mechanism is hidden."""
+    turned, reached, hidden = (armature.data.collections.new(name) for name in ("FK", "IK", "Mechanism"))
+    hidden.is_visible = False
+    sorted_names = {bone_name(joint, side): turned for joint in range(16)}
+    sorted_names |= {target_name(finger, side): reached for finger in FINGERS}
     for bone in armature.data.bones:
-        (turned if bone.name in names else helpers).assign(bone)
+        sorted_names.get(bone.name, hidden).assign(bone)
         bone.use_deform = bone.name.startswith("DEF-")
 
 
 def _set_channels(armature: bpy.types.Object, side: Side) -> None:
-    wrist = bone_name(0, side)
+    movable = {bone_name(0, side), *(target_name(finger, side) for finger in FINGERS)}
     for bone in armature.pose.bones:
         bone.rotation_mode = "QUATERNION"
-        bone.lock_location = (bone.name != wrist,) * 3
+        bone.lock_location = (bone.name not in movable,) * 3
         bone.lock_scale = (True,) * 3

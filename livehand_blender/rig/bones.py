@@ -1,7 +1,8 @@
 """Names of the bones, and their rest frames.
 
-A hand has 16 bones that an animator turns, named after MANO's joints (`index1.R`), and 17 hidden helpers: one deforming
-bone per joint (`DEF-index1.R`) and a root (`MCH-root.R`). docs/rig.md says why. The rest frame of a bone has Y along
+A hand has 16 bones that an animator turns, named after MANO's joints (`index1.R`), five fingertip targets
+(`IK-index.R`), and 32 hidden helpers: one deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and one per
+finger joint that the finger controls turn (`MCH-index1.R`). docs/rig.md says why. The rest frame of a bone has Y along
 the bone, X as the axis of flexion (a positive turn closes the hand) and Z towards the palm.
 """
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from ...backend.hand.model import JOINT_NAMES, HandModel
 from ...backend.shot import Side
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # as they lie, which MANO's order is not
 
 _INDEX1, _MIDDLE1, _PINKY1, _THUMB1 = 1, 4, 7, 13
 # The thumb closes across the palm more than into it.
@@ -43,6 +46,22 @@ def deform_name(joint: int, side: Side) -> str:
 def root_name(side: Side) -> str:
     """The hidden bone that carries the wrist to the shaped hand's wrist joint."""
     return f"MCH-root.{side[0].upper()}"
+
+
+def control_name(joint: int, side: Side) -> str:
+    """The hidden bone that the finger controls turn, and that a finger's bone adds to its own rotation."""
+    return f"MCH-{bone_name(joint, side)}"
+
+
+def target_name(finger: str, side: Side) -> str:
+    """The bone that a fingertip reaches for."""
+    return f"IK-{finger}.{side[0].upper()}"
+
+
+def finger_joints(finger: str) -> tuple[int, int, int]:
+    """The three joints of a finger, from the knuckle to the tip."""
+    first = JOINT_NAMES.index(f"{finger}1")
+    return first, first + 1, first + 2
 
 
 def rest_bones(model: HandModel) -> RestBones:

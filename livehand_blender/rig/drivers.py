@@ -16,8 +16,18 @@ _NEGLIGIBLE = 1e-9
 
 def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights, armature: bpy.types.Object) -> None:
     """Make one channel the weighted sum [10] of the hand's beta; index -1 for a channel that is no array."""
-    terms = {f"b{k}": float(weight) for k, weight in enumerate(weights)}
-    expression, names = weighted_sum(terms)
+    drive_by_properties(owner, channel, index, {f"beta[{k}]": float(w) for k, w in enumerate(weights)}, armature)
+
+
+def drive_by_properties(
+    owner: bpy.types.bpy_struct, channel: str, index: int, weights: Mapping[str, float], armature: bpy.types.Object
+) -> None:
+    """Make one channel a weighted sum of properties of the hand, named as `beta[3]` or `index.curl`.
+
+    Properties of no weight are left out, and no driver is made where none is left.
+    """
+    paths = {f"b{k}": path for k, path in enumerate(weights)}
+    expression, names = weighted_sum({name: weights[path] for name, path in paths.items()})
     if not names:
         return
     driver = _new_driver(owner, channel, index, expression)
@@ -25,7 +35,7 @@ def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights
         variable = driver.variables.new()
         variable.name = name
         variable.targets[0].id = armature
-        variable.targets[0].data_path = f"livehand.beta[{name[1:]}]"
+        variable.targets[0].data_path = f"livehand.{paths[name]}"
 
 
 def drive_by_rotation(

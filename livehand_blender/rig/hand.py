@@ -7,7 +7,11 @@ import bpy
 from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
 from .armature import build_armature, drive_joints
+from .controls import add_controls
+from .fingertips import add_fingertip_targets
 from .hand_mesh import build_mesh
+from .limits import add_limits
+from .shapes import dress
 
 
 def add_hand(
@@ -28,6 +32,10 @@ def add_hand(
         bpy.ops.object.mode_set(mode="OBJECT")
     armature = build_armature(context, model, name)
     drive_joints(armature, model)
+    add_controls(armature, model)
+    add_limits(armature, model)
+    add_fingertip_targets(armature, model.side)
+    dress(armature, model.side)
     mesh = build_mesh(model, armature, f"{name} Mesh")
     _describe(armature, mesh, model, model_path)
     return armature

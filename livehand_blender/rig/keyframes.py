@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
 
 from ...backend.errors import LiveHandError
 from ...backend.rotation import continuous
-from .bones import bone_name
+from .bones import FINGERS, bone_name, finger_joints, target_name
+from .controls import clear_controls
 from .pose import bone_quaternions, hand_side, wrist_locations
+
+_ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 
 
 def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
     """Key all 16 bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
     The bones are put into quaternion mode. Neighbouring quaternions keep their sign, so nothing spins in between.
+    Finger controls and IK sliders go to zero; where they are keyed themselves, their keys still add to these.
 
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
     """
     frames = _check(frames, thetas, (16, 3), "thetas")
     side = hand_side(armature)
+    clear_controls(armature)
     quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
     for joint in range(16):
         bone = armature.pose.bones[bone_name(joint, side)]
@@ -39,6 +44,35 @@ def keyframe_transl(armature: bpy.types.Object, transls: np.ndarray, frames: Seq
     frames = _check(frames, transls, (3,), "transls")
     wrist = armature.pose.bones[bone_name(0, hand_side(armature))]
     _key_channels(armature, wrist, "location", frames, wrist_locations(armature, transls))
+
+
+def key_finger(armature: bpy.types.Object, finger: str, frame: float) -> None:
+    """Key one finger as it stands: its bones' rotations, its target and its controls."""
+    for path, group in finger_channels(armature, finger):
+        armature.keyframe_insert(path, frame=frame, group=group)
+
+
+def finger_channels(armature: bpy.types.Object, finger: str) -> Iterator[tuple[str, str]]:
+    """(data path, group) of everything of a finger that an animator keys."""
+    side = hand_side(armature)
+    for joint in finger_joints(finger):
+        bone = armature.pose.bones[bone_name(joint, side)]
+        yield bone.path_from_id(_ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
+    target = armature.pose.bones[target_name(finger, side)]
+    yield target.path_from_id("location"), target.name
+    for control in ("curl", "spread", "ik"):
+        yield f"livehand.{finger}.{control}", finger.title()
+
+
+def hand_channels(armature: bpy.types.Object) -> Iterator[tuple[str, str]]:
+    """(data path, group) of everything of a hand's pose that an animator keys."""
+    wrist = armature.pose.bones[bone_name(0, hand_side(armature))]
+    for channel in ("location", _ROTATION_CHANNELS.get(wrist.rotation_mode, "rotation_euler")):
+        yield wrist.path_from_id(channel), wrist.name
+    for control in ("fist", "opposition"):
+        yield f"livehand.{control}", "Hand"
+    for finger in FINGERS:
+        yield from finger_channels(armature, finger)
 
 
 def _check(frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:

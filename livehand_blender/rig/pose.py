@@ -19,6 +19,7 @@ from ...backend.rotation import axis_angle_to_quaternion, matrix_to_axis_angle, 
 from ...backend.shot import HandPose, Side
 from .armature import rest_frames
 from .bones import bone_name, root_name
+from .controls import clear_controls
 
 
 def read_hand_pose(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> HandPose:
@@ -52,7 +53,9 @@ def read_theta(armature: bpy.types.Object) -> np.ndarray:
     """[16, 3] axis-angle per joint, rad, of an evaluated armature. Scale of bones is ignored."""
     side = hand_side(armature)
     posed = np.array([armature.pose.bones[bone_name(j, side)].matrix.to_3x3() for j in range(16)], np.float64)
-    posed /= np.linalg.norm(posed, axis=1, keepdims=True)
+    lengths = np.linalg.norm(posed, axis=1, keepdims=True)
+    # Constraints make zeros of a channel's NaN, which must not pass for a pose.
+    posed = np.divide(posed, lengths, out=np.full_like(posed, np.nan), where=lengths > 0)
     turned = posed @ rest_frames(armature, side).swapaxes(1, 2)  # [16, 3, 3] each joint's rotation in armature space
     above = np.concatenate([np.eye(3)[None], turned[list(PARENTS[1:])]])
     return matrix_to_axis_angle(above.swapaxes(1, 2) @ turned)
@@ -82,10 +85,11 @@ def write_hand_pose(armature: bpy.types.Object, pose: HandPose) -> None:
 
 
 def write_theta(armature: bpy.types.Object, theta: np.ndarray) -> None:
-    """Set the 16 bones to theta [16, 3], rad, each in its own rotation mode."""
+    """Set the 16 bones to theta [16, 3], rad, each in its own rotation mode; finger controls and IK go to zero."""
     side = hand_side(armature)
+    clear_controls(armature)
     for joint, quaternion in enumerate(bone_quaternions(armature, theta)):
-        _set_rotation(armature.pose.bones[bone_name(joint, side)], quaternion)
+        set_rotation(armature.pose.bones[bone_name(joint, side)], quaternion)
 
 
 def write_transl(armature: bpy.types.Object, transl: np.ndarray) -> None:
@@ -105,7 +109,8 @@ def wrist_locations(armature: bpy.types.Object, transl: np.ndarray) -> np.ndarra
     return np.asarray(transl, np.float64) @ rest_frames(armature, hand_side(armature))[0]
 
 
-def _set_rotation(bone: bpy.types.PoseBone, quaternion: np.ndarray) -> None:
+def set_rotation(bone: bpy.types.PoseBone, quaternion: np.ndarray) -> None:
+    """Turn a bone by its own rotation [4] (wxyz), whatever rotation mode it is in."""
     match bone.rotation_mode:
         case "QUATERNION":
             bone.rotation_quaternion = quaternion

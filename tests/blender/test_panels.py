@@ -1,5 +1,6 @@
 """Panels draw without an error: a stand-in layout checks every name against Blender's own."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -7,8 +8,8 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender import dependencies
 from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
-from livehand.livehand_blender.rig.hand import add_hand
-from livehand.livehand_blender.ui import compositing, panels
+from livehand.livehand_blender.rig.hand import add_hand, find_hands
+from livehand.livehand_blender.ui import compositing, panels, picker
 
 UI = bpy.types.UILayout.bl_rna.functions
 
@@ -23,6 +24,16 @@ class Layout:
         check_arguments("column", arguments)
         return Layout(self.drawn)
 
+    def row(self, **arguments):
+        check_arguments("row", arguments)
+        return Layout(self.drawn)
+
+    def box(self):
+        return Layout(self.drawn)
+
+    def separator(self, **arguments):
+        check_arguments("separator", arguments)
+
     def label(self, **arguments):
         check_arguments("label", arguments)
         self.drawn.append(arguments["text"])
@@ -34,8 +45,21 @@ class Layout:
 
     def operator(self, name, **arguments):
         check_arguments("operator", arguments)
-        getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
+        rna = getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
         self.drawn.append(name)
+        return OperatorSettings(rna, self.drawn)
+
+
+class OperatorSettings:
+    """Takes the properties that an operator has, and records their values."""
+
+    def __init__(self, rna, drawn):
+        object.__setattr__(self, "rna", rna)
+        object.__setattr__(self, "drawn", drawn)
+
+    def __setattr__(self, name, value):
+        assert name in self.rna.properties
+        self.drawn.append(value)
 
 
 def check_arguments(function, arguments):
@@ -60,6 +84,29 @@ def test_a_hand_shows_its_avatar_and_ten_sliders():
     add_hand(bpy.context, load_default_hand())
     assert "avatar_path" in draw(panels.LIVEHAND_PT_hand)
     assert draw(panels.LIVEHAND_PT_shape) == ["beta"] * 10
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
+    assert not picker.LIVEHAND_PT_posing.poll(bpy.context)
+    hand = add_hand(bpy.context, load_default_hand().for_side(side))
+    drawn = draw(picker.LIVEHAND_PT_posing)
+    shown = [name for name in drawn if name in hand.pose.bones]
+    assert len(shown) == len(set(shown)) == 16 + 5
+    knuckles = [name[:-3] for name in shown if name[-3] == "1"]
+    fingers = ["thumb", "index", "middle", "ring", "pinky"]
+    assert knuckles == (fingers if side == "right" else fingers[::-1])
+    assert [drawn.count(name) for name in ("fist", "opposition", "limit_joints", "curl", "spread", "ik")] == [
+        *[1] * 3,
+        *[5] * 3,
+    ]
+
+
+def test_a_hand_of_an_earlier_version_shows_why_it_has_no_picker():
+    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).parents[2] / "examples" / "wave.blend"))
+    bpy.context.view_layer.objects.active = find_hands(bpy.context.scene)[0]
+    (message,) = draw(picker.LIVEHAND_PT_posing)
+    assert "without finger controls" in message
 
 
 def test_a_hand_can_be_matched_to_a_plate():

@@ -1,0 +1,146 @@
+"""Make the pose library: `poses.blend`, one pose asset per row of `backend/hand/poses.py`, and its catalog file.
+
+Run it with the Python that LiveHand is installed in: `python examples/make_pose_library.py [FOLDER]`. Without a folder
+the library that comes with LiveHand is made anew. The pictures are rendered with the light avatar.
+"""
+
+import sys
+import uuid
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import livehand
+import numpy as np
+import torch
+from livehand.backend.avatar import load_avatar
+from livehand.backend.camera import Camera, look_at
+from livehand.backend.colour import linear_to_srgb
+from livehand.backend.hand.gestures import FingerAxes, theta_of
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, UPRIGHT
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.poses import POSES, LibraryPose
+from livehand.backend.renderer import Renderer
+from livehand.backend.rotation import matrix_to_axis_angle
+from livehand.backend.shot import HandPose, Shot
+from livehand.livehand_blender.rig.bones import bone_name
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.pose import bone_quaternions
+
+ASSETS = Path(livehand.__file__).parent / "livehand_blender" / "assets"
+PICTURE_PX = 128
+GROUND = 0.22  # sRGB grey behind the hand
+FILLED = 0.9  # of the picture by the hand's longer side
+DISTANCE_M = 0.9
+# Towards the camera, of an upright right hand: back to the front (-Y), thumb to the left (-X).
+TOWARDS_CAMERA = {"palm": (-0.35, 1.0, 0.15), "thumb": (-1.0, -0.1, 0.2)}
+CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSION 1\n"
+
+
+def make_library(folder: Path) -> None:
+    """Write the library's two files."""
+    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    renderer = Renderer(load_avatar(), load_default_hand(), "cpu")
+    actions = set()
+    for name, pose in POSES.items():
+        action = pose_action(name, hands, pose)
+        describe(action, pose)
+        set_preview(action, picture_of(renderer, pose))
+        actions.add(action)
+    bpy.data.libraries.write(str(folder / "poses.blend"), actions, fake_user=True, compress=True)
+    (folder / "blender_assets.cats.txt").write_text(catalogs())
+
+
+def theta_of_pose(pose: LibraryPose) -> np.ndarray:
+    """[16, 3] of a right hand, the wrist at rest."""
+    return theta_of(pose.gesture.angles_deg(), FingerAxes.of_default_hand())
+
+
+def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> bpy.types.Action:
+    """An action of one frame with the finger bones of both hands, so that either takes the pose unflipped."""
+    action = bpy.data.actions.new(name)
+    slot = action.slots.new("OBJECT", "Hand")
+    strip = action.layers.new("Pose").strips.new(type="KEYFRAME")
+    curves = strip.channelbag(slot, ensure=True).fcurves
+    for hand, theta in zip(hands, (theta_of_pose(pose), theta_of_pose(pose) * MIRROR_AXIS_ANGLE), strict=True):
+        quaternions = bone_quaternions(hand, theta)
+        for joint in range(1, 16):
+            bone = bone_name(joint, hand.livehand.side)
+            for index, value in enumerate(quaternions[joint]):
+                path = f'pose.bones["{bone}"].rotation_quaternion'
+                curves.new(path, index=index).keyframe_points.insert(1, value)
+    return action
+
+
+def describe(action: bpy.types.Action, pose: LibraryPose) -> None:
+    """Make the action an asset with words to find it by."""
+    action.asset_mark()
+    asset = action.asset_data
+    asset.catalog_id = catalog_id(pose.catalog)
+    asset.description = pose.description
+    asset.author = "The LiveHand for Blender team"
+    asset.license = "GPL-3.0-or-later"
+    for tag in ("hand", pose.catalog.lower(), *pose.tags):
+        asset.tags.new(tag, skip_if_exists=True)
+
+
+def set_preview(action: bpy.types.Action, picture: np.ndarray) -> None:
+    """Give an asset its picture [H, W, 3], sRGB in 0..1, top row first."""
+    preview = action.preview_ensure()
+    preview.image_size = (PICTURE_PX, PICTURE_PX)
+    opaque = np.concatenate([picture, np.ones((PICTURE_PX, PICTURE_PX, 1))], -1)
+    preview.image_pixels_float.foreach_set(opaque[::-1].astype(np.float32).ravel())
+
+
+def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
+    """[H, W, 3] sRGB in 0..1, the upright right hand on a grey ground."""
+    theta = theta_of_pose(pose)
+    theta[0] = matrix_to_axis_angle(UPRIGHT)
+    hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
+    vertices = posed_vertices(renderer.hand, hand_pose)
+    frame = renderer.render(Shot(hand_pose, vertices, camera_on(vertices, TOWARDS_CAMERA[pose.seen_from])))
+    alpha = frame.alpha[..., None]
+    straight = frame.rgb / np.where(alpha > 0, alpha, 1)
+    encoded = linear_to_srgb(torch.as_tensor(straight)).numpy()
+    return (encoded * alpha + GROUND * (1 - alpha)).clip(0, 1)
+
+
+def camera_on(vertices: np.ndarray, towards_camera: tuple[float, float, float]) -> Camera:
+    """A square view from that direction, filled by the hand [V, 3]."""
+    middle = (vertices.max(0) + vertices.min(0)) / 2
+    towards = np.array(towards_camera)
+    origin = middle + towards / np.linalg.norm(towards) * DISTANCE_M
+    size_px = (PICTURE_PX, PICTURE_PX)
+    camera = Camera(np.eye(3), look_at(origin, middle, np.array([0.0, 0.0, 1.0])), size_px)
+    seen, _ = camera.project(vertices)
+    low, high = seen.min(0), seen.max(0)
+    focal_px = FILLED * PICTURE_PX / (high - low).max()
+    shift_px = PICTURE_PX / 2 - focal_px * (low + high) / 2
+    return replace(camera, K=np.array([[focal_px, 0, shift_px[0]], [0, focal_px, shift_px[1]], [0, 0, 1]]))
+
+
+def catalog_id(catalog: str) -> str:
+    """The same in every run, so that nobody's assets lose their catalog."""
+    return str(uuid.uuid5(uuid.NAMESPACE_URL, f"livehand/poses/{catalog}"))
+
+
+def catalogs() -> str:
+    """The text of the catalog file."""
+    names = dict.fromkeys(pose.catalog for pose in POSES.values())
+    return CATALOG_HEADER + "".join(f"{catalog_id(name)}:LiveHand/{name}:LiveHand-{name}\n" for name in names)
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ASSETS
+    livehand.register()
+    try:
+        bpy.ops.wm.read_homefile(use_empty=True)
+        make_library(folder)
+    finally:
+        livehand.unregister()
+    print(f"{len(POSES)} poses: {(folder / 'poses.blend').stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""Ranges of the finger joints, as constraints that the hand's switch *Limit Joints* turns on and off.
+
+Figures in degrees from the straight finger. Fingers, thumb MCP and IP: American Academy of Orthopaedic Surgeons (AAOS),
+"Joint Motion: Method of Measuring and Recording", 1965. The rest is ours: what a joint gives sideways beyond the
+fingers' knuckles, and the thumb's saddle joint, whose clinical zero a rest pose does not show.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ...backend.hand.model import HandModel
+from .axes import euler_rad
+from .bones import FINGERS, bone_name, finger_joints, rest_bones
+from .drivers import drive_by_properties
+
+LIMIT = "Joint Limits"
+
+
+class Range(NamedTuple):
+    """Smallest and largest flexion, abduction towards the thumb, and twist, degrees."""
+
+    flexion: tuple[float, float]
+    abduction: tuple[float, float]
+    twist: tuple[float, float]
+
+
+FINGER_RANGES = (
+    Range((-45, 90), (-20, 20), (-15, 15)),  # MCP
+    Range((0, 100), (-5, 5), (-5, 5)),  # PIP
+    Range((-10, 90), (-5, 5), (-5, 5)),  # DIP
+)
+THUMB_RANGES = (
+    Range((-30, 45), (-40, 40), (-20, 45)),  # CMC, from the rest pose
+    Range((-10, 50), (-20, 20), (-20, 20)),  # MCP; AAOS has no hyperextension here
+    Range((-20, 80), (-25, 25), (-20, 20)),  # IP
+)
+
+
+def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
+    """Limit every finger bone's rotation, controls and IK included; without effect until `limit_joints` is set."""
+    for joint, (low, high) in zip(range(1, 16), joint_limits_rad(model), strict=True):
+        bone = armature.pose.bones[bone_name(joint, model.side)]
+        constraint = bone.constraints.new("LIMIT_ROTATION")
+        constraint.name = LIMIT
+        constraint.owner_space = "LOCAL"
+        constraint.euler_order = "YZX"
+        drive_by_properties(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
+        for axis, name in enumerate("xyz"):
+            setattr(constraint, f"use_limit_{name}", True)
+            setattr(constraint, f"min_{name}", low[axis])
+            setattr(constraint, f"max_{name}", high[axis])
+            # IK goes its own way past constraints, and has limits of its own.
+            setattr(bone, f"ik_min_{name}", low[axis])
+            setattr(bone, f"ik_max_{name}", high[axis])
+            drive_by_properties(bone, f"use_ik_limit_{name}", -1, {"limit_joints": 1.0}, armature)
+
+
+def joint_limits_rad(model: HandModel) -> np.ndarray:
+    """[15, 2, 3] smallest and largest rotation about X, Y and Z of joints 1..15, in Blender's order YZX."""
+    ranges = np.empty((15, 2, 3))
+    for finger in FINGERS:
+        rows = [joint - 1 for joint in finger_joints(finger)]
+        ranges[rows] = np.swapaxes(THUMB_RANGES if finger == "thumb" else FINGER_RANGES, 1, 2)
+    ranges[..., 0] -= rest_flexion_deg(model)[:, None]
+    return np.sort(euler_rad(ranges, model.side), axis=1)
+
+
+def rest_flexion_deg(model: HandModel) -> np.ndarray:
+    """[15] how far joints 1..15 are bent in the rest pose, from the straight finger.
+
+    A finger's last bone goes on as the one before it, and where the thumb's saddle joint would be straight no one can
+    see: both count as straight.
+    """
+    rest = rest_bones(model)
+    along = rest.frames[..., 1]
+    above = np.roll(along, 1, 0)
+    above[[1, 4, 7, 10]] = rest.heads[[1, 4, 7, 10]] - rest.heads[0]
+    across = rest.frames[..., 0]
+    bend = np.arctan2((np.cross(above, along) * across).sum(-1), (above * along).sum(-1))
+    bend[13] = 0.0
+    return np.rad2deg(bend[1:])

@@ -1,0 +1,76 @@
+"""The picker: the hand's bones as buttons that lie as the fingers do, and the sliders of its controls."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
+from .operators import active_hand
+from .pose_library import is_library_added
+from .posing import FINGER_LABELS, has_controls
+
+# Empty rows above each finger, as its tip lies lower than the middle finger's.
+_LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
+
+
+class LIVEHAND_PT_posing(bpy.types.Panel):
+    """Bones and controls of the active hand."""
+
+    bl_label = "Posing"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "LiveHand"
+    bl_parent_id = "LIVEHAND_PT_hand"
+
+    @classmethod
+    def poll(cls, context):
+        """Only on a hand."""
+        return active_hand(context) is not None
+
+    def draw(self, context):
+        """Picker above, sliders below."""
+        if not has_controls(context):
+            self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
+            return
+        armature = active_hand(context)
+        assert armature is not None  # poll
+        _draw_picker(self.layout, armature)
+        _draw_controls(self.layout, armature.livehand)
+        row = self.layout.row(align=True)
+        row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
+        row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
+        if not is_library_added(context):
+            self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
+
+
+CLASSES = (LIVEHAND_PT_posing,)
+
+
+def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
+    """The back of the hand, fingers up: a right hand's thumb is on the left."""
+    side = armature.livehand.side
+    box = layout.box()
+    row = box.row(align=True)
+    for finger in FINGERS if side == "right" else reversed(FINGERS):
+        column = row.column(align=True)
+        column.separator(factor=4 * _LOWER_ROWS[finger])
+        button = column.operator("livehand.select_bone", text="", icon="DECORATE_KEYFRAME")
+        button.bone = target_name(finger, side)
+        for joint in reversed(finger_joints(finger)):
+            name = bone_name(joint, side)
+            column.operator("livehand.select_bone", text=name[-3]).bone = name
+        column.operator("livehand.select_finger", text=FINGER_LABELS[finger]).finger = finger
+    box.operator("livehand.select_bone", text="Wrist").bone = bone_name(0, side)
+
+
+def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) -> None:
+    column = layout.column(align=True)
+    column.prop(hand, "fist", slider=True)
+    column.prop(hand, "opposition", slider=True)
+    column = layout.column(align=True)
+    for finger in FINGERS:
+        row = column.row(align=True)
+        row.label(text=FINGER_LABELS[finger])
+        for control in ("curl", "spread", "ik"):
+            row.prop(getattr(hand, finger), control, slider=True)
+    layout.prop(hand, "limit_joints")

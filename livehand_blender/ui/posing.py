@@ -1,0 +1,157 @@
+"""Operators of the animator's hand: select fingers, and carry poses between bones and fingertip targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, StringProperty
+
+from ...backend.errors import LiveHandError
+from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
+from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
+from ..rig.keyframes import key_finger
+from .operators import active_hand
+
+FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
+_FINGER_ITEMS = tuple(
+    (finger, FINGER_LABELS[finger], f"The {FINGER_LABELS[finger].lower()} finger") for finger in FINGERS
+)
+_WHICH_ITEMS = (("all", "All", "All five fingers"), *_FINGER_ITEMS)
+_EXTEND = BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+
+
+def has_controls(context: bpy.types.Context) -> bool:
+    """Whether the active hand has finger controls; hands made by earlier versions of LiveHand have none."""
+    armature = active_hand(context)
+    return armature is not None and has_fingertip_targets(armature)
+
+
+class _OnControls:
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only on a hand that has them."""
+        if not has_controls(context):
+            cls.poll_message_set("select a LiveHand hand with finger controls first")
+            return False
+        return True
+
+
+class LIVEHAND_OT_select_finger(_OnControls, bpy.types.Operator):
+    """Select a finger's bones, or its target where the finger follows that; Shift keeps what is selected."""
+
+    bl_idname = "livehand.select_finger"
+    bl_label = "Select Finger"
+
+    finger: EnumProperty(name="Finger", items=_FINGER_ITEMS)
+    extend: _EXTEND
+
+    def invoke(self, context, event):
+        """Shift extends."""
+        self.extend = event.shift
+        return self.execute(context)
+
+    def execute(self, context):
+        """Select in pose mode."""
+        hand = _polled_hand(context).livehand
+        if getattr(hand, self.finger).ik > 0.5:
+            names = [target_name(self.finger, hand.side)]
+        else:
+            names = [bone_name(joint, hand.side) for joint in finger_joints(self.finger)]
+        _select(context, names, self.extend)
+        return {"FINISHED"}
+
+
+class LIVEHAND_OT_select_bone(_OnControls, bpy.types.Operator):
+    """Select a bone; Shift keeps what is selected."""
+
+    bl_idname = "livehand.select_bone"
+    bl_label = "Select Bone"
+
+    bone: StringProperty(name="Bone")
+    extend: _EXTEND
+
+    def invoke(self, context, event):
+        """Shift extends."""
+        self.extend = event.shift
+        return self.execute(context)
+
+    def execute(self, context):
+        """Select in pose mode."""
+        if self.bone not in _polled_hand(context).pose.bones:
+            self.report({"ERROR"}, f"the hand has no bone {self.bone}")
+            return {"CANCELLED"}
+        _select(context, [self.bone], self.extend)
+        return {"FINISHED"}
+
+
+class LIVEHAND_OT_snap_ik_to_fk(_OnControls, bpy.types.Operator):
+    """Put the fingertip targets where the bones have the fingertips, and switch to IK; nothing moves."""
+
+    bl_idname = "livehand.snap_ik_to_fk"
+    bl_label = "Snap IK to FK"
+
+    finger: EnumProperty(name="Fingers", items=_WHICH_ITEMS, default="all")
+
+    def execute(self, context):
+        """Move the targets."""
+        return _snap(self, context, move_targets_to_fingertips)
+
+
+class LIVEHAND_OT_snap_fk_to_ik(_OnControls, bpy.types.Operator):
+    """Turn the bones as the fingertip targets have them, and switch to FK; nothing moves."""
+
+    bl_idname = "livehand.snap_fk_to_ik"
+    bl_label = "Snap FK to IK"
+
+    finger: EnumProperty(name="Fingers", items=_WHICH_ITEMS, default="all")
+
+    def execute(self, context):
+        """Turn the bones."""
+        return _snap(self, context, move_bones_to_ik)
+
+
+CLASSES = (
+    LIVEHAND_OT_select_finger,
+    LIVEHAND_OT_select_bone,
+    LIVEHAND_OT_snap_ik_to_fk,
+    LIVEHAND_OT_snap_fk_to_ik,
+)
+
+
+def _polled_hand(context: bpy.types.Context) -> bpy.types.Object:
+    armature = active_hand(context)
+    assert armature is not None  # poll
+    return armature
+
+
+def _snap(operator, context: bpy.types.Context, move: Callable) -> set[str]:
+    armature = _polled_hand(context)
+    fingers = FINGERS if operator.finger == "all" else (operator.finger,)
+    try:
+        move(context, armature, fingers)
+    except LiveHandError as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    if context.scene.tool_settings.use_keyframe_insert_auto:
+        for finger in fingers:
+            key_finger(armature, finger, context.scene.frame_current)
+    return {"FINISHED"}
+
+
+def _select(context: bpy.types.Context, names: list[str], extend: bool) -> None:
+    """Select bones of the active hand in pose mode; the last one becomes active."""
+    armature = _polled_hand(context)
+    if context.active_object != armature and context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    context.view_layer.objects.active = armature
+    armature.select_set(True)
+    if armature.mode != "POSE":
+        bpy.ops.object.mode_set(mode="POSE")
+    for bone in armature.pose.bones:
+        # Blender 5 moved a bone's selection to the pose.
+        owner = bone if hasattr(bone, "select") else bone.bone
+        owner.select = bone.name in names or (extend and owner.select)
+    armature.data.bones.active = armature.data.bones[names[-1]]

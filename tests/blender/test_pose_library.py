@@ -1,0 +1,106 @@
+"""The pose library: what is in its files, and that either hand takes its poses."""
+
+import runpy
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.gestures import FingerAxes, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.poses import POSES
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder
+
+SCRIPT = Path(__file__).parents[2] / "examples" / "make_pose_library.py"
+
+
+@pytest.fixture
+def actions():
+    with bpy.data.libraries.load(str(library_folder() / "poses.blend")) as (stored, wanted):
+        wanted.actions = stored.actions
+    return {action.name: action for action in wanted.actions}
+
+
+def theta_for(name, side):
+    theta = theta_of(POSES[name].gesture.angles_deg(), FingerAxes.of_default_hand())
+    return theta if side == "right" else theta * MIRROR_AXIS_ANGLE
+
+
+def test_every_pose_of_the_table_gives_either_hand_its_theta(hand, model, actions):
+    assert actions.keys() == POSES.keys()
+    for name, action in actions.items():
+        hand.pose.apply_pose_from_action(action, evaluation_time=1)
+        hand.update_tag()
+        theta = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+        np.testing.assert_allclose(theta, theta_for(name, model.side), atol=2e-6, err_msg=name)
+
+
+def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
+    theta = np.zeros((16, 3))
+    theta[0] = 0.3, -0.2, 0.1
+    write_theta(hand, theta)
+    hand.pose.apply_pose_from_action(actions["Fist"], evaluation_time=1)
+    hand.update_tag()
+    np.testing.assert_allclose(
+        read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta[0], theta[0], atol=1e-6
+    )
+
+
+def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
+    lines = (library_folder() / "blender_assets.cats.txt").read_text().splitlines()[2:]
+    catalogs = {identity: path for identity, path, _ in (line.split(":") for line in lines)}
+    pictures = []
+    for name, action in actions.items():
+        asset = action.asset_data
+        assert catalogs[asset.catalog_id] == f"LiveHand/{POSES[name].catalog}"
+        assert asset.description == POSES[name].description
+        assert {"hand", *POSES[name].tags} <= set(asset.tags.keys())
+        assert tuple(action.preview.image_size) == (128, 128)
+        pictures.append(np.array(action.preview.image_pixels_float).reshape(128, 128, 4))
+    drawn = np.abs(np.array(pictures)[..., :3] - np.array(pictures)[:, :1, :1, :3]).max(-1) > 0.05
+    shares = drawn.mean((1, 2))
+    assert shares.min() > 0.1
+    assert shares.max() < 0.6
+
+
+def test_the_script_makes_the_same_poses(actions):
+    """Its pictures take seconds and are left out."""
+    from livehand.backend.hand.model_file import load_default_hand
+    from livehand.livehand_blender.rig.hand import add_hand
+
+    script = runpy.run_path(str(SCRIPT))
+    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    for name in ("Fist", "Palmar Pinch"):
+        saved, made = (keys(action) for action in (actions[name], script["pose_action"]("new", hands, POSES[name])))
+        assert saved.keys() == made.keys()
+        assert max(abs(saved[path] - made[path]) for path in saved) < 1e-6
+    assert script["catalogs"]() == (library_folder() / "blender_assets.cats.txt").read_text()
+
+
+def keys(action):
+    curves = action.fcurves if hasattr(action, "fcurves") else action.layers[0].strips[0].channelbags[0].fcurves
+    return {(curve.data_path, curve.array_index): curve.evaluate(1) for curve in curves}
+
+
+def test_the_library_is_added_once_and_only_when_asked_for():
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    before = [library.path for library in libraries]
+    assert str(library_folder()) not in before
+    try:
+        assert bpy.ops.livehand.add_pose_library() == {"FINISHED"}
+        (added,) = [library for library in libraries if library.path == str(library_folder())]
+        assert added.name == LIBRARY_NAME
+        assert not bpy.ops.livehand.add_pose_library.poll()
+    finally:
+        libraries.remove(libraries[LIBRARY_NAME])
+    assert [library.path for library in libraries] == before
+
+
+def test_no_path_of_a_machine_is_in_the_file():
+    zstandard = pytest.importorskip("zstandard")
+    with zstandard.open(library_folder() / "poses.blend") as stream:
+        data = stream.read()
+    assert len(data) > 1e6
+    assert b"poses.blend" not in data
+    assert str(Path(__file__).parents[2]).encode() not in data

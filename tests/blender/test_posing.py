@@ -1,0 +1,146 @@
+"""The animator's operators: selecting, snapping, keying, and mirroring between two hands."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.rig.bones import FINGERS, target_name
+from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def read(hand):
+    hand.update_tag()
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+
+
+def selected(hand):
+    return {bone.name for bone in hand.pose.bones if (bone if hasattr(bone, "select") else bone.bone).select}
+
+
+def test_a_finger_is_selected_by_its_bones_or_by_its_target(hand, model):
+    letter = model.side[0].upper()
+    bpy.context.view_layer.objects.active = mesh_of(hand)
+    bpy.ops.livehand.select_finger(finger="index")
+    assert (bpy.context.active_object, hand.mode) == (hand, "POSE")
+    assert selected(hand) == {f"index{k}.{letter}" for k in (1, 2, 3)}
+    hand.livehand.thumb.ik = 1
+    bpy.ops.livehand.select_finger(finger="thumb", extend=True)
+    assert len(selected(hand)) == 4
+    bpy.ops.livehand.select_bone(bone=f"wrist.{letter}")
+    assert selected(hand) == {f"wrist.{letter}"}
+    assert hand.data.bones.active.name == f"wrist.{letter}"
+    with pytest.raises(RuntimeError, match=r"no bone nose\.X"):
+        bpy.ops.livehand.select_bone(bone="nose.X")
+
+
+@pytest.mark.parametrize("finger", ["all", "ring"])
+def test_snapping_there_and_back_moves_nothing(hand, finger):
+    hand.livehand.fist, hand.livehand.opposition = 0.4, 0.3
+    before = read(hand)
+    bpy.ops.livehand.snap_ik_to_fk(finger=finger)
+    assert [getattr(hand.livehand, name).ik for name in FINGERS] == [finger in ("all", name) for name in FINGERS]
+    np.testing.assert_allclose(read(hand), before, atol=1e-4)
+    bpy.ops.livehand.snap_fk_to_ik(finger=finger)
+    assert not any(getattr(hand.livehand, name).ik for name in FINGERS)
+    np.testing.assert_allclose(read(hand), before, atol=1e-4)
+
+
+def test_snapping_keys_the_switch_where_auto_keying_is_on(hand, model):
+    settings = bpy.context.scene.tool_settings
+    settings.use_keyframe_insert_auto = True
+    try:
+        bpy.context.scene.frame_set(5)
+        bpy.ops.livehand.snap_ik_to_fk(finger="index")
+        bpy.context.scene.frame_set(9)
+        hand.pose.bones[target_name("index", model.side)].location = (0.02, -0.02, 0.01)
+        by_target = read(hand)
+        bpy.ops.livehand.snap_fk_to_ik(finger="index")
+    finally:
+        settings.use_keyframe_insert_auto = False
+    bpy.context.scene.frame_set(5)
+    np.testing.assert_allclose(read(hand), 0, atol=1e-4)
+    assert hand.livehand.index.ik == 1
+    bpy.context.scene.frame_set(9)
+    np.testing.assert_allclose(read(hand), by_target, atol=1e-4)
+    assert hand.livehand.index.ik == 0
+
+
+def test_hands_of_earlier_versions_keep_working_without_controls():
+    bpy.ops.wm.open_mainfile(filepath=str(EXAMPLES / "wave.blend"))
+    (hand,) = find_hands(bpy.context.scene)
+    bpy.context.view_layer.objects.active = hand
+    for name in ("snap_ik_to_fk", "snap_fk_to_ik", "select_finger", "select_bone"):
+        assert not getattr(bpy.ops.livehand, name).poll()
+    hand.animation_data.action = None
+    assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
+    np.testing.assert_allclose(read(hand), 0, atol=1e-6)
+
+
+def press_i():
+    """Insert keys by the keying set, as in a 3D view."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    with bpy.context.temp_override(window=window, area=area):
+        assert bpy.ops.anim.keyframe_insert_by_name(type="LIVEHAND_KS_hand") == {"FINISHED"}
+
+
+def test_the_keying_set_brings_poses_back(hand):
+    bpy.context.view_layer.objects.active = hand
+    scene = bpy.context.scene
+    poses = {}
+    for frame, fist in ((1, 0.0), (11, 0.6)):
+        scene.frame_set(frame)
+        write_theta(hand, np.full((16, 3), 0.02 * frame))
+        hand.livehand.fist, hand.livehand.pinky.spread = fist, -fist
+        poses[frame] = read(hand)
+        press_i()
+    for frame, theta in poses.items():
+        scene.frame_set(frame)
+        np.testing.assert_allclose(read(hand), theta, atol=1e-5)
+
+
+def copy_and_paste_flipped(source, target):
+    """As an animator does it: Ctrl-C on one armature, Shift-Ctrl-V on the other, both in pose mode."""
+    for hand, run in ((source, bpy.ops.pose.copy), (target, lambda: bpy.ops.pose.paste(flipped=True))):
+        bpy.context.view_layer.objects.active = hand
+        bpy.ops.object.mode_set(mode="POSE")
+        bpy.ops.pose.select_all(action="SELECT")
+        run()
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("source", [0, 1])
+def test_a_pose_pasted_flipped_on_the_other_hand_is_its_mirror_image(source):
+    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    theta = theta_of(GESTURES["point"].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.3, 0.4]))
+    theta = theta if source == 0 else theta * MIRROR_AXIS_ANGLE
+    write_theta(hands[source], theta)
+    copy_and_paste_flipped(hands[source], hands[1 - source])
+    np.testing.assert_allclose(read(hands[1 - source]), theta * MIRROR_AXIS_ANGLE, atol=1e-5)
+
+
+def test_targets_pasted_flipped_pull_the_other_hand_alike():
+    right, left = (add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left"))
+    right.pose.bones["IK-index.R"].location = (0.01, -0.02, 0.02)
+    right.livehand.index.ik = left.livehand.index.ik = 1.0
+    copy_and_paste_flipped(right, left)
+    theta = read(right)
+    assert np.abs(theta[1:4]).max() > 0.2
+    np.testing.assert_allclose(read(left), theta * MIRROR_AXIS_ANGLE, atol=2e-3)
+
+
+def test_shapes_are_made_once_and_come_with_no_scene(hand, model):
+    other = add_hand(bpy.context, model.for_side("left"))
+    worn = {bone.custom_shape for thing in (hand, other) for bone in thing.pose.bones if bone.custom_shape}
+    assert len(worn) == 2
+    assert all(not shape.users_scene and not shape.users_collection for shape in worn)
+    shown = {c.name: {bone.name for bone in c.bones} for c in hand.data.collections if c.is_visible}
+    assert {name: len(bones) for name, bones in shown.items()} == {"FK": 16, "IK": 5}
+    assert {bone.name for bone in hand.pose.bones if bone.custom_shape} == shown["FK"] | shown["IK"]

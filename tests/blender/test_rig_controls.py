@@ -1,0 +1,95 @@
+"""Finger controls: what they add, that they add it to the bones, and that nothing else moves."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.gestures import FingerAxes, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.rotation import axis_angle_to_matrix
+from livehand.backend.shot import HandPose
+from livehand.livehand_blender.rig.bones import FINGERS, bone_name, finger_joints
+from livehand.livehand_blender.rig.controls import CONTROLS
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.keyframes import keyframe_theta
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta
+
+
+def read(hand):
+    hand.update_tag()
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+
+
+def set_control(hand, path, value):
+    owner, _, name = path.rpartition(".")
+    setattr(getattr(hand.livehand, owner) if owner else hand.livehand, name, value)
+
+
+def theta_of_controls(values, side):
+    """Sum of the controls' gestures, as the table says it."""
+    angles = sum(value * CONTROLS[path].angles_deg() for path, value in values.items())
+    theta = theta_of(angles, FingerAxes.of_default_hand())
+    return theta if side == "right" else theta * MIRROR_AXIS_ANGLE
+
+
+@pytest.mark.parametrize("path", CONTROLS)
+def test_a_control_is_its_gesture_scaled(hand, model, path):
+    for value in (-0.2, 0.7):
+        set_control(hand, path, value)
+        np.testing.assert_allclose(read(hand).theta, theta_of_controls({path: value}, model.side), atol=2e-6)
+
+
+def test_controls_sum_and_come_before_the_bones_own_rotation(
+    hand, model, random_pose, evaluated_vertices, backend_vertices
+):
+    pose = random_pose(0, model.side)
+    write_hand_pose(hand, pose)
+    values = {"fist": 0.3, "index.curl": 0.2, "ring.spread": -0.4, "opposition": 0.5, "thumb.curl": 0.1}
+    for path, value in values.items():
+        set_control(hand, path, value)
+    both = read(hand)
+    wanted = axis_angle_to_matrix(theta_of_controls(values, model.side)) @ axis_angle_to_matrix(pose.theta)
+    np.testing.assert_allclose(axis_angle_to_matrix(both.theta), wanted, atol=2e-6)
+    assert np.abs(evaluated_vertices(hand) - backend_vertices(model, both)).max() <= 1e-5
+
+
+def test_controls_can_be_keyed(hand, model):
+    for frame, value in ((1, 0.0), (11, 1.0)):
+        hand.livehand.index.curl = value
+        hand.keyframe_insert("livehand.index.curl", frame=frame)
+    bpy.context.scene.frame_set(11)
+    np.testing.assert_allclose(read(hand).theta, theta_of_controls({"index.curl": 1}, model.side), atol=2e-6)
+    bpy.context.scene.frame_set(1)
+    np.testing.assert_allclose(read(hand).theta, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("write", [write_theta, lambda hand, theta: keyframe_theta(hand, theta[None], [1])])
+def test_writing_a_pose_takes_the_controls_off(hand, random_pose, model, write):
+    hand.livehand.fist, hand.livehand.thumb.spread, hand.livehand.ring.ik = 0.5, 0.5, 1.0
+    pose = random_pose(1, model.side)
+    write(hand, pose.theta)
+    assert np.abs(axis_angle_to_matrix(read(hand).theta) - axis_angle_to_matrix(pose.theta)).max() < 1e-5
+
+
+def test_the_controls_of_another_model_bend_about_its_bones(random_pose):
+    """Only the built-in hand brings anatomical axes."""
+    from dataclasses import replace
+
+    hand = add_hand(bpy.context, replace(load_default_hand(), sha256="0" * 64))
+    hand.livehand.thumb.curl = 0.5
+    by_control = read(hand).theta
+    hand.livehand.thumb.curl = 0.0
+    for joint, flexion_deg in zip(finger_joints("thumb"), CONTROLS["thumb.curl"].thumb, strict=True):
+        half = math.radians(flexion_deg[0]) / 4
+        hand.pose.bones[bone_name(joint, "right")].rotation_quaternion = (math.cos(half), math.sin(half), 0, 0)
+    np.testing.assert_allclose(read(hand).theta, by_control, atol=2e-6)
+
+
+def test_every_finger_has_its_controls():
+    assert {f"{finger}.{name}" for finger in FINGERS for name in ("curl", "spread")} < CONTROLS.keys()
+
+
+def test_a_resting_hand_has_no_control_set(hand, model):
+    np.testing.assert_allclose(read(hand).theta, HandPose.rest(model.side).theta, atol=1e-6)

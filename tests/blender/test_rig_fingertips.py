@@ -1,0 +1,94 @@
+"""Fingertip IK: bones to targets to bones without a jump, and fingertips that reach where they are sent."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from livehand.backend.shot import HandPose
+from livehand.livehand_blender.rig.bones import FINGERS, bone_name, finger_joints, target_name
+from livehand.livehand_blender.rig.fingertips import move_bones_to_ik, move_targets_to_fingertips
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
+
+MOST_DEG = 0.5
+
+
+def read(hand):
+    hand.update_tag()
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+
+
+def apart_deg(pose, other):
+    """Largest angle between two poses' joint rotations."""
+    between = axis_angle_to_matrix(pose.theta).swapaxes(1, 2) @ axis_angle_to_matrix(other.theta)
+    return np.rad2deg(np.linalg.norm(matrix_to_axis_angle(between), axis=-1).max())
+
+
+def natural_pose(seed, side):
+    """A natural pose of a hand of any shape and place."""
+    rng = np.random.default_rng(seed)
+    theta = theta_of(sample_angles_deg(rng, 1)[0], FingerAxes.of_default_hand(), rng.normal(size=3) * 0.5)
+    theta = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
+    return HandPose(theta, rng.normal(size=10), rng.normal(size=3) * 0.1, side)
+
+
+def drag(hand, rng, reach_m):
+    for finger in FINGERS:
+        target = hand.pose.bones[target_name(finger, hand.livehand.side)]
+        target.location = np.array(target.location) + rng.normal(size=3) * reach_m
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_fk_to_ik_and_back_leaves_every_bone(hand, model, seed):
+    write_hand_pose(hand, natural_pose(seed, model.side))
+    hand.livehand.fist, hand.livehand.index.spread = 0.1 * seed, 0.2
+    before = read(hand)
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [1] * 5
+    assert apart_deg(read(hand), before) < MOST_DEG
+    move_bones_to_ik(bpy.context, hand, FINGERS)
+    assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [0] * 5
+    assert apart_deg(read(hand), before) < MOST_DEG
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_ik_pose_becomes_bones_and_ik_again_without_a_jump(hand, model, seed, evaluated_vertices, backend_vertices):
+    write_hand_pose(hand, natural_pose(seed, model.side))
+    hand.livehand.middle.curl = 0.1
+    before = read(hand)
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    drag(hand, np.random.default_rng(seed), 0.006)
+    by_targets = read(hand)
+    assert apart_deg(by_targets, before) > 5
+    assert np.abs(evaluated_vertices(hand) - backend_vertices(model, by_targets)).max() <= 1e-5
+    move_bones_to_ik(bpy.context, hand, FINGERS)
+    assert apart_deg(read(hand), by_targets) < MOST_DEG
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    assert apart_deg(read(hand), by_targets) < MOST_DEG
+
+
+def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
+    """From a half-closed hand, so that every finger has room to reach."""
+    hand.livehand.fist = 0.4
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    wrist = hand.pose.bones[bone_name(0, model.side)]
+    wrist.rotation_quaternion, wrist.location = (1, 0.04, 0.0, 0.04), (0.002, 0.004, -0.003)
+    bpy.context.view_layer.update()
+    bones = hand.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+    for finger in FINGERS:
+        tip = bones[bone_name(finger_joints(finger)[-1], model.side)].tail
+        assert (tip - bones[target_name(finger, model.side)].head).length < 5e-4, finger
+
+
+def test_the_slider_mixes_and_touches_its_own_finger_only(hand, model):
+    move_targets_to_fingertips(bpy.context, hand, ["index"])
+    target = hand.pose.bones[target_name("index", model.side)]
+    target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0.03, -0.03, 0)
+    angles = []
+    for share in (0.0, 0.5, 1.0):
+        hand.livehand.index.ik = share
+        theta = read(hand).theta
+        np.testing.assert_allclose(np.delete(theta, finger_joints("index"), axis=0), 0, atol=1e-6)
+        angles.append(np.linalg.norm(theta))
+    assert angles[0] < 1e-6 < 0.1 < angles[1] < angles[2]

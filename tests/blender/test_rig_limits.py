@@ -1,0 +1,78 @@
+"""Joint limits: where they stop a joint, and that they are off until asked for."""
+
+import math
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.rig.bones import bone_name, target_name
+from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
+from livehand.livehand_blender.rig.limits import joint_limits_rad, rest_flexion_deg
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+
+
+def read(hand):
+    hand.update_tag()
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+
+
+def flexion_deg(hand, joint, side):
+    """A joint's turn about its bone's X; the rest of the rotation must be nothing."""
+    frame = np.array(hand.data.bones[bone_name(joint, side)].matrix_local.to_3x3())
+    turned = np.rad2deg(frame.T @ read(hand)[joint])
+    np.testing.assert_allclose(turned[1:], 0, atol=1e-3)
+    return turned[0]
+
+
+@pytest.mark.parametrize(("joint", "straight_range"), [(1, (-45, 90)), (2, (0, 100)), (3, (-10, 90)), (8, (0, 100))])
+def test_a_joint_stops_at_the_published_angle_from_the_straight_finger(hand, model, joint, straight_range):
+    bent = rest_flexion_deg(model)[joint - 1]
+    for angle_deg, stop in zip((-100, 130), straight_range, strict=True):
+        half = math.radians(angle_deg) / 2
+        hand.pose.bones[bone_name(joint, model.side)].rotation_quaternion = (math.cos(half), math.sin(half), 0, 0)
+        hand.livehand.limit_joints = False
+        assert flexion_deg(hand, joint, model.side) == pytest.approx(angle_deg, abs=1e-3)
+        hand.livehand.limit_joints = True
+        assert flexion_deg(hand, joint, model.side) == pytest.approx(stop - bent, abs=1e-3)
+
+
+def test_both_hands_have_mirrored_ranges(model):
+    low, high = np.swapaxes(joint_limits_rad(model), 0, 1)
+    other_low, other_high = np.swapaxes(joint_limits_rad(model.for_side("right")), 0, 1)
+    sign = np.array([1, 1, 1] if model.side == "right" else [1, -1, -1])
+    np.testing.assert_allclose(low, np.minimum(other_low * sign, other_high * sign))
+    np.testing.assert_allclose(high, np.maximum(other_low * sign, other_high * sign))
+
+
+def test_the_resting_fingers_are_a_little_bent(model):
+    bent = rest_flexion_deg(model)
+    assert ((5 < bent[:12].reshape(4, 3)[:, :2]) & (bent[:12].reshape(4, 3)[:, :2] < 15)).all()
+    np.testing.assert_allclose(bent[2:12:3], 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("gesture", ["open", "relaxed", "pinch", "point"])
+def test_gestures_lie_within_the_limits(hand, model, gesture):
+    theta = theta_of(GESTURES[gesture].angles_deg(), FingerAxes.of_default_hand())
+    theta = theta if model.side == "right" else theta * MIRROR_AXIS_ANGLE
+    write_theta(hand, theta)
+    hand.livehand.limit_joints = True
+    assert np.rad2deg(np.abs(read(hand) - theta).max()) < 6
+
+
+def test_a_fist_control_turned_too_far_is_stopped(hand, model):
+    hand.livehand.limit_joints = True
+    hand.livehand.fist = 2.0
+    assert np.rad2deg(np.linalg.norm(read(hand)[1:13], axis=1)).max() < 100
+
+
+def test_a_fingertip_target_bends_no_joint_past_its_range(hand, model):
+    """The target pulls the fingertip over the back of the hand, where a free finger would fold backwards."""
+    hand.livehand.limit_joints = True
+    move_targets_to_fingertips(bpy.context, hand, ["middle"])
+    target = hand.pose.bones[target_name("middle", model.side)]
+    target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0, 0.09, 0)
+    frames = np.array([hand.data.bones[bone_name(joint, model.side)].matrix_local.to_3x3() for joint in (5, 6)])
+    turned = np.einsum("jab,ja->jb", frames, read(hand)[5:7])
+    assert (turned[:, 0] > joint_limits_rad(model)[4:6, 0, 0] - 0.02).all()
