@@ -49,9 +49,7 @@ class Dtype(Stub):
     def numpy(self) -> np.dtype:
         """The type with its byte order. Its state is (version, byte order, subarray, names, fields, ...)."""
         order, *inner = self.state[1:5]
-        require(
-            order in ("<", ">", "|") and inner == [None] * 3, f"arrays must hold plain numbers, got {self.state!r}"
-        )
+        require(order in ("<", ">", "|") and inner == [None] * 3, f"arrays must hold plain numbers, got {self.state!r}")
         return np.dtype(order + self.code)
 
 

@@ -44,7 +44,9 @@ class HandMotion:
                 wanted = " or ".join(str(list(shape)) for shape in allowed)
                 raise LiveHandError(f"{name} of {count} frames must be {wanted}, got {list(value.shape)}")
             if not np.isfinite(value).all():
-                raise LiveHandError(f"{name} must be finite, got NaN or infinity {_where(value, count)}; repair the file")
+                raise LiveHandError(
+                    f"{name} must be finite, got NaN or infinity {_where(value, count)}; repair the file"
+                )
         if self.fps is not None and not (np.isfinite(self.fps) and self.fps > 0):
             raise LiveHandError(f"fps must be a positive number, got {self.fps}")
         if self.side not in ("right", "left"):
@@ -77,9 +79,7 @@ def motion_of(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion
 def mirrored(motion: HandMotion) -> HandMotion:
     """The other hand doing the same, seen in the mirror x = 0 of the hand's own space."""
     side: Side = "left" if motion.side == "right" else "right"
-    return replace(
-        motion, theta=motion.theta * MIRROR_AXIS_ANGLE, transl=motion.transl * MIRROR_POINT, side=side
-    )
+    return replace(motion, theta=motion.theta * MIRROR_AXIS_ANGLE, transl=motion.transl * MIRROR_POINT, side=side)
 
 
 def _where(value: np.ndarray, count: int) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import LiveHandError
 from ..hand.pickled_arrays import Array, ArrayKind, Dtype, Stub, require
 
 

@@ -27,6 +27,10 @@ _ALIKE = 0.6
 _FEWEST_FRAMES = 10
 
 
+class NoHandError(LiveHandError):
+    """A sound file of one frame in which no hand was seen: a gap, where it is one of many."""
+
+
 @dataclass(frozen=True)
 class RawHand:
     """One hand's numbers as the file has them, N entries.
@@ -37,7 +41,7 @@ class RawHand:
         beta: [10], or [N, 10].
         transl: [N, 3] in the file's unit.
         entries: [N] increasing: which of the file's frames these are; between them the hand was not there.
-        is_in_right_terms: the numbers are a right hand's, whatever the side; a left hand is their mirror image.
+        is_in_right_terms: the angles are a right hand's, whatever the side; a left hand's are their mirror image.
     """
 
     root: np.ndarray
@@ -174,9 +178,11 @@ def pose_file(
         LiveHandError: no hand in it.
     """
     found: dict[Side, RawHand] = {side: hands[side] for side in ("right", "left") if side in hands}
-    if not found:
+    if not any(len(raw.root) for raw in found.values()):
         raise LiveHandError(f"{path}: {name} must hold at least one frame with a hand, got none")
     side, raw = next(iter(found.items()))
+    if not 1 <= raw.fingers.shape[1] <= 45:
+        raise LiveHandError(f"{path}: fingers must be 1 to 45 numbers per frame, got {raw.fingers.shape[1]}")
     components = raw.fingers.shape[1] if uses_pca else 0
     reading = Reading(name, side, has_mean_added, components, space, "m", fps, len(raw.entries), 0, notes)
     return PoseFile(path, found, reading).turned_round()

@@ -68,9 +68,7 @@ def smoothed(motion: HandMotion, frames: float) -> HandMotion:
         return motion
     quaternions = _mean_over_time(continuous(axis_angle_to_quaternion(motion.theta)), frames)
     quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    return replace(
-        motion, theta=quaternion_to_axis_angle(quaternions), transl=_mean_over_time(motion.transl, frames)
-    )
+    return replace(motion, theta=quaternion_to_axis_angle(quaternions), transl=_mean_over_time(motion.transl, frames))
 
 
 def _mean_over_time(values: np.ndarray, frames: float) -> np.ndarray:
