@@ -21,6 +21,7 @@ class Stub:
     state: Any = None
 
     def __new__(cls) -> Stub:
+        """Without arguments."""
         return object.__new__(cls)
 
     def __setstate__(self, state: Any) -> None:
@@ -38,6 +39,7 @@ class Dtype(Stub):
     code: str
 
     def __new__(cls, code: Any, *_flags: Any) -> Dtype:
+        """Of one of numpy's codes of numbers."""
         require(
             isinstance(code, str) and _NUMBER_CODE.fullmatch(code) is not None,
             f"arrays must hold plain numbers, got dtype {code!r}; object arrays can run code and are refused",
@@ -57,6 +59,7 @@ class ArrayKind(Stub):
     """`numpy.ndarray`: only ever named, as `Array`'s first argument."""
 
     def __new__(cls) -> ArrayKind:
+        """Refused."""
         raise LiveHandError("numpy.ndarray may be named, not called; the file is not what it seems")
 
 
@@ -64,6 +67,7 @@ class Array(Stub):
     """`numpy.core.multiarray._reconstruct(ndarray, (0,), 'b')`: an empty array whose state follows."""
 
     def __new__(cls, kind: Any, *_placeholder: Any) -> Array:
+        """Of numpy's own class, empty."""
         require(kind is ArrayKind, f"arrays must be of numpy's own class, got {kind!r}")
         return object.__new__(cls)
 

@@ -54,7 +54,7 @@ def member(path: Path, key: str) -> Any:
 
 
 def member_names(path: Path) -> Iterator[str]:
-    """The keys of a document {key: value, ...} in the file's order; what lies between two is read when the next is asked.
+    """The keys of a document {key: value, ...} in the file's order; a value is read when the next key is asked for.
 
     Raises:
         LiveHandError: missing, cut short or no JSON.

@@ -22,9 +22,11 @@ _LARGEST_BYTES = 2 << 30  # unpacked; a zip of a few kilobytes can claim any siz
 
 @dataclass(frozen=True)
 class Document:
-    """Attributes:
-    path: where it was read.
-    content: a dictionary, list or array; all numbers still as the file has them.
+    """What one file holds.
+
+    Attributes:
+        path: where it was read.
+        content: a dictionary, list or array; all numbers still as the file has them.
     """
 
     path: Path

@@ -18,10 +18,12 @@ from ..shot import Side
 
 @dataclass(frozen=True)
 class ManoBasis:
-    """Attributes:
-    mean: [15, 3] rad.
-    components: [45, 45], each row a direction of [15, 3] rad; coefficients count in standard deviations.
-    side: of the file they are from.
+    """What a MANO file says of poses.
+
+    Attributes:
+        mean: [15, 3] rad.
+        components: [45, 45], each row a direction of [15, 3] rad; coefficients count in standard deviations.
+        side: of the file they are from.
     """
 
     mean: np.ndarray

@@ -70,10 +70,10 @@ def motion_of(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion
     betas = np.array([pose.beta for pose in poses])
     beta = betas[0] if len(betas) and (betas == betas[0]).all() else betas
     theta, transl = np.array([pose.theta for pose in poses]), np.array([pose.transl for pose in poses])
-    sides = sorted({pose.side for pose in poses})
+    sides: set[Side] = {pose.side for pose in poses}
     if len(sides) > 1:
         raise LiveHandError("a motion must be of one hand, got poses of a right and of a left one; write two files")
-    return HandMotion(theta, beta, transl, fps, sides[0] if sides else "right")
+    return HandMotion(theta, beta, transl, fps, sides.pop() if sides else "right")
 
 
 def mirrored(motion: HandMotion) -> HandMotion:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import LiveHandError
-from ..shot import Side
+from ..shot import SIDES, Side
 from .document import SUFFIXES, Document, load_document
 from .formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from .formats.format import Format
@@ -96,8 +96,11 @@ def open_pose_files(paths: Sequence[Path]) -> PoseFile:
     formats = sorted({file.reading.format for file in files})
     if len(formats) > 1:
         raise LiveHandError(f"the files must be of one format, got {', '.join(formats)}; choose files of one take")
-    sides: tuple[Side, ...] = ("right", "left")
-    hands = {side: joined for side in sides if (joined := _joined(found, side)) is not None}
+    hands: dict[Side, RawHand] = {}
+    for side in SIDES:
+        raw_hand = _joined(found, side)
+        if raw_hand is not None:
+            hands[side] = raw_hand
     side = files[0].reading.side if files[0].reading.side in hands else next(iter(hands))
     return replace(files[0], hands=hands).turned_round(side=side)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import LiveHandError
 from ..hand.model import MIRROR_AXIS_ANGLE
-from ..shot import Side
+from ..shot import SIDES, Side
 from .mano_basis import ManoBasis, needed_basis
 from .motion import HandMotion
 from .placing import SPACES, Space
@@ -106,7 +106,7 @@ class PoseFile:
         reading = replace(self.reading, **changes)
         raw = self._raw(reading.side)
         width = raw.fingers.shape[1]
-        _check("side", reading.side, ("right", "left"))
+        _check("side", reading.side, SIDES)
         _check("space", reading.space, SPACES)
         _check("unit", reading.unit, get_args(Unit))
         _check("pca_components", reading.pca_components, (0, 45) if width == 45 else (width,))
@@ -177,7 +177,7 @@ def pose_file(
     Raises:
         LiveHandError: no hand in it.
     """
-    found: dict[Side, RawHand] = {side: hands[side] for side in ("right", "left") if side in hands}
+    found: dict[Side, RawHand] = {side: hands[side] for side in SIDES if side in hands}
     if not any(len(raw.root) for raw in found.values()):
         raise LiveHandError(f"{path}: {name} must hold at least one frame with a hand, got none")
     side, raw = next(iter(found.items()))

@@ -63,7 +63,7 @@ def slerp(start: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
 
 
 def smoothed(motion: HandMotion, frames: float) -> HandMotion:
-    """The motion without its jitter: a mean over neighbours, Gaussian with a deviation of `frames`; 0 changes nothing."""
+    """The motion without its jitter: a Gaussian mean over time with a deviation of `frames`; 0 changes nothing."""
     if frames <= 0 or len(motion) == 1:
         return motion
     quaternions = _mean_over_time(continuous(axis_angle_to_quaternion(motion.theta)), frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import LiveHandError
-from ...shot import Side
+from ...shot import SIDES, Side
 from ..document import Document
 from ..reading import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
@@ -16,9 +16,12 @@ _FPS = 30.0
 
 
 def _hands(document: Document) -> dict[Side, dict]:
-    sides: tuple[Side, ...] = ("right", "left")
-    entries = {side: document.entries.get(side) for side in sides}
-    return {side: hand for side, hand in entries.items() if isinstance(hand, dict) and hand.keys() >= _KEYS}
+    hands: dict[Side, dict] = {}
+    for side in SIDES:
+        hand = document.entries.get(side)
+        if isinstance(hand, dict) and hand.keys() >= _KEYS:
+            hands[side] = hand
+    return hands
 
 
 def _is_like(document: Document) -> bool:
@@ -26,7 +29,7 @@ def _is_like(document: Document) -> bool:
 
 
 def _read(document: Document) -> PoseFile:
-    hands = {side: _read_hand(document, side, hand) for side, hand in _hands(document).items()}
+    hands: dict[Side, RawHand] = {side: _read_hand(document, side, hand) for side, hand in _hands(document).items()}
     return pose_file(document.path, hands, _NAME, "z_up", has_mean_added=False, fps=_FPS)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from ...shot import Side
+from ...shot import SIDES, Side
 from ..document import Document
 from ..reading import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
@@ -34,7 +34,9 @@ def _read_amass(document: Document) -> PoseFile:
     poses = document.numbers(document.entries["poses"], "poses", (None, 156), (None, 165))
     body = poses[:, :66].reshape(-1, 22, 3)
     starts = _HANDS_IN_POSES[poses.shape[1]]
-    hands = {side: _hand(body, side, poses[:, starts[side] : starts[side] + 45]) for side in starts}
+    hands: dict[Side, RawHand] = {}
+    for side, start in starts.items():
+        hands[side] = _hand(body, side, poses[:, start : start + 45])
     name = "AMASS SMPL-H" if poses.shape[1] == 156 else "AMASS SMPL-X"
     return pose_file(document.path, hands, name, "z_up", has_mean_added=True, fps=_fps(document), notes=_NOTES)
 
@@ -51,7 +53,7 @@ def _read_smplx(document: Document) -> PoseFile:
     rest = document.numbers(entries["body_pose"], "body_pose", (count, 63), (count, 21, 3), (63,))
     body = np.concatenate([root, rest.reshape(count, 21, 3)], 1)
     hands: dict[Side, RawHand] = {}
-    for side in ("right", "left"):
+    for side in SIDES:
         key = f"{side}_hand_pose"
         if key in entries:
             fingers = document.numbers(entries[key], key, (count, None), (count, 15, 3)).reshape(count, -1)

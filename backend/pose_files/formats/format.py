@@ -10,10 +10,12 @@ from ..reading import PoseFile
 
 
 class Format(NamedTuple):
-    """Attributes:
-    name: for people.
-    is_like: whether a document looks like one of these.
-    read: a document's hands; raises a `LiveHandError` where it is malformed.
+    """One way of keeping poses.
+
+    Attributes:
+        name: for people.
+        is_like: whether a document looks like one of these.
+        read: a document's hands; raises a `LiveHandError` where it is malformed.
     """
 
     name: str

@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import LiveHandError
 from ...hand.model import MIRROR_POINT
 from ...rotation import matrix_to_axis_angle
-from ...shot import Side
+from ...shot import SIDES, Side
 from ..document import Document
 from ..reading import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
@@ -48,7 +48,8 @@ def _read(document: Document) -> PoseFile:
     transl, more = _places(document, count, is_right)
     pose = np.concatenate([root, fingers], 1).reshape(count, 48)
     hands: dict[Side, RawHand] = {}
-    for side, rows in (("right", np.flatnonzero(is_right)), ("left", np.flatnonzero(~is_right))):
+    for side in SIDES:
+        rows = np.flatnonzero(is_right == (side == "right"))
         if len(rows):
             betas = beta.reshape(count, 10)[rows]
             hands[side] = raw_hand(pose[rows], betas, transl[rows], _entries(rows, is_right), True)
@@ -82,8 +83,10 @@ def _entries(rows: np.ndarray, is_right: np.ndarray) -> np.ndarray:
 
 
 def _places(document: Document, count: int, is_right: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """[N, 3] m with the crop's mirroring undone: in the whole camera where the scripts have computed that, or the file
-    says where the crops lay; else in the crop's."""
+    """[N, 3] m with the crop's mirroring undone.
+
+    In the whole camera where the scripts have computed that, or the file says where the crops lay; else in the crop's.
+    """
     entries = document.entries
     mirror = np.where(is_right[:, None], 1.0, MIRROR_POINT)
     for key in ("pred_cam_t_full", "cam_t_full", "cam_t"):

@@ -9,11 +9,10 @@ import numpy as np
 from ...errors import LiveHandError
 from ...importing.interhand import NeuralAnnotFit, read_fits
 from ...importing.json_stream import member_names
-from ...shot import Side
+from ...shot import SIDES, Side
 from ..reading import PoseFile, RawHand, pose_file, raw_hand
 
 _NAME = "InterHand2.6M NeuralAnnot"
-_SIDES: tuple[Side, ...] = ("right", "left")
 
 
 def is_neural_annot(path: Path) -> bool:
@@ -30,8 +29,11 @@ def read_neural_annot(path: Path, capture: int | None = None) -> PoseFile:
     name = next(member_names(path), None) if capture is None else str(capture)
     if name is None or not name.isdecimal():
         raise LiveHandError(f"{path} must hold captures by their numbers, got {name!r}")
-    found = {side: _hand(read_fits(path, int(name), side)) for side in _SIDES}
-    hands = {side: raw for side, raw in found.items() if raw is not None}
+    hands: dict[Side, RawHand] = {}
+    for side in SIDES:
+        raw = _hand(read_fits(path, int(name), side))
+        if raw is not None:
+            hands[side] = raw
     notes = (f"capture {name}; its frames are taken to follow each other evenly",)
     return pose_file(path, hands, _NAME, "z_up", has_mean_added=False, notes=notes)
 

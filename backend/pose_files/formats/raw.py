@@ -1,6 +1,6 @@
 """Bare numbers: [T, 48] pose, [T, 51] pose and place, [T, 61] pose, shape and place; `.npz`, `.npy`, `.json`, `.pkl`.
 
-Nothing in them says whether the mean is in the angles, which hand it is, or which axes they are in: look at the reading.
+Nothing in them says whether the mean is in the angles, which hand it is, or which axes they are in.
 """
 
 from __future__ import annotations
