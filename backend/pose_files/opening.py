@@ -14,6 +14,7 @@ from .document import SUFFIXES, Document, load_document
 from .formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from .formats.format import Format
 from .formats.neural_annot import is_neural_annot, read_neural_annot
+from .landmarks.track import LandmarkFile, is_landmarks, read_landmarks
 from .reading import NoHandError, PoseFile, RawHand
 
 # The most telling first: a document is read as the first that it is like.
@@ -30,8 +31,8 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
-def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
-    """Read a pose file, or a folder of one-frame files in the order of their names.
+def open_motion_file(path: Path, capture: int | None = None) -> PoseFile | LandmarkFile:
+    """Read a file of poses or of landmarks, or a folder of one-frame files of poses in the order of their names.
 
     Args:
         path: the file or folder.
@@ -44,7 +45,23 @@ def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
         return open_pose_files(files_in(path))
     if is_neural_annot(path):
         return read_neural_annot(path, capture)
-    return read_document(load_document(path))
+    document = load_document(path)
+    known = _format_of(document)
+    if known is None and is_landmarks(document):
+        return read_landmarks(document)
+    return _read(document, known)
+
+
+def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
+    """As `open_motion_file`, but of poses only.
+
+    Raises:
+        LiveHandError: as there, or it holds landmarks.
+    """
+    opened = open_motion_file(path, capture)
+    if isinstance(opened, LandmarkFile):
+        raise LiveHandError(f"{path} must hold poses, got {opened.reading.format}; import it onto a hand to fit it")
+    return opened
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -61,17 +78,16 @@ def files_in(folder: Path) -> list[Path]:
     return [path for path in files if path.suffix.lower() == most]
 
 
-def read_document(document: Document) -> PoseFile:
-    """A document's hands, by the first format it is like.
+def _format_of(document: Document) -> Format | None:
+    """The first format that it is like."""
+    return next((known for known in FORMATS if known.is_like(document)), None)
 
-    Raises:
-        LiveHandError: it is like none, or malformed.
-    """
-    known = next((known for known in FORMATS if known.is_like(document)), None)
+
+def _read(document: Document, known: Format | None) -> PoseFile:
     if known is None:
         content = document.content
         got = f"keys {sorted(content)[:12]}" if isinstance(content, dict) else f"a {type(content).__name__}"
-        names = ", ".join(known.name for known in FORMATS)
+        names = ", ".join(each.name for each in FORMATS)
         raise LiveHandError(f"{document.path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}")
     return known.read(document)
 

@@ -18,7 +18,7 @@ from .placing import SPACES, Space
 from .timing import at_frames
 
 Unit = Literal["m", "cm", "mm"]
-_METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 # A mean of the finger joints this near to zero, rad rms, is that of poses counted from MANO's mean; natural absolute
 # poses lie about .3 from it. One this alike MANO's mean is that of absolute poses.
@@ -127,7 +127,7 @@ class PoseFile:
         theta = np.concatenate([raw.root[:, None], fingers], 1)
         if raw.is_in_right_terms and reading.side == "left":
             theta = theta * MIRROR_AXIS_ANGLE
-        motion = HandMotion(theta, raw.beta, raw.transl * _METRES[reading.unit], reading.fps, reading.side)
+        motion = HandMotion(theta, raw.beta, raw.transl * METRES[reading.unit], reading.fps, reading.side)
         if len(raw.entries) == reading.frames:
             return motion
         return at_frames(motion, np.arange(reading.frames), raw.entries - raw.entries[0])
