@@ -6,7 +6,7 @@ import bpy
 
 from . import preferences, properties
 from .render import engine, memory
-from .ui import compositing, operators, panels
+from .ui import compositing, motion, operators, panels
 
 CLASSES = (
     *properties.CLASSES,
@@ -14,6 +14,7 @@ CLASSES = (
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
+    *motion.CLASSES,
     *engine.CLASSES,
 )
 
@@ -24,6 +25,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     properties.attach()
     panels.add_to_menus()
+    motion.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
 
@@ -32,6 +34,7 @@ def unregister() -> None:
     """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
     memory.stop_watching()
     engine.unregister_panels()
+    motion.remove_from_menus()
     panels.remove_from_menus()
     properties.detach()
     for cls in reversed(CLASSES):

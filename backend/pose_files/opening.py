@@ -31,7 +31,10 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
-def open_motion_file(path: Path, capture: int | None = None) -> PoseFile | LandmarkFile:
+MotionFile = PoseFile | LandmarkFile
+
+
+def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     """Read a file of poses or of landmarks, or a folder of one-frame files of poses in the order of their names.
 
     Args:

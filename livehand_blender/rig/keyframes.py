@@ -13,10 +13,16 @@ from .bones import bone_name
 from .pose import bone_quaternions, hand_side, wrist_locations
 
 
-def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
-    """Key all 16 bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
+def keyframe_theta(
+    armature: bpy.types.Object,
+    thetas: np.ndarray,
+    frames: Sequence[float] | np.ndarray,
+    joints: Sequence[int] = range(16),
+) -> None:
+    """Key bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
-    The bones are put into quaternion mode. Neighbouring quaternions keep their sign, so nothing spins in between.
+    Only the bones of `joints` are keyed; they are put into quaternion mode. Neighbouring quaternions keep their sign,
+    so nothing spins in between.
 
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
@@ -24,7 +30,7 @@ def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Seque
     frames = _check(frames, thetas, (16, 3), "thetas")
     side = hand_side(armature)
     quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
-    for joint in range(16):
+    for joint in joints:
         bone = armature.pose.bones[bone_name(joint, side)]
         bone.rotation_mode = "QUATERNION"
         _key_channels(armature, bone, "rotation_quaternion", frames, quaternions[:, joint])

@@ -23,7 +23,7 @@ LIMITS = np.deg2rad(np.array(list(_FINGER_DEG) * 4 + list(_THUMB_DEG), float))
 
 _SAMPLES = 2000
 # What natural poses may vary beyond our gestures' mixes.
-_WIDER, _LOOSE_DEG = 1.3, 5.0
+_WIDER, _LOOSE_DEG = 1.6, 8.0
 
 
 class NaturalPoses(NamedTuple):

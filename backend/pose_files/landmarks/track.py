@@ -1,7 +1,7 @@
 """Landmark files: MediaPipe's 21 (`.json`, `.npz`, `.csv`) and WebXR's 25 joints, one hand each, read as they are.
 
-MediaPipe's label takes the picture for a mirrored selfie. So the hand whose shape its landmarks have is always the other
-one than the label says; and where the picture was mirrored indeed, that is the mirror image of the real hand.
+MediaPipe's label takes the picture for a mirrored selfie. So its landmarks always have the shape of the other hand than
+the label says; and where the picture was mirrored indeed, that is the mirror image of the real hand.
 """
 
 from __future__ import annotations
