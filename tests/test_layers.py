@@ -59,7 +59,7 @@ ROWS = [
     ("backend.renderer", "backend.capture_check", "backend.importing"),
     ("backend.training", "backend.evaluation.metrics", "backend.pose_files"),
     ("backend.pose_files.formats", "backend.pose_files.landmarks"),
-    ("backend.pose_files.opening",),
+    ("backend.pose_files.opening", "backend.pose_files.describe"),
     ("backend.training.pose_fit",),
     ("backend.evaluation", "backend.benchmark"),
     ("backend.training.preview",),

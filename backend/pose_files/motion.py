@@ -49,8 +49,6 @@ class HandMotion:
                 )
         if self.fps is not None and not (np.isfinite(self.fps) and self.fps > 0):
             raise LiveHandError(f"fps must be a positive number, got {self.fps}")
-        if self.side not in ("right", "left"):
-            raise LiveHandError(f"side must be 'right' or 'left', got {self.side!r}")
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -62,7 +60,7 @@ class HandMotion:
 
     def pose(self, index: int) -> HandPose:
         """One frame."""
-        return HandPose(self.theta[index], self.betas[index], self.transl[index], self.side)
+        return HandPose(self.theta[index], self.betas[index].copy(), self.transl[index], self.side)
 
 
 def motion_of(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion:

@@ -48,7 +48,7 @@ class _Scalar(Stub):
         """Its value, as an array without axes."""
         dtype, raw = self.state
         require(isinstance(dtype, Dtype) and dtype.code != "O", "numbers must be plain, got an object")
-        return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, dtype.numpy())[0]
+        return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, dtype.numpy()).reshape(())
 
 
 class _Buffer(Stub):

@@ -103,12 +103,10 @@ class PoseFile:
         Raises:
             LiveHandError: a value that cannot be.
         """
+        check_changes(changes)
         reading = replace(self.reading, **changes)
         raw = self._raw(reading.side)
         width = raw.fingers.shape[1]
-        _check("side", reading.side, SIDES)
-        _check("space", reading.space, SPACES)
-        _check("unit", reading.unit, get_args(Unit))
         _check("pca_components", reading.pca_components, (0, 45) if width == 45 else (width,))
         span = int(raw.entries[-1] - raw.entries[0]) + 1
         return replace(self, reading=replace(reading, frames=span, missing=span - len(raw.entries)))
@@ -159,6 +157,13 @@ class PoseFile:
 
     def _raw(self, side: Side) -> RawHand:
         return self.hands.get(side) or next(iter(self.hands.values()))
+
+
+def check_changes(changes: Mapping[str, Any]) -> None:
+    """Raise a `LiveHandError` where a side, space or unit is none."""
+    for name, allowed in (("side", SIDES), ("space", SPACES), ("unit", get_args(Unit))):
+        if name in changes:
+            _check(name, changes[name], allowed)
 
 
 def pose_file(

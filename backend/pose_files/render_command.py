@@ -1,6 +1,6 @@
 """`livehand render` of a pose file, without Blender: the hand alone, from the front, as PNGs with alpha.
 
-The wrist stays in the middle of the picture; it turns as in the file. A file in a camera's axes is seen from that camera.
+The wrist stays where it is and turns as in the file. A file in a camera's axes is seen from that camera.
 """
 
 from __future__ import annotations

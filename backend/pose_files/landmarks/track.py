@@ -15,11 +15,10 @@ import numpy as np
 
 from ...errors import LiveHandError
 from ...hand.model import MIRROR_POINT, HandModel
-from ...shot import SIDES, Side
+from ...shot import Side
 from ..document import Document
 from ..motion import HandMotion
-from ..placing import SPACES
-from ..reading import METRES, Reading
+from ..reading import METRES, Reading, check_changes
 from ..timing import at_frames, smoothed
 from .fit import LandmarkFit, fit_landmarks, likelier_side
 
@@ -60,9 +59,8 @@ class LandmarkFile:
         Raises:
             LiveHandError: a value that cannot be.
         """
+        check_changes(changes)
         reading = replace(self.reading, **changes)
-        if reading.side not in SIDES or reading.space not in SPACES:
-            raise LiveHandError(f"side and space must be known ones, got {reading.side!r} and {reading.space!r}")
         is_mirrored = self.is_picture_mirrored if is_picture_mirrored is None else is_picture_mirrored
         if is_mirrored != self.is_picture_mirrored and "side" not in changes:
             reading = replace(reading, side=_other(reading.side))
