@@ -229,7 +229,7 @@ def test_hamer_refuses_what_does_not_turn(tmp_path):
     content = hamer([1] * T)
     content["pred_mano_params.hand_pose"] = content["pred_mano_params.hand_pose"] * 1.1
     np.savez(tmp_path / "h.npz", **content)
-    with pytest.raises(LiveHandError, match="rotation matrices, got ones off by 0.2"):
+    with pytest.raises(LiveHandError, match=r"rotation matrices, got ones off by 0\.2"):
         open_pose_file(tmp_path / "h.npz")
 
 
