@@ -12,7 +12,7 @@ from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.pose_files.landmarks.articulation import FREE, LIMITS, all_angles, free_angles, within_limits
 from livehand.backend.pose_files.landmarks.closed_form import aligned_bones, aligned_palm
-from livehand.backend.pose_files.landmarks.fit import fit_landmarks, likelier_side
+from livehand.backend.pose_files.landmarks.fit import METRIC, fit_landmarks, likelier_side
 from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton, derivative_of_nodes
 from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 
@@ -58,7 +58,7 @@ def test_natural_poses_with_noise_are_found_again():
     """The promise of the docs, on fewer poses: 8 degrees a joint, 5 mm at the tips, from 3 mm of noise."""
     theta, beta, transl, rng = natural(40, seed=1)
     true = landmarks(theta, beta, transl)
-    fit = fit_landmarks(true + rng.normal(size=true.shape) * 0.003, HAND, "right", fits_scale=False)
+    fit = fit_landmarks(true + rng.normal(size=true.shape) * 0.003, HAND, "right", trust=METRIC)
     assert fit.scale == 1
     assert angle_deg(fit.motion.theta, theta)[:, 1:].mean() < 6
     tips = landmarks(fit.motion.theta, fit.motion.beta, fit.motion.transl)[:, 4::4] - true[:, 4::4]
@@ -69,7 +69,7 @@ def test_gestures_without_noise_are_found_closely():
     axes = FingerAxes.of_default_hand()
     theta = np.array([theta_of(gesture.angles_deg(), axes) for gesture in GESTURES.values()])
     true = landmarks(theta, np.zeros(10), np.zeros((len(theta), 3)))
-    fit = fit_landmarks(true, HAND, "right", fits_scale=False)
+    fit = fit_landmarks(true, HAND, "right", trust=METRIC)
     assert angle_deg(fit.motion.theta, theta).mean() < 2.5
     assert fit.rms_m < 0.0012
 

@@ -247,6 +247,10 @@ def test_dexycb_labels_are_components_from_the_mean_and_zeros_are_gaps(tmp_path)
     np.testing.assert_allclose(motion.transl[kept], TRANS[kept], atol=1e-6)
     left = file.turned_round(side="left").motion(BASIS)
     same_turns(left.theta[kept, 1:], expected[kept] * MIRROR, 1e-5)
+    stacked = np.concatenate([POSE[:, :3], coefficients, TRANS], 1) * [[1], [0], [1], [1]]
+    np.savez(tmp_path / "all.npz", pose_m=stacked)
+    whole = opened(tmp_path / "all.npz", frames=T, missing=1).motion(BASIS)
+    same_turns(whole.theta, motion.theta, 1e-5)
     with pytest.raises(LiveHandError, match="a frame without one"):
         open_pose_file(tmp_path / "labels_000001.npz")
 

@@ -42,7 +42,7 @@ def at_frames(motion: HandMotion, positions: np.ndarray, places: np.ndarray | No
     right = np.minimum(left + 1, len(places) - 1)
     span = np.maximum(places[right] - places[left], 1)
     share = np.clip((positions - places[left]) / span, 0, 1)
-    quaternions = continuous(axis_angle_to_quaternion(motion.theta))
+    quaternions = axis_angle_to_quaternion(motion.theta)
     turned = slerp(quaternions[left], quaternions[right], share[:, None])
     transl = _between(motion.transl[left], motion.transl[right], share)
     beta = motion.beta if motion.beta.ndim == 1 else _between(motion.beta[left], motion.beta[right], share)

@@ -31,6 +31,8 @@ class Placement:
         keys_wrist: the wrist's rotation is keyed.
         keys_place: the wrist's location is keyed.
         sets_shape: the hand takes the motion's shape, its mean where it changes.
+        camera: [4, 4] Blender's matrix of the camera whose axes a motion in a camera's space has; None: one at the
+            world's origin that looks along +Y.
     """
 
     space: Space
@@ -40,6 +42,7 @@ class Placement:
     keys_wrist: bool = True
     keys_place: bool = True
     sets_shape: bool = False
+    camera: np.ndarray | None = None
 
 
 def key_motion(
@@ -70,7 +73,7 @@ def key_motion(
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _of_shape(motion, beta if placement.sets_shape else np.array(armature.livehand.beta), model.for_side(side))
     if placement.space != "hand":
-        to_armature = np.linalg.inv(np.array(armature.matrix_world)) @ to_blender(placement.space)
+        to_armature = np.linalg.inv(np.array(armature.matrix_world)) @ _to_world(placement)
         motion = moved(motion, to_armature, rest_wrists(model.for_side(side), motion.beta))
     frames = placement.start_frame + np.arange(len(motion))
     keyframe_theta(armature, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
@@ -98,6 +101,14 @@ def sample_motion(context: bpy.types.Context, armature: bpy.types.Object, frames
     finally:
         scene.frame_set(int(np.floor(before)), subframe=before % 1)
     return motion_of(poses, scene.render.fps / scene.render.fps_base)
+
+
+def _to_world(placement: Placement) -> np.ndarray:
+    """[4, 4] from the motion's space to Blender's world; Blender's own camera has OpenGL's axes."""
+    matrix = to_blender(placement.space)
+    if placement.camera is None or placement.space not in ("opencv", "opengl"):
+        return matrix
+    return placement.camera @ np.linalg.inv(to_blender("opengl")) @ matrix
 
 
 def _of_shape(motion: HandMotion, beta: np.ndarray, model: HandModel) -> HandMotion:

@@ -6,6 +6,7 @@ import textwrap
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
@@ -85,6 +86,10 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
             ("opengl", "Camera, Y Up", "A camera's: x right, y up, z back"),
         ),
     )
+    through_camera: BoolProperty(
+        name="Through Camera",
+        description="A camera's axes are those of the scene's camera as it stands now; off: of one at the origin",
+    )
     unit: EnumProperty(
         name="Unit",
         description="Of the wrist's location",
@@ -127,7 +132,9 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
         layout.use_property_split = True
         layout.use_property_decorate = False
         self._draw_detected(layout.box())
-        _draw_group(layout, self, "Reading", ("side", "mean", "angles", "space", "unit", "fps", "mano_path"))
+        _draw_group(
+            layout, self, "Reading", ("side", "mean", "angles", "space", "through_camera", "unit", "fps", "mano_path")
+        )
         _draw_group(layout, self, "Landmarks", ("is_picture_mirrored", "smooth_frames"))
         onto = ("start_frame", "match_fps", "mirror", "key_wrist", "key_place", "set_shape")
         _draw_group(layout, self, "Onto the Hand", onto)
@@ -148,6 +155,7 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
                 self.key_wrist,
                 self.key_place,
                 self.set_shape,
+                self._camera(context.scene),
             )
             count = key_motion(context.scene, armature, model, motion, placement)
         except LiveHandError as error:
@@ -173,6 +181,13 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
             fields["fps"] = self.fps
         mano_path = Path(bpy.path.abspath(self.mano_path)) if self.mano_path else None
         return Changes(fields, mano_path, self.is_picture_mirrored, self.smooth_frames)
+
+    def _camera(self, scene: bpy.types.Scene) -> np.ndarray | None:
+        if not self.through_camera:
+            return None
+        if scene.camera is None:
+            raise LiveHandError("Through Camera must have a camera in the scene, got none; add one or turn it off")
+        return np.array(scene.camera.matrix_world.normalized())
 
     def _draw_detected(self, layout: bpy.types.UILayout) -> None:
         try:

@@ -21,7 +21,6 @@ from .articulation import FREE, NaturalPoses, all_angles, within_limits
 from .closed_form import aligned_bones, aligned_palm
 from .skeleton import NODES_OF_LANDMARKS, Posed, Skeleton, derivative_of_nodes
 
-_LANDMARK_M = 0.004  # the landmarks' deviation
 _SCALE = 0.15  # the scale's, about 1
 _ROUNDS = 4  # of poses and shape
 _STEPS = 6  # of the poses in each
@@ -29,6 +28,24 @@ _FRAMES_AT_ONCE = 500  # bounds memory
 _FRAMES_TO_TELL = 40  # which hand it is
 _SCALES = (0.4, 2.5)
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
+
+
+class Trust(NamedTuple):
+    """How far landmarks are to be trusted.
+
+    Attributes:
+        deviation_m: how far they lie from the model's own joints and fingertips, along each axis.
+        fits_scale: their scale is a guess.
+    """
+
+    deviation_m: float
+    fits_scale: bool
+
+
+METRIC = Trust(0.004, fits_scale=False)
+"""Of a tracker that measures."""
+GUESSED = Trust(0.008, fits_scale=True)
+"""Of one that guesses depth and size from a picture, as MediaPipe does, and whose joints are not a hand model's."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +72,7 @@ class _Poses(NamedTuple):
 
 
 def fit_landmarks(
-    points: np.ndarray, model: HandModel, side: Side, fps: float | None = None, fits_scale: bool = True
+    points: np.ndarray, model: HandModel, side: Side, fps: float | None = None, trust: Trust = GUESSED
 ) -> LandmarkFit:
     """The motion of a hand model that lies nearest to landmarks.
 
@@ -64,7 +81,7 @@ def fit_landmarks(
         model: any hand in MANO's format.
         side: which hand the landmarks are of; the motion is of it.
         fps: of the landmarks.
-        fits_scale: the landmarks' scale is a guess, as MediaPipe's is; False: they are true to scale.
+        trust: in the landmarks, against natural poses and the model's own size.
 
     Raises:
         LiveHandError: no frames, not finite, another shape, or not of a hand's size in metres.
@@ -78,13 +95,12 @@ def fit_landmarks(
     nodes[:, NODES_OF_LANDMARKS] = points if side == "right" else points * MIRROR_POINT
     skeleton = Skeleton.of(model)
     first_scale, beta, natural = _first_scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
-    scale = first_scale if fits_scale else 1.0
+    scale = first_scale if trust.fits_scale else 1.0
     poses = _guess(_true_to(scale, nodes), skeleton, beta)
     for _ in range(_ROUNDS):
-        poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural)
-        scale, beta = _shape(poses, nodes, skeleton, fits_scale)
-        poses = poses._replace(wrist=_places(poses, _true_to(scale, nodes), skeleton, beta))
-    poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural)
+        poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural, trust)
+        scale, beta = _shape(poses, nodes, skeleton, trust)
+    poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural, trust)
     return _result(poses, _true_to(scale, nodes), skeleton, beta, scale, side, fps)
 
 
@@ -118,12 +134,14 @@ def _guess(nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray) -> _Poses:
     return _Poses(root, wrist, within_limits(aligned_bones(nodes, root, skeleton, beta)))
 
 
-def _improved(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray, natural: NaturalPoses) -> _Poses:
+def _improved(
+    poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray, natural: NaturalPoses, trust: Trust
+) -> _Poses:
     """A few damped Gauss-Newton steps; a frame whose step makes it worse stays, and tries a shorter one next time."""
     parts = []
     for first in range(0, len(nodes), _FRAMES_AT_ONCE):
         some = slice(first, first + _FRAMES_AT_ONCE)
-        problem = _Problem(nodes[some], skeleton, skeleton.offsets(beta), natural)
+        problem = _Problem(nodes[some], skeleton, skeleton.offsets(beta), natural, trust.deviation_m)
         parts.append(problem.solve(_Poses(*(part[some] for part in poses))))
     return _Poses(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -136,6 +154,7 @@ class _Problem:
     skeleton: Skeleton
     offsets: np.ndarray
     natural: NaturalPoses
+    deviation_m: float
 
     def solve(self, poses: _Poses) -> _Poses:
         posed = self._posed(poses)
@@ -153,8 +172,8 @@ class _Problem:
     def _stepped(self, poses: _Poses, posed: Posed, damping: np.ndarray) -> _Poses:
         slopes = derivative_of_nodes(posed)[..., _COLUMNS].reshape(len(self.nodes), 63, len(_COLUMNS))
         missing = (self.nodes - posed.nodes).reshape(len(self.nodes), 63, 1)
-        matrix = slopes.swapaxes(1, 2) @ slopes / _LANDMARK_M**2
-        right = (slopes.swapaxes(1, 2) @ missing)[..., 0] / _LANDMARK_M**2
+        matrix = slopes.swapaxes(1, 2) @ slopes / self.deviation_m**2
+        right = (slopes.swapaxes(1, 2) @ missing)[..., 0] / self.deviation_m**2
         matrix[:, 6:, 6:] += self.natural.precision
         right[:, 6:] -= (poses.free - self.natural.mean) @ self.natural.precision
         diagonal = np.einsum("tkk->tk", matrix)
@@ -168,30 +187,24 @@ class _Problem:
 
     def _cost(self, poses: _Poses, posed: Posed) -> np.ndarray:
         """[T]."""
-        apart = ((self.nodes - posed.nodes) ** 2).sum((1, 2)) / _LANDMARK_M**2
+        apart = ((self.nodes - posed.nodes) ** 2).sum((1, 2)) / self.deviation_m**2
         off = poses.free - self.natural.mean
         return apart + ((off @ self.natural.precision) * off).sum(-1)
 
 
-def _shape(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, fits_scale: bool) -> tuple[float, np.ndarray]:
+def _shape(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, trust: Trust) -> tuple[float, np.ndarray]:
     """Scale and beta of all frames: nodes, less each frame's mean, are linear in scale and scale * beta."""
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(np.zeros(10)))
     rest, slopes = skeleton.shape_terms(posed.turned)
     rest, slopes, seen = (values - values.mean(1, keepdims=True) for values in (rest, slopes, nodes))
     columns = np.concatenate([rest[..., None], slopes], -1).reshape(-1, 11)
     prior = np.r_[1 / _SCALE**2, np.ones(10)]
-    matrix = columns.T @ columns / _LANDMARK_M**2 + np.diag(prior)
-    right = columns.T @ seen.reshape(-1) / _LANDMARK_M**2 + np.r_[prior[0], np.zeros(10)]
-    if not fits_scale:
+    matrix = columns.T @ columns / trust.deviation_m**2 + np.diag(prior)
+    right = columns.T @ seen.reshape(-1) / trust.deviation_m**2 + np.r_[prior[0], np.zeros(10)]
+    if not trust.fits_scale:
         return 1.0, np.linalg.solve(matrix[1:, 1:], right[1:] - matrix[1:, 0])
     scale, *scaled = np.linalg.solve(matrix, right)
     return float(scale), np.array(scaled) / scale
-
-
-def _places(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray) -> np.ndarray:
-    """[T, 3] m of the wrist, so that the model's nodes have the landmarks' centre."""
-    posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(beta))
-    return poses.wrist + (nodes - posed.nodes).mean(1)
 
 
 def _result(

@@ -20,7 +20,7 @@ from ..document import Document
 from ..motion import HandMotion
 from ..reading import METRES, Reading, check_changes
 from ..timing import at_frames, smoothed
-from .fit import LandmarkFit, fit_landmarks, likelier_side
+from .fit import GUESSED, METRIC, LandmarkFit, fit_landmarks, likelier_side
 
 MEDIAPIPE, WEBXR = "MediaPipe landmarks", "WebXR joints"
 # Of WebXR's 25 joints (wrist; thumb's 4; metacarpal to tip of the others) those that MediaPipe has too, in its order.
@@ -72,8 +72,8 @@ class LandmarkFile:
         Raises:
             LiveHandError: the landmarks are not a hand's, or not in metres.
         """
-        fits_scale = self.reading.format == MEDIAPIPE
-        return fit_landmarks(self._true_points, model, self.reading.side, self.reading.fps, fits_scale)
+        trust = GUESSED if self.reading.format == MEDIAPIPE else METRIC
+        return fit_landmarks(self._true_points, model, self.reading.side, self.reading.fps, trust)
 
     def motion(self, model: HandModel, smooth_frames: float = 0.0) -> HandMotion:
         """The fitted motion, gaps bridged, jitter smoothed over so many frames (a Gaussian's deviation)."""
