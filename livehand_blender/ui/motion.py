@@ -15,7 +15,6 @@ from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.pose_files.describe import describe
 from ...backend.pose_files.formats.own import write_motion
-from ...backend.pose_files.opening import MotionFile
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..motion.request import Changes, changed, motion_from, open_files
 from .operators import active_hand
@@ -23,6 +22,7 @@ from .operators import active_hand
 _POSES, _LANDMARKS = ".npz;.npy;.pkl", ".json;.csv"
 _PATTERN = "*.npz;*.npy;*.pkl;*.json;*.csv"
 _AUTO = ("AUTO", "As Detected", "As the file's format says")
+_LINE_CHARACTERS = 60
 _LARGEST_SHOWN_BYTES = 64 << 20  # what the file browser reads by itself; larger files are read when they are imported
 
 
@@ -131,7 +131,9 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        self._draw_detected(layout.box())
+        box = layout.box()
+        for line in self._detected():
+            box.label(text=line)
         _draw_group(
             layout, self, "Reading", ("side", "mean", "angles", "space", "through_camera", "unit", "fps", "mano_path")
         )
@@ -189,30 +191,17 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
             raise LiveHandError("Through Camera must have a camera in the scene, got none; add one or turn it off")
         return np.array(scene.camera.matrix_world.normalized())
 
-    def _draw_detected(self, layout: bpy.types.UILayout) -> None:
-        try:
-            file = self._detected()
-        except LiveHandError as error:
-            for line in _lines(str(error)):
-                layout.label(text=line)
-            return
-        if file is None:
-            layout.label(text="Choose a file")
-            return
-        for name, value in describe(file).items():
-            for line in _lines(f"{name.capitalize()}: {value}"):
-                layout.label(text=line)
-
-    def _detected(self) -> MotionFile | None:
-        """The chosen file as detected; read once, and again when it changes."""
+    def _detected(self) -> list[str]:
+        """What the chosen file was taken for, in lines; read once, and again when it changes."""
         paths = [path for path in self._paths() if path.is_file()]
-        if not paths or sum(path.stat().st_size for path in paths) > _LARGEST_SHOWN_BYTES:
-            return None
+        if not paths:
+            return ["Choose a file"]
+        if sum(path.stat().st_size for path in paths) > _LARGEST_SHOWN_BYTES:
+            return ["A large file: it is read when it is imported"]
         key = [(str(path), path.stat().st_mtime_ns) for path in paths]
-        if getattr(self, "_read_key", None) != key:
-            self._read_key, self._read_file = key, None
-            self._read_file = open_files(paths)
-        return self._read_file
+        if getattr(self, "_told_key", None) != key:
+            self._told_key, self._told = key, _told(paths)
+        return self._told
 
 
 class LIVEHAND_OT_export_motion(_OnHand, bpy.types.Operator, ExportHelper):
@@ -335,8 +324,12 @@ def _draw_group(layout: bpy.types.UILayout, operator: bpy.types.Operator, title:
         column.prop(operator, name)
 
 
-def _lines(text: str, width: int = 60) -> list[str]:
-    return textwrap.wrap(text, width)
+def _told(paths: list[Path]) -> list[str]:
+    try:
+        facts = [f"{name.capitalize()}: {value}" for name, value in describe(open_files(paths)).items()]
+    except LiveHandError as error:
+        facts = [str(error)]
+    return [line for fact in facts for line in textwrap.wrap(fact, _LINE_CHARACTERS)]
 
 
 def _model_of(armature: bpy.types.Object) -> tuple[HandModel, Path | None]:

@@ -222,6 +222,53 @@ def test_without_a_hand_nothing_is_offered(tmp_path):
     assert not bpy.ops.livehand.export_motion.poll()
 
 
+class Layout:
+    """Records labels and properties."""
+
+    def __init__(self, drawn):
+        self.drawn = drawn
+
+    def box(self):
+        return self
+
+    column = box
+
+    def label(self, text):
+        self.drawn.append(text)
+
+    def prop(self, owner, name):
+        self.drawn.append(name)
+
+
+def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
+    np.savez(tmp_path / "labels.npz", pose_m=np.ones((1, 51)))
+    (tmp_path / "bad.npz").write_bytes(b"nothing")
+    operator = LIVEHAND_OT_import_motion
+
+    class Browser:
+        draw, _detected, _paths = operator.draw, operator._detected, operator._paths
+        directory, files = "", ()
+
+        def __init__(self, path):
+            self.filepath, self.layout = str(path), Layout([])
+
+    told = {}
+    for name in ("labels.npz", "bad.npz", "gone.npz"):
+        browser = Browser(tmp_path / name)
+        for _ in range(2):  # as often as Blender redraws
+            browser.layout.drawn.clear()
+            browser.draw(bpy.context)
+        told[name] = browser.layout.drawn
+    assert "Format: DexYCB" in told["labels.npz"]
+    assert "Angles: 45 components (needs a MANO file)" in told["labels.npz"]
+    assert "readable .npz" in " ".join(told["bad.npz"])
+    assert "Choose a file" in told["gone.npz"]
+    known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
+    drawn = {name for name in told["gone.npz"] if name.islower()}
+    assert drawn <= known
+    assert known - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
+
+
 def test_dropped_files_are_offered_to_the_import():
     handlers = {name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks")}
     suffixes = ";".join(handler.bl_file_extensions for handler in handlers.values()).split(";")

@@ -21,7 +21,7 @@ _THUMB_DEG = ((-40, 60), (-45, 45), (-40, 50), (-30, 75), (-40, 95))
 LIMITS = np.deg2rad(np.array(list(_FINGER_DEG) * 4 + list(_THUMB_DEG), float))
 """[21, 2] rad."""
 
-_SAMPLES = 2000
+_SAMPLES = 500
 # What natural poses may vary beyond our gestures' mixes.
 _WIDER, _LOOSE_DEG = 1.6, 8.0
 
