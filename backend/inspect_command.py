@@ -15,7 +15,7 @@ from .errors import LiveHandError
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help="a .safetensors avatar, a .npz or .pkl, or a capture's folder")
+    parser.add_argument("file", type=Path, help="an avatar, hand model, pose or landmark file, or a folder")
 
 
 def _run(args: argparse.Namespace) -> dict:
@@ -35,15 +35,37 @@ def inspect(path: Path) -> dict:
             f"nothing to inspect at {path}; give the path of an avatar, hand model, pose file or capture"
         )
     if path.is_dir():
-        return _capture_facts(path)
+        return _capture_facts(path) if _is_capture(path) else _motion_facts(path)
     if path.suffix == ".safetensors":
         return _avatar_facts(path)
     if path.suffix == ".npz":
         arrays = _read_arrays(path)
         return _hand_facts(path) if "v_template" in arrays else _pose_facts(path, arrays)
     if path.suffix == ".pkl":
+        return _pickle_facts(path)
+    return _motion_facts(path)
+
+
+def _is_capture(folder: Path) -> bool:
+    return (folder / "transforms.json").exists() or not any(path.is_file() for path in folder.iterdir())
+
+
+def _pickle_facts(path: Path) -> dict:
+    """A hand's, or a pose file's; what neither reads is reported as the hand it most likely was meant to be."""
+    try:
         return _hand_facts(path)
-    raise LiveHandError(f"{path} must be a .safetensors, .npz, .pkl or a capture's folder, got '{path.suffix}'")
+    except LiveHandError as error:
+        try:
+            return _motion_facts(path)
+        except LiveHandError:
+            raise error from None
+
+
+def _motion_facts(path: Path) -> dict:
+    from .pose_files.describe import describe
+    from .pose_files.opening import open_motion_file
+
+    return {"kind": "motion", **describe(open_motion_file(path))}
 
 
 def _avatar_facts(path: Path) -> dict:
@@ -89,9 +111,7 @@ def _hand_facts(path: Path) -> dict:
 def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
     shapes = {key: list(array.shape) for key, array in arrays.items()}
     if "theta" not in shapes:
-        raise LiveHandError(
-            f"{path} must hold a hand model (v_template, ...) or poses (theta, ...), got {list(shapes)}"
-        )
+        return _motion_facts(path)
     theta = arrays["theta"]
     return {
         "kind": "poses",

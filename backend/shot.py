@@ -6,7 +6,7 @@ Frozen dataclasses of numpy arrays, so that no bpy object and no torch tensor tr
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .errors import LiveHandError
 from .profile import DepthProfile
 
 Side = Literal["right", "left"]
+SIDES: tuple[Side, ...] = get_args(Side)
 
 
 @dataclass(frozen=True)

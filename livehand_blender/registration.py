@@ -7,7 +7,7 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, keying_set, operators, panels, picker, pose_library, posing
+from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing
 
 CLASSES = (
     *properties.CLASSES,
@@ -19,6 +19,7 @@ CLASSES = (
     *preferences.CLASSES,
     *panels.CLASSES,
     *picker.CLASSES,
+    *motion.CLASSES,
     *engine.CLASSES,
 )
 
@@ -29,6 +30,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     properties.attach()
     panels.add_to_menus()
+    motion.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
     BlenderCommand.register()
@@ -39,6 +41,7 @@ def unregister() -> None:
     BlenderCommand.unregister()
     memory.stop_watching()
     engine.unregister_panels()
+    motion.remove_from_menus()
     panels.remove_from_menus()
     properties.detach()
     for cls in reversed(CLASSES):

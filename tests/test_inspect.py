@@ -1,6 +1,7 @@
 """`livehand inspect`, by kind of file."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -80,3 +81,21 @@ def test_the_command_prints_facts_or_json(capsys):
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("livehand inspect: nothing to inspect at nowhere")
+
+
+def test_others_pose_files(tmp_path):
+    (tmp_path / "take.json").write_text(json.dumps(np.zeros((2, 48)).tolist()))
+    facts = inspect(tmp_path / "take.json")
+    assert (facts["kind"], facts["format"], facts["frames"], facts["mean"]) == (
+        "motion",
+        "Raw MANO",
+        "2",
+        "in the angles",
+    )
+    meta = {"handPose": np.zeros(48), "handTrans": np.zeros(3), "handBeta": np.zeros(10)}
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "0000.pkl").write_bytes(pickle.dumps(meta))
+    assert inspect(tmp_path / "meta" / "0000.pkl")["format"] == "HO-3D"
+    assert inspect(tmp_path / "meta")["axes"] == "camera, y up, z back"
+    np.savez(tmp_path / "labels.npz", pose_m=np.ones((1, 51)))
+    assert inspect(tmp_path / "labels.npz")["format"] == "DexYCB"

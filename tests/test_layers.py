@@ -57,7 +57,9 @@ ROWS = [
     ("backend.tracing", "backend.shading"),
     ("backend.avatar", "backend.capture"),
     ("backend.renderer", "backend.capture_check", "backend.importing"),
-    ("backend.training", "backend.evaluation.metrics"),
+    ("backend.training", "backend.evaluation.metrics", "backend.pose_files"),
+    ("backend.pose_files.formats", "backend.pose_files.landmarks"),
+    ("backend.pose_files.opening", "backend.pose_files.describe"),
     ("backend.training.pose_fit",),
     ("backend.evaluation", "backend.benchmark"),
     ("backend.training.preview",),
@@ -70,6 +72,7 @@ ROWS = [
         "backend.importing.interhand_command",
         "backend.importing.mask_command",
         "backend.importing.transforms_command",
+        "backend.pose_files.render_command",
     ),
     ("backend.cli",),
     ("backend",),
@@ -78,7 +81,12 @@ ROWS = [
     ("livehand_blender.render.task", "livehand_blender.render.frame_queue"),
     ("livehand_blender.render.session",),
     ("livehand_blender.viewport",),
-    ("livehand_blender.render", "livehand_blender.capture", "livehand_blender.compositing"),
+    (
+        "livehand_blender.render",
+        "livehand_blender.capture",
+        "livehand_blender.compositing",
+        "livehand_blender.motion",
+    ),
     ("livehand_blender.ui", "livehand_blender.benchmark", "livehand_blender.blender_command"),
     ("livehand_blender.registration",),
     ("livehand_blender",),
@@ -118,6 +126,9 @@ MORE_DOORS = {
     "livehand_blender.capture": ("hand.builtin", "hand.gestures", "hand.lbs", "geometry.rotation"),
     # Cycles on the benchmark's own frames, timed by its stopwatch.
     "livehand_blender.benchmark": ("benchmark", "hand.builtin", "command"),
+    # Motions from and to files.
+    "livehand_blender.motion": ("pose_files",),
+    "livehand_blender.ui.motion": ("pose_files",),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command"),
     "livehand_blender.capture.command": ("command",),

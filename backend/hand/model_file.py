@@ -61,13 +61,26 @@ def load_hands_mean(path: Path | str) -> np.ndarray:
     Raises:
         LiveHandError: no such file, or it holds no mean pose.
     """
-    arrays = _read_arrays(Path(path))
-    if "hands_mean" not in arrays:
-        raise LiveHandError(f"{path} must hold hands_mean, as MANO's own files do; the poses count from it")
-    mean = _numbers(arrays, "hands_mean", Path(path))
-    if mean.size != 45 or not np.isfinite(mean).all():
-        raise LiveHandError(f"{path}: hands_mean must be 45 finite numbers, got {list(mean.shape)}")
-    return mean.reshape(15, 3)
+    return _load_extra(Path(path), "hands_mean", 45).reshape(15, 3)
+
+
+def load_hands_components(path: Path | str) -> np.ndarray:
+    """[45, 45] rad: the principal components of the finger joints in rows, of which many fits are sums.
+
+    Raises:
+        LiveHandError: no such file, or it holds none.
+    """
+    return _load_extra(Path(path), "hands_components", 45 * 45).reshape(45, 45)
+
+
+def _load_extra(path: Path, key: str, size: int) -> np.ndarray:
+    arrays = _read_arrays(path)
+    if key not in arrays:
+        raise LiveHandError(f"{path} must hold {key}, as MANO's own files do; the poses count from it")
+    values = _numbers(arrays, key, path)
+    if values.size != size or not np.isfinite(values).all():
+        raise LiveHandError(f"{path}: {key} must be {size} finite numbers, got {list(values.shape)}")
+    return values
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..errors import LiveHandError
-from ..shot import HandPose
+from ..shot import HandPose, Side
 from .json_stream import list_entries, member
 
 DataSplit = Literal["train", "val", "test"]
@@ -137,31 +137,58 @@ def _is_central(K: np.ndarray, size_px: tuple[int, int]) -> bool:
     return bool((np.abs(K[:2, 2] - side / 2) < _OFF_CENTRE * side).all())
 
 
+@dataclass(frozen=True)
+class NeuralAnnotFit:
+    """A fit as the file has it: pose [48] rad, MANO's mean not added; shape [10]; trans [3] m."""
+
+    pose: np.ndarray
+    shape: np.ndarray
+    trans: np.ndarray
+
+
 def read_poses(path: Path, capture: int, hands_mean: np.ndarray) -> dict[int, HandPose]:
     """The right hand's pose of every frame that has a fit, the mean added.
 
     Raises:
         LiveHandError: malformed.
     """
+    poses = {}
+    for frame, fit in read_fits(path, capture, "right").items():
+        if fit is not None:
+            theta = fit.pose.reshape(16, 3).copy()
+            theta[1:] += hands_mean
+            poses[frame] = HandPose(theta, fit.shape, fit.trans)
+    return poses
+
+
+def read_fits(path: Path, capture: int, side: Side) -> dict[int, NeuralAnnotFit | None]:
+    """One hand's fit of every frame, None where that hand has none.
+
+    Raises:
+        LiveHandError: malformed, or a number that is not finite.
+    """
     frames = member(path, str(capture))
     try:
-        fits = {int(frame): hands["right"] for frame, hands in frames.items() if hands["right"] is not None}
+        entries = {int(frame): hands[side] for frame, hands in frames.items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise LiveHandError(
             f"{path}: capture {capture} must hold {{frame: {{right, left}}}}, got {type(error).__name__}: {error}"
         ) from error
-    poses, faults = {}, []
-    for frame, fit in fits.items():
+    fits, faults = {}, []
+    for frame, entry in entries.items():
         try:
-            poses[frame] = _read_pose(fit, hands_mean)
+            fits[frame] = None if entry is None else _read_fit(entry)
         except (KeyError, TypeError, ValueError, LiveHandError) as error:
             faults.append(f"capture {capture}, frame {frame}: {error}")
     if faults:
         raise LiveHandError.of_faults(str(path), faults)
-    return poses
+    return fits
 
 
-def _read_pose(fit: Mapping[str, Any], hands_mean: np.ndarray) -> HandPose:
-    theta = np.array(fit["pose"], float).reshape(16, 3)
-    theta[1:] += hands_mean
-    return HandPose(theta, np.array(fit["shape"], float), np.array(fit["trans"], float).reshape(3))
+def _read_fit(entry: Mapping[str, Any]) -> NeuralAnnotFit:
+    pose = HandPose(
+        np.array(entry["pose"], float).reshape(16, 3),
+        np.array(entry["shape"], float),
+        np.array(entry["trans"], float).reshape(3),
+    )
+    return NeuralAnnotFit(pose.theta.reshape(48), pose.beta, pose.transl)

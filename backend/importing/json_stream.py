@@ -53,6 +53,19 @@ def member(path: Path, key: str) -> Any:
     raise LiveHandError(f"{path} must hold {key!r}, got {others[:40]}")
 
 
+def member_names(path: Path) -> Iterator[str]:
+    """The keys of a document {key: value, ...} in the file's order; a value is read when the next key is asked for.
+
+    Raises:
+        LiveHandError: missing, cut short or no JSON.
+    """
+    with _opened(path) as file:
+        reader = _Reader(file, path)
+        for name in reader.keys():
+            yield name
+            reader.skip()
+
+
 def _opened(path: Path) -> TextIO:
     try:
         return path.open(encoding="utf-8")

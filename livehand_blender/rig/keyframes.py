@@ -16,11 +16,17 @@ from .pose import bone_quaternions, hand_side, wrist_locations
 _ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 
 
-def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
-    """Key all 16 bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
+def keyframe_theta(
+    armature: bpy.types.Object,
+    thetas: np.ndarray,
+    frames: Sequence[float] | np.ndarray,
+    joints: Sequence[int] = range(16),
+) -> None:
+    """Key bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
-    The bones are put into quaternion mode. Neighbouring quaternions keep their sign, so nothing spins in between.
-    Finger controls and IK sliders go to zero; where they are keyed themselves, their keys still add to these.
+    Only the bones of `joints` are keyed; they are put into quaternion mode. Neighbouring quaternions keep their sign,
+    so nothing spins in between. Finger controls and IK sliders go to zero; where they are keyed themselves, their keys
+    still add to these.
 
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
@@ -29,7 +35,7 @@ def keyframe_theta(armature: bpy.types.Object, thetas: np.ndarray, frames: Seque
     side = hand_side(armature)
     clear_controls(armature)
     quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
-    for joint in range(16):
+    for joint in joints:
         bone = armature.pose.bones[bone_name(joint, side)]
         bone.rotation_mode = "QUATERNION"
         _key_channels(armature, bone, "rotation_quaternion", frames, quaternions[:, joint])

@@ -1,0 +1,127 @@
+"""Pickles of plain data (numbers, text, lists, dictionaries, numpy arrays), read without trusting them.
+
+HO-3D keeps its annotations so, and `numpy.save` of a dictionary, as ARCTIC's, is such a pickle behind a header. What
+numpy's own unpickling would call is given as stand-ins; any other name is refused before it is called.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from typing import Any
+
+import numpy as np
+
+from ..hand.pickled_arrays import Array, ArrayKind, Dtype, Stub, require
+
+
+def read_plain_pickle(raw: bytes) -> Any:
+    """What the pickle holds.
+
+    Raises:
+        LiveHandError: it names anything beyond numpy's arrays of plain numbers.
+        Exception: a damaged pickle can raise nearly anything else; the caller names the file.
+    """
+    return _plain(_PlainUnpickler(io.BytesIO(raw), encoding="latin1").load())
+
+
+class _AnyDtype(Dtype):
+    """Plain numbers, or `object`, which only the array around a dictionary may be of."""
+
+    def __new__(cls, code: Any, *flags: Any) -> Dtype:
+        if code not in ("O", "O8"):
+            return super().__new__(cls, code, *flags)
+        dtype = object.__new__(cls)
+        dtype.code = "O"
+        return dtype
+
+
+class _Scalar(Stub):
+    """`numpy.core.multiarray.scalar(dtype, raw)`."""
+
+    def __new__(cls, dtype: Any, raw: Any) -> _Scalar:
+        scalar = object.__new__(cls)
+        scalar.state = (dtype, raw)
+        return scalar
+
+    def numpy(self) -> np.ndarray:
+        """Its value, as an array without axes."""
+        dtype, raw = self.state
+        require(isinstance(dtype, Dtype) and dtype.code != "O", "numbers must be plain, got an object")
+        return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, dtype.numpy()).reshape(())
+
+
+class _Buffer(Stub):
+    """`numpy.core.numeric._frombuffer(raw, dtype, shape, order)`: arrays of the newest pickles."""
+
+    def __new__(cls, raw: Any, dtype: Any, shape: Any, order: Any) -> _Buffer:
+        buffer = object.__new__(cls)
+        buffer.state = (raw, dtype, shape, order)
+        return buffer
+
+    def numpy(self) -> np.ndarray:
+        """The array."""
+        raw, dtype, shape, order = self.state
+        require(isinstance(dtype, Dtype) and dtype.code != "O", "arrays must hold plain numbers, got objects")
+        return np.frombuffer(bytes(raw), dtype.numpy()).reshape(shape, order="F" if order == "F" else "C").copy()
+
+
+class _Bytes(Stub):
+    """`_codecs.encode(text, 'latin1')`: bytes, as the older protocols write them."""
+
+    def __new__(cls, text: Any, encoding: Any) -> bytes:
+        require(isinstance(text, str) and encoding == "latin1", f"text must be latin1, got {encoding!r}")
+        return text.encode("latin1")
+
+
+_ALLOWED = {
+    f"{package}.{name}": stand_in
+    for package in ("numpy.core", "numpy._core")
+    for name, stand_in in (
+        ("multiarray._reconstruct", Array),
+        ("multiarray.scalar", _Scalar),
+        ("numeric._frombuffer", _Buffer),
+    )
+} | {"numpy.ndarray": ArrayKind, "numpy.dtype": _AnyDtype, "_codecs.encode": _Bytes}
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """An unpickler that knows numpy's arrays and nothing else."""
+
+    def find_class(self, module_name: str, global_name: str, /) -> Any:
+        """The stand-in of a global.
+
+        Raises:
+            LiveHandError: it is none of numpy's arrays.
+        """
+        name = f"{module_name}.{global_name}"
+        require(
+            name in _ALLOWED,
+            f"a pickle of poses may not use {name}, which could run code; save plain numpy arrays as .npz instead",
+        )
+        return _ALLOWED[name]
+
+
+def _plain(value: Any) -> Any:
+    """The stand-ins replaced by what they stand for."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Array) and _is_wrapper(value):
+        return _plain(value.state[4][0])
+    if isinstance(value, Array | _Scalar | _Buffer):
+        return value.numpy()
+    require(value is None or isinstance(value, str | bytes | int | float), f"must be plain data, got {type(value)}")
+    return value
+
+
+def _is_wrapper(array: Array) -> bool:
+    """Whether it is `numpy.save`'s array around one dictionary."""
+    _, shape, dtype, _, items = array.state
+    is_object = isinstance(dtype, Dtype) and dtype.code == "O"
+    require(
+        not is_object or (shape == () and isinstance(items, list) and len(items) == 1),
+        "arrays must hold plain numbers, got an array of objects",
+    )
+    return is_object

@@ -1,0 +1,147 @@
+"""`livehand render` of a pose file, without Blender: the hand alone, from the front, as PNGs with alpha.
+
+The wrist stays where it is and turns as in the file. A file in a camera's axes is seen from that camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..camera import Camera, look_at
+from ..command import say
+from ..errors import LiveHandError
+from ..hand.model import MIRROR_POINT, UPRIGHT, HandModel
+from ..hand.model_file import load_default_hand
+from ..shot import SIDES, Shot
+from .landmarks.track import LandmarkFile
+from .mano_basis import load_mano_basis
+from .motion import HandMotion
+from .opening import open_motion_file
+from .placing import moved, rest_wrists, to_blender
+
+if TYPE_CHECKING:
+    from ..renderer import Renderer
+    from ..shot import Frame
+
+_DISTANCE_M = 0.75  # of the camera, as in the captures the avatars learnt from
+_MARGIN = 1.08
+_SIZE_PX = (512, 512)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What a pose file asks for beyond the arguments of `livehand render`."""
+    parser.add_argument("--side", choices=SIDES, help="of a pose file: which of its hands, or which hand it really is")
+    parser.add_argument("--mano", type=Path, metavar="FILE", help="MANO's file, for poses that count from its mean")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Render the poses of `args.shot`; takes the namespace of `livehand render`.
+
+    Raises:
+        LiveHandError: the file cannot be read, or the frames asked for are not in it.
+    """
+    from ..avatar import load_avatar
+    from ..renderer import Renderer
+
+    hand = load_default_hand()
+    motion = posed_upright(args.shot, hand, args.side, args.mano)
+    frames = chosen_frames(motion, args.frames)
+    renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
+    args.output.mkdir(parents=True, exist_ok=True)
+    camera = fitting_camera(motion, frames, hand, args.size or _SIZE_PX)
+    started = time.perf_counter()
+    for number, index in enumerate(frames, 1):
+        write_png(_rendered(renderer, motion, index, hand, camera), args.output / f"{index + 1:04d}.png")
+        say(f"frame {index + 1} ({number}/{len(frames)})")
+    seconds = (time.perf_counter() - started) / len(frames)
+    return {
+        "folder": str(args.output),
+        "frames": len(frames),
+        "seconds_per_frame": round(seconds, 3),
+        "summary": f"{args.output}: {len(frames)} frames, {seconds:.2f} s/frame",
+    }
+
+
+def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Path | None = None) -> HandMotion:
+    """A file's motion in Blender's world, the wrist at the origin; one in the hand's own space stands upright.
+
+    Raises:
+        LiveHandError: unreadable, or MANO's file is needed.
+    """
+    file = open_motion_file(path)
+    file = file if side is None else file.turned_round(side=side)
+    if isinstance(file, LandmarkFile):
+        motion = file.motion(hand)
+    else:
+        motion = file.motion(load_mano_basis(mano) if mano else None)
+    matrix = to_blender(file.reading.space)
+    if file.reading.space == "hand":
+        matrix[:3, :3] = UPRIGHT if motion.side == "right" else UPRIGHT * np.outer(MIRROR_POINT, MIRROR_POINT)
+    wrists = rest_wrists(hand.for_side(motion.side), motion.betas)
+    return replace(moved(motion, matrix, wrists), transl=-wrists)
+
+
+def chosen_frames(motion: HandMotion, frames: tuple[int, ...] | None) -> list[int]:
+    """Indices of the frames asked for, which count from 1; None: all.
+
+    Raises:
+        LiveHandError: one of them is not there.
+    """
+    if frames is None:
+        return list(range(len(motion)))
+    missing = [frame for frame in frames if not 1 <= frame <= len(motion)]
+    if missing:
+        raise LiveHandError(f"frames must lie in 1-{len(motion)}, as the file's do, got {missing[:5]}")
+    return [frame - 1 for frame in frames]
+
+
+def fitting_camera(motion: HandMotion, frames: list[int], hand: HandModel, size_px: tuple[int, int]) -> Camera:
+    """A camera in front (-Y) whose picture holds the hand in all frames."""
+    joints = np.concatenate([_vertices(motion, index, hand) for index in _spread(frames)])
+    low, high = joints.min(0), joints.max(0)
+    target = (low + high) / 2
+    camera = Camera(
+        np.array([[1.0, 0, size_px[0] / 2], [0, 1.0, size_px[1] / 2], [0, 0, 1]]),
+        look_at(target + np.array([0, -_DISTANCE_M - (high - low)[1] / 2, 0]), target, np.array([0, 0, 1.0])),
+        size_px,
+    )
+    reach = np.abs(camera.project(joints)[0] - np.array(size_px) / 2).max(0)
+    focal_px = float((np.array(size_px) / 2 / (reach * _MARGIN)).min())
+    return replace(camera, K=np.diag([focal_px, focal_px, 1.0]) + camera.K - np.diag([1.0, 1.0, 1.0]))
+
+
+def write_png(frame: Frame, path: Path) -> None:
+    """Write a frame as sRGB with straight alpha; the file is whole or not there."""
+    import torch
+    from PIL import Image
+
+    from ..colour import linear_to_srgb
+
+    straight = frame.rgb / np.maximum(frame.alpha, 1e-6)[..., None]
+    encoded = linear_to_srgb(torch.from_numpy(straight.reshape(-1))).numpy().reshape(straight.shape)
+    pixels = np.concatenate([encoded, frame.alpha[..., None]], -1).clip(0, 1)
+    partial = path.with_suffix(".partial")
+    Image.fromarray((pixels * 255).round().astype(np.uint8)).save(partial, format="PNG")
+    os.replace(partial, path)
+
+
+def _rendered(renderer: Renderer, motion: HandMotion, index: int, hand: HandModel, camera: Camera) -> Frame:
+    return renderer.render(Shot(motion.pose(index), _vertices(motion, index, hand), camera))
+
+
+def _vertices(motion: HandMotion, index: int, hand: HandModel) -> np.ndarray:
+    from ..hand.lbs import posed_vertices
+
+    return posed_vertices(hand, motion.pose(index))
+
+
+def _spread(frames: list[int], most: int = 200) -> list[int]:
+    """Enough of the frames to see how far the hand reaches."""
+    return frames[:: max(1, -(-len(frames) // most))]

@@ -1,0 +1,1 @@
+"""Motions between files and a hand's keyframes."""

@@ -1,0 +1,285 @@
+"""Motions onto hands and back: values at frames, spaces, sides, rates; and that a failure changes nothing."""
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.pose_files.formats.own import write_motion
+from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
+from livehand.backend.pose_files.motion import HandMotion
+from livehand.backend.pose_files.opening import open_pose_file
+from livehand.backend.pose_files.placing import TO_BLENDER
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
+from livehand.livehand_blender.ui.motion import LIVEHAND_OT_import_motion
+from mathutils import Matrix, Vector
+
+
+def motion_of(side="right", count=6, seed=0, **changes):
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=(count, 16, 3)) * 0.5
+    fields = {"theta": theta, "beta": np.zeros(10), "transl": rng.normal(size=(count, 3)) * 0.1, "fps": 24.0}
+    return HandMotion(**{**fields, **changes}, side=side)
+
+
+def write_raw(path, motion, **more):
+    poses = np.concatenate([motion.theta.reshape(-1, 48), motion.transl], 1)
+    np.savez(path, poses=poses, side=motion.side, **more)
+    return str(path)
+
+
+def read(hand, frame):
+    bpy.context.scene.frame_set(frame)
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+
+
+def is_untouched(hand):
+    return hand.animation_data is None or hand.animation_data.action is None
+
+
+def test_a_motion_in_and_out_again(hand, model, tmp_path):
+    motion = motion_of(model.side)
+    write_motion(motion, tmp_path / "in.npz")
+    assert bpy.ops.livehand.import_motion(filepath=str(tmp_path / "in.npz"), start_frame=11) == {"FINISHED"}
+    for index in (0, 3, 5):
+        pose = read(hand, 11 + index)
+        np.testing.assert_allclose(pose.theta, motion.theta[index], atol=1e-5)
+        np.testing.assert_allclose(pose.transl, motion.transl[index], atol=1e-6)
+    bpy.context.scene.frame_set(3)
+    out = str(tmp_path / "out.npz")
+    bpy.ops.livehand.export_motion(filepath=out, use_scene_range=False, first=11, last=16)
+    assert bpy.context.scene.frame_current == 3
+    again = open_pose_file(tmp_path / "out.npz").motion()
+    np.testing.assert_allclose(again.theta, motion.theta, atol=1e-5)
+    np.testing.assert_allclose(again.transl, motion.transl, atol=1e-6)
+    assert (again.side, again.fps) == (model.side, 24.0)
+
+
+def test_the_scenes_range_is_exported_and_a_backward_one_refused(hand, tmp_path):
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 3, 7
+    bpy.ops.livehand.export_motion(filepath=str(tmp_path / "out.npz"))
+    assert len(open_pose_file(tmp_path / "out.npz").motion()) == 5
+    with pytest.raises(RuntimeError, match="must not lie before the first, got 5 to 4"):
+        bpy.ops.livehand.export_motion(filepath=str(tmp_path / "x.npz"), use_scene_range=False, first=5, last=4)
+    assert not (tmp_path / "x.npz").exists()
+
+
+@pytest.mark.parametrize("space", ["z_up", "y_up", "opencv", "opengl"])
+def test_a_world_motion_comes_into_blenders_world_wherever_the_hand_stands(
+    hand, model, evaluated_vertices, tmp_path, space
+):
+    hand.matrix_world = Matrix.Translation((0.3, -2, 1)) @ Matrix.Rotation(1.1, 4, (1, 2, 3))
+    motion = motion_of(model.side, seed=1)
+    bpy.ops.livehand.import_motion(filepath=write_raw(tmp_path / "t.npz", motion), space=space, start_frame=1)
+    bpy.context.scene.frame_set(4)
+    world = np.array(hand.matrix_world)
+    seen = evaluated_vertices(hand) @ world[:3, :3].T + world[:3, 3]
+    expected = posed_vertices(load_default_hand(), motion.pose(3)) @ TO_BLENDER[space].T
+    np.testing.assert_allclose(seen, expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("space", ["opencv", "opengl"])
+def test_a_motion_in_a_cameras_axes_is_seen_so_by_the_scenes_camera(hand, model, tmp_path, space):
+    path = write_raw(tmp_path / "t.npz", motion_of(model.side))
+    with pytest.raises(RuntimeError, match="got none; add one"):
+        bpy.ops.livehand.import_motion(filepath=path, space=space, through_camera=True)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.camera = camera
+    camera.matrix_world = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.7, 4, (3, 1, 2))
+    bpy.context.view_layer.update()
+    bpy.ops.livehand.import_motion(filepath=path, space=space, through_camera=True, start_frame=1)
+    pose = read(hand, 2)
+    wrist = np.array(hand.matrix_world @ Vector(model.joints[0] + pose.transl))
+    seen = np.array(camera.matrix_world.inverted() @ Vector(wrist))
+    of_file = model.joints[0] + motion_of(model.side).transl[1]
+    np.testing.assert_allclose(seen, of_file * ([1, -1, -1] if space == "opencv" else 1), atol=1e-6)
+
+
+def test_a_hand_of_another_shape_keeps_the_wrist_where_it_was(hand, model, tmp_path):
+    beta = np.linspace(-1, 1, 10)
+    moving = motion_of(model.side, beta=beta)
+    write_motion(moving, tmp_path / "m.npz")
+    wrist = model.for_side(model.side)
+    offset = np.einsum("v,vck,k->c", wrist.J_regressor[0], wrist.shapedirs, beta)
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
+    np.testing.assert_allclose(read(hand, 2).transl, moving.transl[1] + offset, atol=1e-6)
+    np.testing.assert_array_equal(read(hand, 2).beta, 0)
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1, set_shape=True)
+    np.testing.assert_allclose(read(hand, 2).beta, beta, atol=1e-6)
+    np.testing.assert_allclose(read(hand, 2).transl, moving.transl[1], atol=1e-6)
+
+
+def test_the_motion_keeps_its_speed_or_its_frames(hand, model, tmp_path):
+    theta = np.zeros((11, 16, 3))
+    theta[:, 5, 0] = np.linspace(0, 1, 11)
+    write_motion(motion_of(model.side, theta=theta, transl=np.zeros((11, 3)), fps=48.0), tmp_path / "fast.npz")
+    bpy.context.scene.render.fps = 24
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "fast.npz"), start_frame=1)
+    assert read(hand, 3).theta[5, 0] == pytest.approx(0.4, abs=1e-5)
+    assert hand.animation_data.action.frame_range[1] == 6
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "fast.npz"), start_frame=1, match_fps=False)
+    assert read(hand, 3).theta[5, 0] == pytest.approx(0.2, abs=1e-5)
+    assert hand.animation_data.action.frame_range[1] == 11
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "fast.npz"), start_frame=1, fps=12)
+    assert read(hand, 3).theta[5, 0] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_the_other_hands_motion_is_refused_or_mirrored(hand, model, tmp_path):
+    other = motion_of("left" if model.side == "right" else "right")
+    write_motion(other, tmp_path / "other.npz")
+    with pytest.raises(RuntimeError, match="turn on Mirror"):
+        bpy.ops.livehand.import_motion(filepath=str(tmp_path / "other.npz"))
+    assert is_untouched(hand)
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "other.npz"), start_frame=1, mirror=True)
+    np.testing.assert_allclose(read(hand, 2).theta, other.theta[1] * MIRROR_AXIS_ANGLE, atol=1e-5)
+
+
+def test_wrist_and_place_can_be_left_alone(hand, model, tmp_path):
+    write_motion(motion_of(model.side), tmp_path / "m.npz")
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1, key_wrist=False, key_place=False)
+    pose = read(hand, 2)
+    np.testing.assert_allclose(pose.theta[1:], motion_of(model.side).theta[1, 1:], atol=1e-5)
+    np.testing.assert_allclose(pose.theta[0], 0, atol=1e-6)
+    np.testing.assert_allclose(pose.transl, 0, atol=1e-6)
+
+
+def test_mean_and_components_need_a_mano_file(hand, model, tmp_path):
+    rng = np.random.default_rng(3)
+    mean, components = rng.normal(size=45) * 0.2, rng.normal(size=(45, 45)) * 0.1
+    np.savez(tmp_path / "MANO_RIGHT.npz", hands_mean=mean, hands_components=components)
+    raw = motion_of(model.side, seed=2)
+    path = write_raw(tmp_path / "t.npz", raw)
+    with pytest.raises(RuntimeError, match="got no MANO file"):
+        bpy.ops.livehand.import_motion(filepath=path, mean="MISSING")
+    assert is_untouched(hand)
+    mano = str(tmp_path / "MANO_RIGHT.npz")
+    bpy.ops.livehand.import_motion(filepath=path, mean="MISSING", angles="COMPONENTS", mano_path=mano, start_frame=1)
+    sign = np.ones(3) if model.side == "right" else MIRROR_AXIS_ANGLE
+    expected = (raw.theta[2, 1:].reshape(45) @ components + mean).reshape(15, 3) * sign
+    np.testing.assert_allclose(read(hand, 3).theta[1:], expected, atol=1e-5)
+
+
+def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
+    rest = Skeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
+    seen = rest if model.side == "right" else rest * [-1, 1, 1]
+    label = "Left" if model.side == "right" else "Right"  # of a picture that was not mirrored
+    np.savez(tmp_path / "l.npz", landmarks=np.tile(seen, (3, 1, 1)), handedness=label)
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "l.npz"), space="z_up", start_frame=1)
+    pose = read(hand, 2)
+    assert np.abs(pose.theta).max() < 0.2
+    assert np.abs(pose.transl).max() < 0.004
+
+
+def test_several_files_of_one_frame_are_one_motion(hand, model, tmp_path):
+    motion = motion_of(model.side, count=3)
+    for k in range(3):
+        np.savez(tmp_path / f"{k}.npz", poses=motion.theta[k].reshape(1, 48), side=model.side)
+    files = [{"name": f"{k}.npz"} for k in (2, 0, 1)]
+    bpy.ops.livehand.import_motion(directory=str(tmp_path), files=files, start_frame=1)
+    np.testing.assert_allclose(read(hand, 3).theta, motion.theta[2], atol=1e-5)
+
+
+def test_a_failing_import_leaves_the_scene_as_it_was(hand, model, tmp_path):
+    before = read(hand, 1)
+    actions = len(bpy.data.actions)
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04nothing")
+    (tmp_path / "other.json").write_text('{"x": 1}')
+    for name in ("bad.npz", "other.json", "gone.npz"):
+        with pytest.raises(RuntimeError, match=name):
+            bpy.ops.livehand.import_motion(filepath=str(tmp_path / name))
+    assert is_untouched(hand)
+    assert len(bpy.data.actions) == actions
+    np.testing.assert_array_equal(read(hand, 1).theta, before.theta)
+
+
+def test_an_import_can_be_undone(model, tmp_path):
+    bpy.ops.ed.undo_push(message="before")
+    name = add_hand(bpy.context, model).name
+    bpy.ops.ed.undo_push(message="hand")
+    write_motion(motion_of(model.side), tmp_path / "m.npz")
+    bpy.ops.livehand.import_motion("EXEC_DEFAULT", True, filepath=str(tmp_path / "m.npz"), start_frame=1)
+    assert not is_untouched(bpy.data.objects[name])
+    bpy.ops.ed.undo()
+    assert is_untouched(bpy.data.objects[name])
+
+
+def test_ten_thousand_frames_take_seconds(tmp_path):
+    add_hand(bpy.context, load_default_hand())
+    steps = np.random.default_rng(0).normal(size=(10_000, 16, 3)) * 0.01
+    write_motion(motion_of(theta=np.cumsum(steps, 0), transl=np.zeros((10_000, 3))), tmp_path / "m.npz")
+    started = time.process_time()
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
+    assert time.process_time() - started < 5
+
+
+def test_without_a_hand_nothing_is_offered(tmp_path):
+    assert not bpy.ops.livehand.import_motion.poll()
+    assert not bpy.ops.livehand.export_motion.poll()
+
+
+class Layout:
+    """Records labels and properties."""
+
+    def __init__(self, drawn):
+        self.drawn = drawn
+
+    def box(self):
+        return self
+
+    column = box
+
+    def label(self, text):
+        self.drawn.append(text)
+
+    def prop(self, owner, name):
+        self.drawn.append(name)
+
+
+def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
+    np.savez(tmp_path / "labels.npz", pose_m=np.ones((1, 51)))
+    (tmp_path / "bad.npz").write_bytes(b"nothing")
+    operator = LIVEHAND_OT_import_motion
+
+    class Browser:
+        draw, _detected, _paths = operator.draw, operator._detected, operator._paths
+        directory, files = "", ()
+
+        def __init__(self, path):
+            self.filepath, self.layout = str(path), Layout([])
+
+    told = {}
+    for name in ("labels.npz", "bad.npz", "gone.npz"):
+        browser = Browser(tmp_path / name)
+        for _ in range(2):  # as often as Blender redraws
+            browser.layout.drawn.clear()
+            browser.draw(bpy.context)
+        told[name] = browser.layout.drawn
+    assert "Format: DexYCB" in told["labels.npz"]
+    assert "Angles: 45 components (needs a MANO file)" in told["labels.npz"]
+    assert "readable .npz" in " ".join(told["bad.npz"])
+    assert "Choose a file" in told["gone.npz"]
+    known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
+    drawn = {name for name in told["gone.npz"] if name.islower()}
+    assert drawn <= known
+    assert known - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
+
+
+def test_dropped_files_are_offered_to_the_import():
+    handlers = {name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks")}
+    suffixes = ";".join(handler.bl_file_extensions for handler in handlers.values()).split(";")
+    assert sorted(suffixes) == [".csv", ".json", ".npy", ".npz", ".pkl"]
+    assert {handler.bl_import_operator for handler in handlers.values()} == {LIVEHAND_OT_import_motion.bl_idname}
+
+
+def test_writing_a_pose_still_works_beside_keys(hand, model, tmp_path):
+    """The motion's keys win over what is set by hand, as keys do."""
+    motion = motion_of(model.side)
+    write_motion(motion, tmp_path / "m.npz")
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
+    write_hand_pose(hand, motion.pose(4))
+    np.testing.assert_allclose(read(hand, 2).theta, motion.theta[1], atol=1e-5)

@@ -1,0 +1,87 @@
+"""`livehand render` of a pose file: what is posed, what the camera holds, what is written."""
+
+import argparse
+
+import numpy as np
+import pytest
+from livehand.backend.errors import LiveHandError
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.lbs import posed_arrays, posed_vertices
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.pose_files.formats.own import write_motion
+from livehand.backend.pose_files.motion import HandMotion
+from livehand.backend.pose_files.render_command import (
+    add_arguments,
+    chosen_frames,
+    fitting_camera,
+    posed_upright,
+    run,
+    write_png,
+)
+from livehand.backend.shot import Frame
+from PIL import Image
+
+HAND = load_default_hand()
+
+
+@pytest.fixture
+def gestures(tmp_path):
+    axes = FingerAxes.of_default_hand()
+    theta = np.array([theta_of(GESTURES[name].angles_deg(), axes) for name in ("open", "fist")])
+    path = tmp_path / "gestures.npz"
+    write_motion(HandMotion(theta, np.linspace(-1, 1, 10), np.array([[1.0, 2, 3], [4, 5, 6]]), side="left"), path)
+    return path
+
+
+def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
+    motion = posed_upright(gestures, HAND)
+    for index in range(2):
+        vertices, joints = posed_arrays(HAND, motion.pose(index))
+        np.testing.assert_allclose(joints[0], 0, atol=1e-9)
+        assert joints[4, 2] > 0.05  # the middle knuckle above the wrist
+        assert vertices[:, 2].max() > joints[4, 2]
+    assert motion.side == "left"
+
+
+def test_the_camera_holds_the_hand_and_little_more(gestures):
+    motion = posed_upright(gestures, HAND)
+    for size_px in ((300, 400), (400, 100)):
+        camera = fitting_camera(motion, [0, 1], HAND, size_px)
+        seen = np.concatenate([camera.project(posed_vertices(HAND, motion.pose(k)))[0] for k in (0, 1)])
+        assert (seen > 0).all()
+        assert (seen < size_px).all()
+        assert (np.ptp(seen, axis=0) / size_px).max() > 0.85
+        assert camera.project(np.array([[0, 0, 0], [0, 0, 0.1]]))[0][1, 1] < camera.project(np.zeros(3))[0][1]
+
+
+def test_frames_count_from_one():
+    motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
+    assert chosen_frames(motion, None) == [0, 1, 2]
+    assert chosen_frames(motion, (3, 1)) == [2, 0]
+    with pytest.raises(LiveHandError, match=r"in 1-3, as the file's do, got \[0, 4\]"):
+        chosen_frames(motion, (0, 2, 4))
+
+
+def test_pngs_are_srgb_with_straight_alpha(tmp_path):
+    alpha = np.array([[1.0, 0.5], [0, 1]], np.float32)
+    linear = np.full((2, 2, 3), 0.2, np.float32)
+    write_png(Frame(linear * alpha[..., None], alpha, alpha), tmp_path / "a.png")
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    np.testing.assert_array_equal(pixels[..., 3], [[255, 128], [0, 255]])
+    encoded = round(255 * (1.055 * 0.2 ** (1 / 2.4) - 0.055))
+    assert (pixels[alpha > 0][:, :3] == encoded).all()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_a_pose_file_becomes_pictures(gestures, tmp_path):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    asked = {"shot": gestures, "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
+    args = argparse.Namespace(**asked, device="cpu", precision=None, **vars(parser.parse_args(["--side", "right"])))
+    result = run(args)
+    assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))
+    (picture,) = (tmp_path / "out").iterdir()
+    assert picture.name == "0002.png"
+    pixels = np.asarray(Image.open(picture))
+    assert pixels.shape == (64, 48, 4)
+    assert 0.1 < (pixels[..., 3] > 128).mean() < 0.9
