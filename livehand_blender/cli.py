@@ -16,6 +16,8 @@ from typing import Any
 from ..backend.cli import COMMANDS as BACKEND_COMMANDS
 from ..backend.command import Command, run_commands
 from ..backend.errors import LiveHandError
+from ..backend.pose_files import render_command as render_poses
+from ..backend.pose_files.document import SUFFIXES as POSE_FILES
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
 from .render import command as render
@@ -61,13 +63,20 @@ def _registered() -> Iterator[None]:
         unregister()  # a render engine that is still registered at exit hangs Blender 4.5
 
 
+def _add_render_arguments(parser: argparse.ArgumentParser) -> None:
+    render.add_arguments(parser)
+    render_poses.add_arguments(parser)
+
+
+def _render(args: argparse.Namespace) -> Mapping[str, Any]:
+    """.blend files in Blender; a pose file without."""
+    if args.shots[0].suffix.lower() in POSE_FILES:
+        return render_poses.run(args)
+    return _in_blender(partial(render.run, in_blender=_registered))(args)
+
+
 COMMANDS: dict[str, Command] = {
-    "render": Command(
-        "render",
-        "render the frames of .blend files with a hand",
-        render.add_arguments,
-        _in_blender(partial(render.run, in_blender=_registered)),
-    ),
+    "render": Command("render", "render the frames of .blend files, or of a pose file", _add_render_arguments, _render),
     "capture": Command(
         "capture",
         "render multi-view images of the built-in hand to train on",

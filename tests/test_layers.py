@@ -130,7 +130,7 @@ MORE_DOORS = {
     "livehand_blender.motion": ("pose_files",),
     "livehand_blender.ui.motion": ("pose_files",),
     # One command line for both halves.
-    "livehand_blender.cli": ("cli", "command"),
+    "livehand_blender.cli": ("cli", "command", "pose_files.render_command", "pose_files.document"),
     "livehand_blender.capture.command": ("command",),
     "livehand_blender.render.command": ("command",),
     "livehand_blender.render.report": ("command",),

@@ -76,8 +76,9 @@ def test_pngs_are_srgb_with_straight_alpha(tmp_path):
 def test_a_pose_file_becomes_pictures(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    asked = {"shot": gestures, "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
-    args = argparse.Namespace(**asked, device="cpu", precision=None, **vars(parser.parse_args(["--side", "right"])))
+    asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
+    whole = {"jobs": 1, "chunk": argparse.Namespace(count=1), "device": "cpu", "precision": None}
+    args = argparse.Namespace(**asked, **whole, **vars(parser.parse_args(["--side", "right"])))
     result = run(args)
     assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))
     (picture,) = (tmp_path / "out").iterdir()
@@ -85,3 +86,6 @@ def test_a_pose_file_becomes_pictures(gestures, tmp_path):
     pixels = np.asarray(Image.open(picture))
     assert pixels.shape == (64, 48, 4)
     assert 0.1 < (pixels[..., 3] > 128).mean() < 0.9
+    args.shots *= 2
+    with pytest.raises(LiveHandError, match="give one file, and no --jobs or --chunk"):
+        run(args)

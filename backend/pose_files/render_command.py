@@ -42,16 +42,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Render the poses of `args.shot`; takes the namespace of `livehand render`.
+    """Render the poses of the one file in `args.shots`; takes the namespace of `livehand render`.
 
     Raises:
-        LiveHandError: the file cannot be read, or the frames asked for are not in it.
+        LiveHandError: the file cannot be read, the frames asked for are not in it, or it is not the only one.
     """
+    if len(args.shots) > 1 or args.jobs > 1 or args.chunk.count > 1:
+        raise LiveHandError("a pose file is rendered alone and in one piece; give one file, and no --jobs or --chunk")
+    (path,) = args.shots
     from ..avatar import load_avatar
     from ..renderer import Renderer
 
     hand = load_default_hand()
-    motion = posed_upright(args.shot, hand, args.side, args.mano)
+    motion = posed_upright(path, hand, args.side, args.mano)
     frames = chosen_frames(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)

@@ -24,7 +24,11 @@ _FRAME_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        "shots", type=Path, nargs="+", metavar="SHOT.blend", help="scenes, each with a LiveHand hand and a camera"
+        "shots",
+        type=Path,
+        nargs="+",
+        metavar="SHOT.blend",
+        help="scenes, each with a LiveHand hand and a camera; or one pose file",
     )
     parser.add_argument(
         "-o",

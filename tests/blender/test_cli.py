@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 from livehand.backend.avatar import PRESETS, new_avatar, save_avatar
 from livehand.backend.hand.model_file import load_default_hand
@@ -249,3 +250,18 @@ print("after")
 def test_silence_holds_back_what_c_has_not_written_yet():
     done = run_program(program=("-c", CHATTER), PYTHONUNBUFFERED="")  # an unbuffered C holds nothing back
     assert done.stdout == "before\nafter\n"
+
+
+def test_render_takes_a_pose_file_without_any_blend(tmp_path, capsys):
+    np.savez(
+        tmp_path / "take.npz",
+        theta=np.zeros((2, 16, 3)),
+        beta=np.zeros(10),
+        transl=np.zeros((2, 3)),
+        fps=24.0,
+        side="right",
+    )
+    arguments = ["render", str(tmp_path / "take.npz"), "-o", str(tmp_path / "out"), "--size", "48x64", "--json"]
+    assert cli.main(arguments) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["frames"] == 2
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["0001.png", "0002.png"]

@@ -79,7 +79,7 @@ def test_a_world_motion_comes_into_blenders_world_wherever_the_hand_stands(
     world = np.array(hand.matrix_world)
     seen = evaluated_vertices(hand) @ world[:3, :3].T + world[:3, 3]
     expected = posed_vertices(load_default_hand(), motion.pose(3)) @ TO_BLENDER[space].T
-    np.testing.assert_allclose(seen, expected, atol=2e-6)
+    np.testing.assert_allclose(seen, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("space", ["opencv", "opengl"])
