@@ -84,11 +84,12 @@ def test_webxr_matrices_are_column_major_and_y_is_up(tmp_path):
     column_major = matrices.swapaxes(-1, -2).reshape(3, 25, 16)
     np.savez(tmp_path / "m.npz", joints=column_major, handedness="left")
     np.savez(tmp_path / "flat.npz", joints=column_major.reshape(3, 400), handedness="left")
+    np.savez(tmp_path / "rows.npz", joints=matrices, handedness="left")
     np.savez(tmp_path / "p.npz", joints=joints, handedness="left")
     frames = [{"joints": [{"position": point} for point in named(one)], "handedness": "left"} for one in joints]
     (tmp_path / "p.json").write_text(json.dumps(frames))
     (tmp_path / "m.json").write_text(json.dumps(column_major.tolist()))
-    for name in ("m.npz", "flat.npz", "p.npz", "p.json", "m.json"):
+    for name in ("m.npz", "flat.npz", "rows.npz", "p.npz", "p.json", "m.json"):
         file = opened(tmp_path / name)
         np.testing.assert_allclose(file.points, POINTS)
         assert (file.reading.format, file.reading.space) == ("WebXR joints", "y_up")

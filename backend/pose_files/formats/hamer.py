@@ -1,6 +1,7 @@
 """Dumps of HaMeR's and WiLoR's output: rotation matrices, absolute, in a camera's axes; one row a detected hand.
 
-A left hand was estimated from the mirrored crop, as a right one. Their own programs save meshes only: these are the
+A left hand was estimated from the mirrored crop, as a right one. Rows have no frame numbers: each hand's are taken to
+follow each other. Their own programs save meshes only: these are the
 names that others' scripts keep the output under, in a `.npz` or plain pickle, with or without `pred_mano_params`.
 """
 
@@ -52,7 +53,7 @@ def _read(document: Document) -> PoseFile:
         rows = np.flatnonzero(is_right == (side == "right"))
         if len(rows):
             betas = beta.reshape(count, 10)[rows]
-            hands[side] = raw_hand(pose[rows], betas, transl[rows], _entries(rows, is_right), True)
+            hands[side] = raw_hand(pose[rows], betas, transl[rows], is_in_right_terms=True)
     return pose_file(document.path, hands, _NAME, "opencv", has_mean_added=True, notes=(*notes, *more))
 
 
@@ -75,11 +76,6 @@ def _is_right(document: Document, count: int) -> tuple[np.ndarray, tuple[str, ..
         return np.ones(count, bool), ("the file does not say which hand it is: taken for a right one",)
     right = document.numbers(value, "right", (count,), (count, 1), (), (1,))
     return np.broadcast_to(right.ravel() > 0.5, (count,)), ()
-
-
-def _entries(rows: np.ndarray, is_right: np.ndarray) -> np.ndarray:
-    """[n] the frame of each row: rows of one hand only are frames; of both, each hand's are taken to follow evenly."""
-    return rows - rows[0] if is_right.all() or not is_right.any() else np.arange(len(rows))
 
 
 def _places(document: Document, count: int, is_right: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:

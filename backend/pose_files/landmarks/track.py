@@ -152,20 +152,19 @@ def _frames(document: Document, count: int) -> np.ndarray:
         nothing = [[np.nan] * 3] * count
         try:
             content = np.array([[_place(point) for point in _points_of(frame)] or nothing for frame in content], float)
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError) as error:
             raise LiveHandError(
                 f"{document.path}: each frame must be null or {count} points of x, y and z, got {error!r}"
             ) from error
     if content.dtype.kind not in "iuf":
         raise LiveHandError(f"{document.path}: landmarks must hold numbers, got {content.dtype}")
     whole = content.astype(np.float64).reshape(len(content), count, -1)
-    return whole[..., 12:15] if whole.shape[-1] == 16 else _checked_width(document, whole)
-
-
-def _checked_width(document: Document, points: np.ndarray) -> np.ndarray:
-    if points.shape[-1] != 3:
-        raise LiveHandError(f"{document.path}: points must have x, y and z, got {points.shape[-1]} numbers each")
-    return points
+    if whole.shape[-1] == 16:
+        is_row_major = content.shape[-2:] == (4, 4) and not whole[..., 12:15].any()
+        return whole[..., 3:12:4] if is_row_major else whole[..., 12:15]
+    if whole.shape[-1] != 3:
+        raise LiveHandError(f"{document.path}: points must have x, y and z, got {whole.shape[-1]} numbers each")
+    return whole
 
 
 def _points_of(frame: Any) -> list:
