@@ -1,7 +1,8 @@
 """Make the pose library: `poses.blend`, one pose asset per row of `backend/hand/poses.py`, and its catalog file.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_pose_library.py [FOLDER]`. Without a folder
-the library that comes with LiveHand is made anew. The pictures are rendered with the light avatar.
+the library that comes with LiveHand is made anew. The pictures are rendered with the light avatar. It needs Blender 4.4
+or later; the library itself is read by 4.2 too.
 """
 
 import sys

@@ -64,6 +64,7 @@ def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
     assert shares.max() < 0.6
 
 
+@pytest.mark.skipif(bpy.app.version < (4, 4), reason="the script needs slotted actions")
 def test_the_script_makes_the_same_poses(actions):
     """Its pictures take seconds and are left out."""
     from livehand.backend.hand.model_file import load_default_hand

@@ -1,6 +1,7 @@
 """Finger controls: what they add, that they add it to the bones, and that nothing else moves."""
 
 import math
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -12,7 +13,8 @@ from livehand.backend.rotation import axis_angle_to_matrix
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.rig.bones import FINGERS, bone_name, finger_joints
 from livehand.livehand_blender.rig.controls import CONTROLS
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
+from livehand.livehand_blender.rig.hand import add_hand, find_hands
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta
 
@@ -73,10 +75,8 @@ def test_writing_a_pose_takes_the_controls_off(hand, random_pose, model, write):
     assert np.abs(axis_angle_to_matrix(read(hand).theta) - axis_angle_to_matrix(pose.theta)).max() < 1e-5
 
 
-def test_the_controls_of_another_model_bend_about_its_bones(random_pose):
+def test_the_controls_of_another_model_bend_about_its_bones():
     """Only the built-in hand brings anatomical axes."""
-    from dataclasses import replace
-
     hand = add_hand(bpy.context, replace(load_default_hand(), sha256="0" * 64))
     hand.livehand.thumb.curl = 0.5
     by_control = read(hand).theta
@@ -85,6 +85,27 @@ def test_the_controls_of_another_model_bend_about_its_bones(random_pose):
         half = math.radians(flexion_deg[0]) / 4
         hand.pose.bones[bone_name(joint, "right")].rotation_quaternion = (math.cos(half), math.sin(half), 0, 0)
     np.testing.assert_allclose(read(hand).theta, by_control, atol=2e-6)
+
+
+def test_a_linked_hand_has_its_controls_through_an_override(hand, model, tmp_path):
+    path, shot = str(tmp_path / "hand.blend"), str(tmp_path / "shot.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["LiveHand"]
+    bpy.context.collection.objects.link(wanted.objects[0])
+    view_layer = bpy.context.view_layer
+    view_layer.update()
+    hand = wanted.objects[0].override_hierarchy_create(bpy.context.scene, view_layer, do_fully_editable=True)
+    hand.livehand.ring.curl, hand.livehand.opposition = 0.4, 0.3
+    wanted_theta = theta_of_controls({"ring.curl": 0.4, "opposition": 0.3}, model.side)
+    np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=2e-6)
+    move_targets_to_fingertips(bpy.context, hand, ["thumb"])
+    np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=1e-4)
+    bpy.ops.wm.save_as_mainfile(filepath=shot)
+    bpy.ops.wm.open_mainfile(filepath=shot)
+    (hand,) = [thing for thing in find_hands(bpy.context.scene) if thing.override_library]
+    np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=1e-4)
 
 
 def test_every_finger_has_its_controls():

@@ -1,14 +1,18 @@
 """Fingertip IK: bones to targets to bones without a jump, and fingertips that reach where they are sent."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.rig.bones import FINGERS, bone_name, finger_joints, target_name
 from livehand.livehand_blender.rig.fingertips import move_bones_to_ik, move_targets_to_fingertips
+from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 MOST_DEG = 0.5
@@ -68,6 +72,15 @@ def test_an_ik_pose_becomes_bones_and_ik_again_without_a_jump(hand, model, seed,
     assert apart_deg(read(hand), by_targets) < MOST_DEG
 
 
+def test_targets_go_to_where_the_bones_alone_have_the_fingertips(hand, model):
+    hand.livehand.fist = 0.3
+    before = read(hand)
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    drag(hand, np.random.default_rng(0), 0.006)
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    assert apart_deg(read(hand), before) < MOST_DEG
+
+
 def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
     """From a half-closed hand, so that every finger has room to reach."""
     hand.livehand.fist = 0.4
@@ -79,6 +92,19 @@ def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
     for finger in FINGERS:
         tip = bones[bone_name(finger_joints(finger)[-1], model.side)].tail
         assert (tip - bones[target_name(finger, model.side)].head).length < 5e-4, finger
+
+
+def test_a_wrist_that_moves_with_the_shape_takes_the_targets_along():
+    """MANO's does; the built-in hand's does not."""
+    rng = np.random.default_rng(0)
+    plain = load_default_hand()
+    model = replace(plain, shapedirs=plain.shapedirs + rng.normal(size=plain.shapedirs.shape) * 1e-3)
+    model = replace(model, shapedirs=model.shapedirs + rng.normal(size=(1, 3, 10)) * 5e-3)
+    hand = add_hand(bpy.context, model)
+    write_hand_pose(hand, natural_pose(3, "right"))
+    before = read(hand)
+    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    assert apart_deg(read(hand), before) < MOST_DEG
 
 
 def test_the_slider_mixes_and_touches_its_own_finger_only(hand, model):

@@ -3,10 +3,12 @@
 import math
 
 import bpy
+import mathutils
 import numpy as np
 import pytest
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.rotation import axis_angle_to_matrix
 from livehand.livehand_blender.rig.bones import bone_name, target_name
 from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
 from livehand.livehand_blender.rig.limits import joint_limits_rad, rest_flexion_deg
@@ -68,11 +70,18 @@ def test_a_fist_control_turned_too_far_is_stopped(hand, model):
 
 
 def test_a_fingertip_target_bends_no_joint_past_its_range(hand, model):
-    """The target pulls the fingertip over the back of the hand, where a free finger would fold backwards."""
+    """The target pulls the thumb's tip towards the wrist, where a free saddle joint would turn out too far."""
+    move_targets_to_fingertips(bpy.context, hand, ["thumb"])
+    target = hand.pose.bones[target_name("thumb", model.side)]
+    towards_wrist = 0.06 if model.side == "right" else -0.06
+    target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (towards_wrist, -0.02, 0)
+    least = joint_limits_rad(model)[12, 0, 0]
+    assert saddle_flexion_rad(hand, model.side) < least - 0.05
     hand.livehand.limit_joints = True
-    move_targets_to_fingertips(bpy.context, hand, ["middle"])
-    target = hand.pose.bones[target_name("middle", model.side)]
-    target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0, 0.09, 0)
-    frames = np.array([hand.data.bones[bone_name(joint, model.side)].matrix_local.to_3x3() for joint in (5, 6)])
-    turned = np.einsum("jab,ja->jb", frames, read(hand)[5:7])
-    assert (turned[:, 0] > joint_limits_rad(model)[4:6, 0, 0] - 0.02).all()
+    assert saddle_flexion_rad(hand, model.side) > least - 0.02
+
+
+def saddle_flexion_rad(hand, side):
+    frame = hand.data.bones[bone_name(13, side)].matrix_local.to_3x3()
+    turned = mathutils.Matrix(axis_angle_to_matrix(read(hand)[13]).tolist())
+    return (frame.transposed() @ turned @ frame).to_euler("YZX").x
