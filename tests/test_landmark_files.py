@@ -96,6 +96,14 @@ def test_webxr_matrices_are_column_major_and_y_is_up(tmp_path):
         assert file.reading.side == ("right" if name == "m.json" else "left")  # WebXR's label is the hand's own
 
 
+def test_webxr_measures_and_mediapipe_guesses_its_scale(tmp_path):
+    pose = 1.2 * Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)][None]
+    np.savez(tmp_path / "m.npz", landmarks=pose)
+    np.savez(tmp_path / "x.npz", joints=webxr(pose), handedness="right")
+    assert opened(tmp_path / "m.npz").fit(HAND).scale == pytest.approx(1.2, abs=1e-6)
+    assert opened(tmp_path / "x.npz").fit(HAND).scale == 1
+
+
 def test_a_mirrored_picture_is_turned_back(tmp_path):
     """A right hand before a selfie camera: MediaPipe says "Right", and sees the shape of a left hand."""
     pose = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]

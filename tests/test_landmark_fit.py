@@ -10,9 +10,16 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, sample_angles_d
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.pose_files.landmarks.articulation import FREE, LIMITS, all_angles, free_angles, within_limits
+from livehand.backend.pose_files.landmarks.articulation import (
+    FREE,
+    LIMITS,
+    NaturalPoses,
+    all_angles,
+    free_angles,
+    within_limits,
+)
 from livehand.backend.pose_files.landmarks.closed_form import aligned_bones, aligned_palm
-from livehand.backend.pose_files.landmarks.fit import METRIC, fit_landmarks, likelier_side
+from livehand.backend.pose_files.landmarks.fit import METRIC, Trust, fit_landmarks, likelier_side
 from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton, derivative_of_nodes
 from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 
@@ -72,6 +79,14 @@ def test_gestures_without_noise_are_found_closely():
     fit = fit_landmarks(true, HAND, "right", trust=METRIC)
     assert angle_deg(fit.motion.theta, theta).mean() < 2.5
     assert fit.rms_m < 0.0012
+
+
+def test_landmarks_that_tell_nothing_give_the_mean_of_natural_poses():
+    theta, beta, transl, _ = natural(2, seed=10)
+    fit = fit_landmarks(landmarks(theta, beta, transl), HAND, "right", trust=Trust(10.0, fits_scale=False))
+    mean = SKELETON.local_rotations(all_angles(NaturalPoses.of_gestures().mean[None]))[0]
+    np.testing.assert_allclose(axis_angle_to_matrix(fit.motion.theta[:, 1:]), np.stack([mean, mean]), atol=1e-3)
+    np.testing.assert_allclose(fit.motion.beta, 0, atol=1e-3)
 
 
 def test_a_left_hand_is_the_mirror_of_a_right_one():

@@ -1,8 +1,8 @@
 """Dumps of HaMeR's and WiLoR's output: rotation matrices, absolute, in a camera's axes; one row a detected hand.
 
 A left hand was estimated from the mirrored crop, as a right one. Rows have no frame numbers: each hand's are taken to
-follow each other. Their own programs save meshes only: these are the
-names that others' scripts keep the output under, in a `.npz` or plain pickle, with or without `pred_mano_params`.
+follow each other. Their own programs save meshes only: these are the names that others' scripts keep the output under,
+in a `.npz` or plain pickle, with or without `pred_mano_params`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Landmarks to poses: a hand model bent until its joints and fingertips lie on them.
 
 Maximum a posteriori: landmarks with a normal error, free angles with the distribution of natural poses and hard limits,
-one shape (and, where the landmarks' scale is not to be trusted, one scale) for all frames. Poses by Gauss-Newton with
-Levenberg's damping, all frames at once; the shape, in which landmarks are linear, between them by least squares.
+one shape for all frames. Poses by Gauss-Newton with Levenberg's damping, all frames at once; the shape, in which
+landmarks are linear, between them by least squares. A scale that is not to be trusted is taken out first.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from .articulation import FREE, NaturalPoses, all_angles, within_limits
 from .closed_form import aligned_bones, aligned_palm
 from .skeleton import NODES_OF_LANDMARKS, Posed, Skeleton, derivative_of_nodes
 
-_SCALE = 0.15  # the scale's, about 1
 _ROUNDS = 4  # of poses and shape
 _STEPS = 6  # of the poses in each
 _FRAMES_AT_ONCE = 500  # bounds memory
@@ -94,14 +93,16 @@ def fit_landmarks(
     nodes = np.empty_like(points)
     nodes[:, NODES_OF_LANDMARKS] = points if side == "right" else points * MIRROR_POINT
     skeleton = Skeleton.of(model)
-    first_scale, beta, natural = _first_scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
-    scale = first_scale if trust.fits_scale else 1.0
-    poses = _guess(_true_to(scale, nodes), skeleton, beta)
+    scale, beta, natural = _scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
+    if not trust.fits_scale:
+        scale = 1.0
+    nodes = _true_to(scale, nodes)
+    poses = _guess(nodes, skeleton, beta)
     for _ in range(_ROUNDS):
-        poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural, trust)
-        scale, beta = _shape(poses, nodes, skeleton, trust)
-    poses = _improved(poses, _true_to(scale, nodes), skeleton, beta, natural, trust)
-    return _result(poses, _true_to(scale, nodes), skeleton, beta, scale, side, fps)
+        poses = _improved(poses, nodes, skeleton, beta, natural, trust)
+        beta = _shape(poses, nodes, skeleton, trust)
+    poses = _improved(poses, nodes, skeleton, beta, natural, trust)
+    return _result(poses, nodes, skeleton, beta, scale, side, fps)
 
 
 def likelier_side(points: np.ndarray, model: HandModel) -> Side:
@@ -111,8 +112,8 @@ def likelier_side(points: np.ndarray, model: HandModel) -> Side:
     return "right" if right <= left else "left"
 
 
-def _first_scale(nodes: np.ndarray, skeleton: Skeleton) -> float:
-    """Of the palm's bones, which no pose changes."""
+def _scale(nodes: np.ndarray, skeleton: Skeleton) -> float:
+    """Of the palm's bones, which no pose changes; what is left of it, the shape takes."""
     seen = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
     scale = float(seen / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())
     if not _SCALES[0] < scale < _SCALES[1]:
@@ -192,19 +193,14 @@ class _Problem:
         return apart + ((off @ self.natural.precision) * off).sum(-1)
 
 
-def _shape(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, trust: Trust) -> tuple[float, np.ndarray]:
-    """Scale and beta of all frames: nodes, less each frame's mean, are linear in scale and scale * beta."""
+def _shape(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, trust: Trust) -> np.ndarray:
+    """[10] beta of all frames: nodes, less each frame's mean, are linear in it; a deviation of 1 is expected."""
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(np.zeros(10)))
     rest, slopes = skeleton.shape_terms(posed.turned)
     rest, slopes, seen = (values - values.mean(1, keepdims=True) for values in (rest, slopes, nodes))
-    columns = np.concatenate([rest[..., None], slopes], -1).reshape(-1, 11)
-    prior = np.r_[1 / _SCALE**2, np.ones(10)]
-    matrix = columns.T @ columns / trust.deviation_m**2 + np.diag(prior)
-    right = columns.T @ seen.reshape(-1) / trust.deviation_m**2 + np.r_[prior[0], np.zeros(10)]
-    if not trust.fits_scale:
-        return 1.0, np.linalg.solve(matrix[1:, 1:], right[1:] - matrix[1:, 0])
-    scale, *scaled = np.linalg.solve(matrix, right)
-    return float(scale), np.array(scaled) / scale
+    columns = slopes.reshape(-1, 10) / trust.deviation_m
+    missing = (seen - rest).reshape(-1) / trust.deviation_m
+    return np.linalg.solve(columns.T @ columns + np.eye(10), columns.T @ missing)
 
 
 def _result(
