@@ -72,6 +72,11 @@ MIRROR_AXIS_ANGLE = np.array([1.0, -1.0, -1.0])
 _MIRROR_MATRIX = np.outer(MIRROR_POINT, MIRROR_POINT).ravel()
 
 
+def upright(side: Side) -> np.ndarray:
+    """[3, 3] what stands a side's template upright: `UPRIGHT`, or its mirror image for a left hand."""
+    return UPRIGHT if side == "right" else UPRIGHT * np.outer(MIRROR_POINT, MIRROR_POINT)
+
+
 def _mirrored(model: HandModel) -> HandModel:
     posedirs = model.posedirs * MIRROR_POINT[:, None] * np.tile(_MIRROR_MATRIX, 15)
     return replace(

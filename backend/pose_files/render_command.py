@@ -17,7 +17,7 @@ import numpy as np
 from ..camera import Camera, look_at
 from ..command import say
 from ..errors import LiveHandError
-from ..hand.model import MIRROR_POINT, UPRIGHT, HandModel
+from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand
 from ..shot import SIDES, Shot
 from .landmarks.track import LandmarkFile
@@ -86,7 +86,7 @@ def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Pa
         motion = file.motion(load_mano_basis(mano) if mano else None)
     matrix = to_blender(file.reading.space)
     if file.reading.space == "hand":
-        matrix[:3, :3] = UPRIGHT if motion.side == "right" else UPRIGHT * np.outer(MIRROR_POINT, MIRROR_POINT)
+        matrix[:3, :3] = upright(motion.side)
     wrists = rest_wrists(hand.for_side(motion.side), motion.betas)
     return replace(moved(motion, matrix, wrists), transl=-wrists)
 

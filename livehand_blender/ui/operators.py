@@ -6,7 +6,7 @@ from bpy.props import EnumProperty, StringProperty
 from mathutils import Matrix
 
 from ...backend.errors import LiveHandError
-from ...backend.hand.model import UPRIGHT, HandModel
+from ...backend.hand.model import HandModel, upright
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ..dependencies import install_command, missing_requirements
 from ..render.memory import free_memory
@@ -54,7 +54,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         armature.location = context.scene.cursor.location
-        armature.rotation_euler = Matrix(UPRIGHT.tolist()).to_euler()
+        armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()
         return {"FINISHED"}
 
 

@@ -135,3 +135,17 @@ def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
     with pytest.raises(RuntimeError, match="nothing is missing"):
         bpy.ops.livehand.copy_install_command()
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_an_added_hand_stands_upright_its_back_to_the_front(side):
+    bpy.ops.livehand.add_hand(side=side)
+    armature = bpy.context.object
+    bpy.context.view_layer.update()
+    model = load_default_hand().for_side(side)
+    world = np.array(armature.matrix_world)
+    wrist, middle, thumb = (world[:3, :3] @ model.joints[joint] for joint in (0, 6, 15))
+    assert (middle - wrist)[2] > 0.1
+    assert np.sign((thumb - wrist)[0]) == (-1 if side == "right" else 1)
+    back = model.v_template[np.argmax(model.v_template[:, 1])]
+    assert (world[:3, :3] @ (back - model.joints[0]))[1] < 0
