@@ -6,7 +6,7 @@ import bpy
 
 from . import preferences, properties
 from .render import engine, memory
-from .ui import compositing, keying_set, operators, panels, picker, pose_library, posing
+from .ui import compositing, keying_set, operators, panels, picker, pose_library, posing, shape
 
 CLASSES = (
     *properties.CLASSES,
@@ -14,6 +14,7 @@ CLASSES = (
     *posing.CLASSES,
     *keying_set.CLASSES,
     *pose_library.CLASSES,
+    *shape.CLASSES,
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
