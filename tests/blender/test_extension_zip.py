@@ -13,7 +13,7 @@ from PIL import Image
 ROOT = Path(__file__).parents[2]
 WANTED_AT_TOP = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "backend", "livehand_blender"}
 WANTED_DATA = {"backend/hand/hand_default.npz", "backend/avatars/light.safetensors", "backend/avatars/deep.safetensors"}
-WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors"}
+WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors", ".blend", ".txt"}
 
 
 def blender_ext(*arguments):

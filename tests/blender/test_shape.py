@@ -31,9 +31,10 @@ def test_only_the_built_in_hands_sliders_have_names(hand):
     assert shape_names(hand.livehand) == tuple(f"Beta {k}" for k in range(10))
 
 
-def test_names_are_what_the_directions_do(model):
-    """Length along the fingers for Size and Finger Length; breadth for Size, Thickness and Palm Breadth."""
+def test_names_are_what_the_directions_do(hand, model):
     mean = length_and_breadth_m(model, np.zeros(10))
     longer, broader = np.array([length_and_breadth_m(model, one) / mean - 1 for one in np.eye(10)]).T
-    assert set(np.flatnonzero(longer > 0.006)) == {0, 2}
-    assert set(np.flatnonzero(broader > 0.02)) == {0, 1, 3}
+    names = np.array(shape_names(hand.livehand))
+    assert len(names) == 10
+    assert set(names[longer > 0.006]) == {"Size", "Finger Length"}
+    assert set(names[broader > 0.02]) == {"Size", "Thickness", "Palm Breadth"}
