@@ -7,7 +7,7 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing
+from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing, shape
 
 CLASSES = (
     *properties.CLASSES,
@@ -15,6 +15,7 @@ CLASSES = (
     *posing.CLASSES,
     *keying_set.CLASSES,
     *pose_library.CLASSES,
+    *shape.CLASSES,
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,

@@ -122,6 +122,7 @@ DOORS = (
 MORE_DOORS = {
     # Finger controls are gestures.
     "livehand_blender.rig": ("hand.gestures", "hand.poses"),
+    "livehand_blender.ui.shape": ("hand.measurements",),
     # Captures are rendered from the built-in hand's detailed surface, not from what an avatar sees.
     "livehand_blender.capture": ("hand.builtin", "hand.gestures", "hand.lbs", "geometry.rotation"),
     # Cycles on the benchmark's own frames, timed by its stopwatch.

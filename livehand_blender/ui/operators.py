@@ -22,6 +22,15 @@ def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
     return next((thing for thing in candidates if thing is not None and thing.livehand.is_hand), None)
 
 
+def load_hand(path: str) -> HandModel:
+    """The model at a path, `//` allowed, or the built-in hand for none.
+
+    Raises:
+        LiveHandError: the file is no hand model.
+    """
+    return load_hand_model(bpy.path.abspath(path)) if path else load_default_hand()
+
+
 class LIVEHAND_OT_add_hand(bpy.types.Operator):
     """Add a hand that can be posed and rendered."""
 
@@ -49,7 +58,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
     def execute(self, context):
         """Add the hand at the 3D cursor, upright, as the avatars' light is meant for."""
         try:
-            armature = add_hand(context, _load(self.model_path).for_side(self.side), self.model_path)
+            armature = add_hand(context, load_hand(self.model_path).for_side(self.side), self.model_path)
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -140,7 +149,3 @@ CLASSES = (
     LIVEHAND_OT_free_memory,
     LIVEHAND_OT_copy_install_command,
 )
-
-
-def _load(path: str) -> HandModel:
-    return load_hand_model(bpy.path.abspath(path)) if path else load_default_hand()

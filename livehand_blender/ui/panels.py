@@ -6,6 +6,7 @@ from ..dependencies import missing_requirements
 from ..preferences import draw_install_help
 from ..scene.settings import ENGINE
 from .operators import active_hand
+from .shape import shape_names
 
 
 class _Tab:
@@ -56,8 +57,12 @@ class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
         armature = active_hand(context)
         assert armature is not None  # poll
         column = self.layout.column(align=True)
-        for index in range(10):
-            column.prop(armature.livehand, "beta", index=index, text=f"Beta {index}", slider=True)
+        for index, name in enumerate(shape_names(armature.livehand)):
+            column.prop(armature.livehand, "beta", index=index, text=name, slider=True)
+        row = self.layout.row(align=True)
+        row.operator("livehand.random_shape", text="Random")
+        row.operator("livehand.reset_shape", text="Reset")
+        self.layout.operator("livehand.match_measurements")
 
 
 class LIVEHAND_PT_match_plate(_Tab, bpy.types.Panel):

@@ -1,0 +1,56 @@
+"""A hand's length and breadth, and the shape that has given ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .model import HandModel
+
+_MIDDLE, _KNUCKLES = (4, 5, 6), (1, 4, 10, 7)
+_STEPS = 8
+# A unit of beta costs as much as missing a measurement by this: small enough to meet it, large enough to stay natural.
+_SHYNESS_M = 1e-4
+
+
+def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
+    """[2] of the shape beta [10], m: from the wrist joint to the straight middle fingertip, and across the knuckles.
+
+    The breadth is that of the skin between index and little finger, in the slice of the template around the knuckles.
+    """
+    vertices = model.v_template + model.shapedirs @ beta
+    joints = model.J_regressor @ vertices
+    tip = vertices[_fingertip(model)]
+    chain = np.array([joints[0], *joints[list(_MIDDLE)], tip])
+    across = vertices[_knuckle_slice(model)] @ _across(model)
+    return np.array([np.linalg.norm(np.diff(chain, axis=0), axis=1).sum(), np.ptp(across)])
+
+
+def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
+    """[10] the shape nearest to the mean one that has these measurements (Gauss-Newton on least squares)."""
+    beta = np.zeros(10)
+    wanted = np.array([length_m, breadth_m])
+    for _ in range(_STEPS):
+        now = length_and_breadth_m(model, beta)
+        slope = np.stack([length_and_breadth_m(model, beta + step) - now for step in 1e-4 * np.eye(10)], 1) / 1e-4
+        rest = wanted - now + slope @ beta
+        beta = slope.T @ np.linalg.solve(slope @ slope.T + _SHYNESS_M**2 * np.eye(2), rest)
+    return beta
+
+
+def _fingertip(model: HandModel) -> int:
+    own = np.flatnonzero(model.lbs_weights.argmax(1) == _MIDDLE[-1])
+    return int(own[np.linalg.norm(model.v_template[own] - model.joints[_MIDDLE[-1]], axis=1).argmax()])
+
+
+def _across(model: HandModel) -> np.ndarray:
+    across = model.joints[_KNUCKLES[0]] - model.joints[_KNUCKLES[-1]]
+    return across / np.linalg.norm(across)
+
+
+def _knuckle_slice(model: HandModel) -> np.ndarray:
+    """Vertices within 8 mm of the knuckles along the hand, the thumb's left out."""
+    along = model.joints[_MIDDLE[0]] - model.joints[0]
+    along = along / np.linalg.norm(along)
+    middle = model.joints[list(_KNUCKLES)].mean(0)
+    is_thumb = model.lbs_weights[:, 13:].sum(1) > 0.3
+    return np.flatnonzero((np.abs((model.v_template - middle) @ along) < 0.008) & ~is_thumb)

@@ -1,0 +1,115 @@
+"""Operators that change a hand's shape, and the names of the built-in hand's ten directions."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.props import FloatProperty, IntProperty
+
+from ...backend.errors import LiveHandError
+from ...backend.hand.measurements import fit_beta
+from .operators import active_hand, load_hand
+
+# Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
+_NAMES = (
+    "Size",
+    "Thickness",
+    "Finger Length",
+    "Palm Breadth",
+    "Palm Depth",
+    "Thumb Length",
+    "Little Finger Length",
+    "Index to Ring",
+    "Fingertip Thickness",
+    "Thumb and Palm Pads",
+)
+
+
+def shape_names(hand: bpy.types.PropertyGroup) -> tuple[str, ...]:
+    """Ten labels for a hand's beta."""
+    return tuple(f"Beta {k}" for k in range(10)) if hand.model_path else _NAMES
+
+
+class _OnHand:
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        """Only on a hand."""
+        if active_hand(context) is None:
+            cls.poll_message_set("select a LiveHand hand first")
+            return False
+        return True
+
+
+class LIVEHAND_OT_reset_shape(_OnHand, bpy.types.Operator):
+    """Give the hand its model's mean shape; its pose is kept."""
+
+    bl_idname = "livehand.reset_shape"
+    bl_label = "Reset Shape"
+
+    def execute(self, context):
+        """Zero beta."""
+        return _set_shape(context, np.zeros(10))
+
+
+class LIVEHAND_OT_random_shape(_OnHand, bpy.types.Operator):
+    """Give the hand the shape of another person."""
+
+    bl_idname = "livehand.random_shape"
+    bl_label = "Random Shape"
+
+    seed: IntProperty(name="Seed", description="Each seed is a shape", min=0)
+    strength: FloatProperty(
+        name="Strength", description="Standard deviation of each slider", default=1.0, min=0.0, soft_max=2.0
+    )
+
+    def execute(self, context):
+        """Draw beta."""
+        return _set_shape(context, np.random.default_rng(self.seed).normal(size=10) * self.strength)
+
+
+class LIVEHAND_OT_match_measurements(_OnHand, bpy.types.Operator):
+    """Give the hand the length and breadth of a real one, by the shape nearest to the mean that has them."""
+
+    bl_idname = "livehand.match_measurements"
+    bl_label = "Match Measurements"
+
+    length_mm: FloatProperty(
+        name="Length (mm)",
+        description="From the wrist to the tip of the straight middle finger",
+        default=187.0,
+        min=1.0,
+    )
+    breadth_mm: FloatProperty(
+        name="Breadth (mm)", description="Across the knuckles, without the thumb", default=77.0, min=1.0
+    )
+
+    def invoke(self, context, event):
+        """Ask for the measurements."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context):
+        """Fit beta."""
+        armature = active_hand(context)
+        assert armature is not None  # poll
+        try:
+            model = load_hand(armature.livehand.model_path).for_side(armature.livehand.side)
+        except LiveHandError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        beta = fit_beta(model, self.length_mm / 1e3, self.breadth_mm / 1e3)
+        if np.abs(beta).max() > 3:
+            self.report({"WARNING"}, "the shape lies far from the mean one; the trained look fits best near zero")
+        return _set_shape(context, beta)
+
+
+CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_measurements)
+
+
+def _set_shape(context: bpy.types.Context, beta: np.ndarray) -> set[str]:
+    armature = active_hand(context)
+    assert armature is not None  # poll
+    armature.livehand.beta = beta
+    armature.update_tag()
+    return {"FINISHED"}
