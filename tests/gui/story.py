@@ -216,7 +216,7 @@ def pose_in_the_tab(hand):
     space.region_3d.view_rotation = Euler((1.3, 0, -0.5)).to_quaternion()
     space.show_region_ui = True
     bpy.ops.object.mode_set(mode="POSE")
-    for thing in bpy.data.objects:
+    for thing in bpy.context.scene.objects:
         thing.hide_set(thing.type in ("MESH", "LIGHT", "CAMERA") and thing != hand.livehand.mesh)
     bpy.context.scene.frame_set(6)
     ui = next(region for region in view_area().regions if region.type == "UI")
@@ -227,7 +227,7 @@ def pose_in_the_tab(hand):
     yield 1
     screenshot("posing")
     bpy.ops.object.mode_set(mode="OBJECT")
-    for thing in bpy.data.objects:
+    for thing in bpy.context.scene.objects:
         thing.hide_set(False)
     space.show_region_ui = False
     bpy.context.scene.frame_set(1)
