@@ -68,17 +68,19 @@ def draw_picture(
     ]
     alone = [visible_parts(moment) for moment in moments]
     shown = alone if around is None else [visible_parts(moment, around.depth) for moment in moments]
-    empty = empty_frame(size_px)
-    hands, visible = (
-        mean_frame([joined(parts) for parts in each]) if stage.actors else empty for each in (alone, shown)
-    )
+    visible = _mean(shown, size_px)
     return Picture(
         combined=visible if around is None else over(visible, around),
-        hands=hands,
+        hands=visible if around is None else _mean(alone, size_px),
         visible_alpha=visible.alpha,
         coverage=_coverage(stage, shown),
         surface=_surface(stage) if needs_surface and stage.actors else None,
     )
+
+
+def _mean(exposure: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Frame:
+    """Of every moment's parts, joined; empty of no hand, which has no moment."""
+    return mean_frame([joined(parts) for parts in exposure]) if exposure else empty_frame(size_px)
 
 
 def _coverage(stage: Stage, shown: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:

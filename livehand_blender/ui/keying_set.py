@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..rig.keyframes import hand_channels
-from .operators import active_hand
+from .on_hand import active_hand
 from .posing import has_controls
 
 

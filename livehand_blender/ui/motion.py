@@ -17,7 +17,7 @@ from ...backend.pose_files.describe import describe
 from ...backend.pose_files.formats.own import write_motion
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..motion.request import Changes, changed, motion_from, open_files
-from .operators import active_hand
+from .on_hand import HandTab, OnHand, active_hand
 
 _POSES, _LANDMARKS = ".npz;.npy;.pkl", ".json;.csv"
 _PATTERN = "*.npz;*.npy;*.pkl;*.json;*.csv"
@@ -26,18 +26,7 @@ _LINE_CHARACTERS = 60
 _LARGEST_SHOWN_BYTES = 64 << 20  # what the file browser reads by itself; larger files are read when they are imported
 
 
-class _OnHand:
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand that can be edited."""
-        armature = active_hand(context)
-        if armature is None:
-            cls.poll_message_set("select a LiveHand hand first")
-            return False
-        return True
-
-
-class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
+class LIVEHAND_OT_import_motion(OnHand, bpy.types.Operator, ImportHelper):
     """Key the active hand with the poses or landmarks of a file."""
 
     bl_idname = "livehand.import_motion"
@@ -204,7 +193,7 @@ class LIVEHAND_OT_import_motion(_OnHand, bpy.types.Operator, ImportHelper):
         return self._told
 
 
-class LIVEHAND_OT_export_motion(_OnHand, bpy.types.Operator, ExportHelper):
+class LIVEHAND_OT_export_motion(OnHand, bpy.types.Operator, ExportHelper):
     """Write what the active hand does in a range of frames to a .npz file."""
 
     bl_idname = "livehand.export_motion"
@@ -267,20 +256,11 @@ class LIVEHAND_FH_landmarks(_Drop, bpy.types.FileHandler):
     bl_file_extensions = _LANDMARKS
 
 
-class LIVEHAND_PT_motion(bpy.types.Panel):
+class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     """Motions of the active hand."""
 
     bl_label = "Motion"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "LiveHand"
-    bl_parent_id = "LIVEHAND_PT_hand"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        return active_hand(context) is not None
 
     def draw(self, context):
         """In and out."""

@@ -13,13 +13,7 @@ from ..render.memory import free_memory
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
-
-
-def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The hand's armature that is active, or whose mesh is, or None."""
-    active = context.active_object
-    candidates = (active, active and active.parent)
-    return next((thing for thing in candidates if thing is not None and thing.livehand.is_hand), None)
+from .on_hand import OnHand, active_hand
 
 
 def load_hand(path: str) -> HandModel:
@@ -67,20 +61,12 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_reset_pose(bpy.types.Operator):
+class LIVEHAND_OT_reset_pose(OnHand, bpy.types.Operator):
     """Put the hand back into its rest pose; its shape is kept."""
 
     bl_idname = "livehand.reset_pose"
     bl_label = "Reset Hand Pose"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        if active_hand(context) is None:
-            cls.poll_message_set("select a LiveHand hand first")
-            return False
-        return True
 
     def execute(self, context):
         """Zero theta and transl."""

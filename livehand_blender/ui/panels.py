@@ -5,17 +5,11 @@ import bpy
 from ..dependencies import missing_requirements
 from ..preferences import draw_install_help
 from ..scene.settings import ENGINE
-from .operators import active_hand
+from .on_hand import HandTab, Tab, active_hand, polled_hand
 from .shape import shape_names
 
 
-class _Tab:
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "LiveHand"
-
-
-class LIVEHAND_PT_hand(_Tab, bpy.types.Panel):
+class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
     """The active hand."""
 
     bl_label = "Hand"
@@ -39,23 +33,16 @@ class LIVEHAND_PT_hand(_Tab, bpy.types.Panel):
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 
 
-class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
+class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
     """Shape of the active hand."""
 
     bl_label = "Shape"
-    bl_parent_id = "LIVEHAND_PT_hand"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        return active_hand(context) is not None
 
     def draw(self, context):
         """Ten sliders, each of which can be keyed."""
         self.layout.use_property_split = True
-        armature = active_hand(context)
-        assert armature is not None  # poll
+        armature = polled_hand(context)
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
             column.prop(armature.livehand, "beta", index=index, text=name, slider=True)
@@ -65,30 +52,23 @@ class LIVEHAND_PT_shape(_Tab, bpy.types.Panel):
         self.layout.operator("livehand.match_measurements")
 
 
-class LIVEHAND_PT_match_plate(_Tab, bpy.types.Panel):
+class LIVEHAND_PT_match_plate(HandTab, bpy.types.Panel):
     """Colors of the active hand, brought to those of a plate."""
 
     bl_label = "Match Plate"
-    bl_parent_id = "LIVEHAND_PT_hand"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        return active_hand(context) is not None
 
     def draw(self, context):
         """Settings that can be keyed."""
         self.layout.use_property_split = True
-        armature = active_hand(context)
-        assert armature is not None  # poll
+        armature = polled_hand(context)
         column = self.layout.column()
         column.prop(armature.livehand, "exposure")
         column.prop(armature.livehand, "gain")
         column.prop(armature.livehand, "bias")
 
 
-class LIVEHAND_PT_render(_Tab, bpy.types.Panel):
+class LIVEHAND_PT_render(Tab, bpy.types.Panel):
     """How hands are rendered."""
 
     bl_label = "Render"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
-from .operators import active_hand
+from .on_hand import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
@@ -13,27 +13,17 @@ from .posing import FINGER_LABELS, has_controls
 _LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
 
 
-class LIVEHAND_PT_posing(bpy.types.Panel):
+class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
     """Bones and controls of the active hand."""
 
     bl_label = "Posing"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "LiveHand"
-    bl_parent_id = "LIVEHAND_PT_hand"
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        return active_hand(context) is not None
 
     def draw(self, context):
         """Picker above, sliders below."""
         if not has_controls(context):
             self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
             return
-        armature = active_hand(context)
-        assert armature is not None  # poll
+        armature = polled_hand(context)
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)
         row = self.layout.row(align=True)

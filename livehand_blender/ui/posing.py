@@ -11,7 +11,7 @@ from ...backend.errors import LiveHandError
 from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.keyframes import key_finger
-from .operators import active_hand
+from .on_hand import active_hand, polled_hand
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
 _FINGER_ITEMS = tuple(
@@ -55,7 +55,7 @@ class LIVEHAND_OT_select_finger(_OnControls, bpy.types.Operator):
 
     def execute(self, context):
         """Select in pose mode."""
-        hand = _polled_hand(context).livehand
+        hand = polled_hand(context).livehand
         if getattr(hand, self.finger).ik > 0.5:
             names = [target_name(self.finger, hand.side)]
         else:
@@ -80,7 +80,7 @@ class LIVEHAND_OT_select_bone(_OnControls, bpy.types.Operator):
 
     def execute(self, context):
         """Select in pose mode."""
-        if self.bone not in _polled_hand(context).pose.bones:
+        if self.bone not in polled_hand(context).pose.bones:
             self.report({"ERROR"}, f"the hand has no bone {self.bone}")
             return {"CANCELLED"}
         _select(context, [self.bone], self.extend)
@@ -121,14 +121,8 @@ CLASSES = (
 )
 
 
-def _polled_hand(context: bpy.types.Context) -> bpy.types.Object:
-    armature = active_hand(context)
-    assert armature is not None  # poll
-    return armature
-
-
 def _snap(operator, context: bpy.types.Context, move: Callable) -> set[str]:
-    armature = _polled_hand(context)
+    armature = polled_hand(context)
     fingers = FINGERS if operator.finger == "all" else (operator.finger,)
     try:
         move(context, armature, fingers)
@@ -143,7 +137,7 @@ def _snap(operator, context: bpy.types.Context, move: Callable) -> set[str]:
 
 def _select(context: bpy.types.Context, names: list[str], extend: bool) -> None:
     """Select bones of the active hand in pose mode; the last one becomes active."""
-    armature = _polled_hand(context)
+    armature = polled_hand(context)
     if context.active_object != armature and context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     context.view_layer.objects.active = armature

@@ -8,7 +8,8 @@ from bpy.props import FloatProperty, IntProperty
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.measurements import fit_beta
-from .operators import active_hand, load_hand
+from .on_hand import OnHand, polled_hand
+from .operators import load_hand
 
 # Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
 _NAMES = (
@@ -30,34 +31,24 @@ def shape_names(hand: bpy.types.PropertyGroup) -> tuple[str, ...]:
     return tuple(f"Beta {k}" for k in range(10)) if hand.model_path else _NAMES
 
 
-class _OnHand:
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context):
-        """Only on a hand."""
-        if active_hand(context) is None:
-            cls.poll_message_set("select a LiveHand hand first")
-            return False
-        return True
-
-
-class LIVEHAND_OT_reset_shape(_OnHand, bpy.types.Operator):
+class LIVEHAND_OT_reset_shape(OnHand, bpy.types.Operator):
     """Give the hand its model's mean shape; its pose is kept."""
 
     bl_idname = "livehand.reset_shape"
     bl_label = "Reset Shape"
+    bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
         """Zero beta."""
         return _set_shape(context, np.zeros(10))
 
 
-class LIVEHAND_OT_random_shape(_OnHand, bpy.types.Operator):
+class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
     """Give the hand the shape of another person."""
 
     bl_idname = "livehand.random_shape"
     bl_label = "Random Shape"
+    bl_options = {"REGISTER", "UNDO"}
 
     seed: IntProperty(name="Seed", description="Each seed is a shape", min=0)
     strength: FloatProperty(
@@ -69,11 +60,12 @@ class LIVEHAND_OT_random_shape(_OnHand, bpy.types.Operator):
         return _set_shape(context, np.random.default_rng(self.seed).normal(size=10) * self.strength)
 
 
-class LIVEHAND_OT_match_measurements(_OnHand, bpy.types.Operator):
+class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
     """Give the hand the length and breadth of a real one, by the shape nearest to the mean that has them."""
 
     bl_idname = "livehand.match_measurements"
     bl_label = "Match Measurements"
+    bl_options = {"REGISTER", "UNDO"}
 
     length_mm: FloatProperty(
         name="Length (mm)",
@@ -91,8 +83,7 @@ class LIVEHAND_OT_match_measurements(_OnHand, bpy.types.Operator):
 
     def execute(self, context):
         """Fit beta."""
-        armature = active_hand(context)
-        assert armature is not None  # poll
+        armature = polled_hand(context)
         try:
             model = load_hand(armature.livehand.model_path).for_side(armature.livehand.side)
         except LiveHandError as error:
@@ -108,8 +99,7 @@ CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_
 
 
 def _set_shape(context: bpy.types.Context, beta: np.ndarray) -> set[str]:
-    armature = active_hand(context)
-    assert armature is not None  # poll
+    armature = polled_hand(context)
     armature.livehand.beta = beta
     armature.update_tag()
     return {"FINISHED"}
