@@ -12,7 +12,7 @@ from functools import reduce
 
 import numpy as np
 
-from .profile import DepthProfile, opacity_before
+from .profile import DepthProfile, four_depths, opacity_before
 from .shot import DEPTH_BACKGROUND, Frame
 
 
@@ -129,7 +129,7 @@ def _visible_share(
     if scene_depth is None:
         light = np.repeat(seen[rays].sum(1, keepdims=True), 4, 1)
     else:
-        light = opacity_before(_four_depths(scene_depth)[has_ray], own.t[rays], own.dt[rays], seen[rays])
+        light = opacity_before(four_depths(scene_depth)[has_ray], own.t[rays], own.dt[rays], seen[rays])
     alpha = own.alpha[rays][:, None]
     share, certainty = (np.zeros((*own.row.shape, 4), np.float32) for _ in range(2))
     share[has_ray] = light / np.maximum(alpha, _MIN_ALPHA)
@@ -169,15 +169,7 @@ def _dimmed(frame: Frame, share: np.ndarray) -> Frame:
 _SOLID_ALPHA = 0.5
 
 
-def _four_depths(depth: np.ndarray) -> np.ndarray:
-    """[h, w, 4] the depths of each low-resolution pixel's 2 x 2 pixels."""
-    height, width = depth.shape
-    even = np.pad(depth, ((0, height % 2), (0, width % 2)), mode="edge")
-    blocks = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2)
-    return np.ascontiguousarray(blocks.transpose(0, 2, 1, 3)).reshape(*blocks.shape[::2], 4)
-
-
 def _as_image(fours: np.ndarray) -> np.ndarray:
-    """The inverse: [h, w, 4] -> [2h, 2w]."""
+    """The inverse of `four_depths`: [h, w, 4] -> [2h, 2w]."""
     height, width, _ = fours.shape
     return fours.reshape(height, width, 2, 2).transpose(0, 2, 1, 3).reshape(2 * height, 2 * width)

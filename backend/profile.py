@@ -30,9 +30,7 @@ class DepthProfile:
     @classmethod
     def of_depth(cls, depth: np.ndarray, background: float) -> DepthProfile:
         """A surface of this depth [H, W], m, opaque wherever it is nearer than `background`."""
-        height, width = depth.shape
-        even = np.pad(depth, ((0, height % 2), (0, width % 2)), mode="edge")
-        nearest = even.reshape(-(-height // 2), 2, -1, 2).min((1, 3))
+        nearest = four_depths(depth).min(-1)
         is_hit = nearest < background
         row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32)
         t = nearest[is_hit][:, None].astype(np.float32)
@@ -67,3 +65,11 @@ def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np
         share = np.clip((depth - t[:, sample, None]) / dt[:, None] + 0.5, 0, 1)
         total += weights[:, sample, None] * share
     return total
+
+
+def four_depths(depth: np.ndarray) -> np.ndarray:
+    """[h, w, 4] the depths of each low-resolution pixel's 2 x 2 pixels."""
+    height, width = depth.shape
+    even = np.pad(depth, ((0, height % 2), (0, width % 2)), mode="edge")
+    blocks = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2)
+    return np.ascontiguousarray(blocks.transpose(0, 2, 1, 3)).reshape(*blocks.shape[::2], 4)
