@@ -59,7 +59,7 @@ ROWS = [
     ("backend.renderer", "backend.capture_check", "backend.importing"),
     ("backend.training", "backend.evaluation.metrics", "backend.pose_files"),
     ("backend.pose_files.formats", "backend.pose_files.landmarks"),
-    ("backend.pose_files.opening", "backend.pose_files.describe"),
+    ("backend.pose_files.opening", "backend.pose_files.describe", "backend.foreign_rig"),
     ("backend.training.pose_fit",),
     ("backend.evaluation", "backend.benchmark"),
     ("backend.training.preview",),
@@ -87,6 +87,7 @@ ROWS = [
         "livehand_blender.compositing",
         "livehand_blender.motion",
     ),
+    ("livehand_blender.foreign_rig",),
     ("livehand_blender.ui", "livehand_blender.benchmark", "livehand_blender.blender_command"),
     ("livehand_blender.registration",),
     ("livehand_blender",),
@@ -130,6 +131,9 @@ MORE_DOORS = {
     # Motions from and to files.
     "livehand_blender.motion": ("pose_files",),
     "livehand_blender.ui.motion": ("pose_files",),
+    # Their bones, their motion, their mesh as a hand model.
+    "livehand_blender.foreign_rig": ("foreign_rig", "pose_files"),
+    "livehand_blender.ui.foreign_rig": ("foreign_rig",),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command", "pose_files.render_command", "pose_files.document"),
     "livehand_blender.capture.command": ("command",),
