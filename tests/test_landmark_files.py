@@ -70,6 +70,16 @@ def test_gaps_in_json_are_bridged(tmp_path):
     np.testing.assert_allclose(motion.transl[1] - motion.transl[0], 0.01, atol=2e-4)
 
 
+def test_world_landmarks_have_no_place_and_tracked_ones_have(tmp_path):
+    middle = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]
+    middle = middle - middle.mean(0) + (0.02, 0, 0)
+    for name, points in (("world", middle), ("tracked", middle + (0, 0, 0.4)), ("mm", 1000 * middle)):
+        np.savez(tmp_path / f"{name}.npz", landmarks=np.tile(points, (3, 1, 1)))
+        assert opened(tmp_path / f"{name}.npz").reading.has_place == (name == "tracked")
+    np.savez(tmp_path / "xr.npz", joints=webxr(middle[None]))
+    assert opened(tmp_path / "xr.npz").reading.has_place
+
+
 def webxr(points):
     """25 joints of which MediaPipe's are the given; metacarpals far off."""
     joints = np.full((len(points), 25, 3), 9.0)

@@ -193,7 +193,7 @@ def test_hamer_left_hands_are_mirrored_right_ones(tmp_path):
 
 def test_hamer_both_hands_in_one_file_and_a_side_that_was_wrong(tmp_path):
     np.savez(tmp_path / "both.npz", **hamer([1, 0, 0, 1]))
-    file = open_pose_file(tmp_path / "both.npz")
+    file = opened(tmp_path / "both.npz", has_place=False)
     same_turns(file.motion().theta, absolute(POSE[[0, 3]]))
     same_turns(file.turned_round(side="left").motion().theta, absolute(POSE[[1, 2]]) * MIRROR)
     np.savez(tmp_path / "one.npz", **hamer([1] * T))
@@ -275,6 +275,7 @@ def test_freihand_counts_from_the_mean_and_has_no_place(tmp_path):
     np.testing.assert_allclose(motion.theta, absolute(POSE, MEAN))
     np.testing.assert_allclose(motion.beta[1], BETA)
     assert not motion.transl.any()
+    opened(tmp_path / "training_mano.json", has_place=False)
 
 
 # Bare numbers.
@@ -292,6 +293,7 @@ def test_raw_numbers(tmp_path, width, suffix):
     else:
         path.write_text(json.dumps(numbers.tolist()))
     file = opened(path, format="Raw MANO", has_mean_added=True, fps=25.0 if suffix == "npz" else None)
+    assert file.reading.has_place == (width > 48)
     motion = file.motion()
     np.testing.assert_allclose(motion.theta, absolute(POSE))
     np.testing.assert_allclose(motion.transl, TRANS if width > 48 else np.zeros((T, 3)))
@@ -359,3 +361,4 @@ def test_a_reading_in_words(tmp_path):
     assert facts["mean"] == "to be added (needs a MANO file)"
     assert facts["angles"] == "45 components (needs a MANO file)"
     assert facts["axes"] == "camera, y down, z forward"
+    assert facts["place"] == "in the file"

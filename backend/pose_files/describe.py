@@ -23,6 +23,7 @@ def describe(file: MotionFile) -> dict[str, str]:
         "frames": f"{reading.frames}" + (f", {reading.missing} of them without a hand" if reading.missing else ""),
         "fps": f"{reading.fps:g}" if reading.fps else "not in the file",
         "axes": _AXES[reading.space],
+        "place": "in the file" if reading.has_place else "not in the file: the wrist stays where it is",
     }
     if isinstance(file, LandmarkFile):
         facts["picture"] = "mirrored" if file.is_picture_mirrored else "not mirrored"

@@ -42,6 +42,7 @@ class RawHand:
         transl: [N, 3] in the file's unit.
         entries: [N] increasing: which of the file's frames these are; between them the hand was not there.
         is_in_right_terms: the angles are a right hand's, whatever the side; a left hand's are their mirror image.
+        has_place: the file says where the wrist is; False: transl is zero and means nothing.
     """
 
     root: np.ndarray
@@ -50,6 +51,7 @@ class RawHand:
     transl: np.ndarray
     entries: np.ndarray
     is_in_right_terms: bool = False
+    has_place: bool = True
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Reading:
         frames: of the motion, gaps filled.
         missing: frames among them in which the file has no hand.
         notes: what else a user should know.
+        has_place: the file says where the wrist is, not only how the hand is turned and bent.
     """
 
     format: str
@@ -79,6 +82,7 @@ class Reading:
     frames: int
     missing: int = 0
     notes: tuple[str, ...] = ()
+    has_place: bool = True
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,9 @@ def pose_file(
     if not 1 <= raw.fingers.shape[1] <= 45:
         raise LiveHandError(f"{path}: fingers must be 1 to 45 numbers per frame, got {raw.fingers.shape[1]}")
     components = raw.fingers.shape[1] if uses_pca else 0
-    reading = Reading(name, side, has_mean_added, components, space, "m", fps, len(raw.entries), 0, notes)
+    reading = Reading(
+        name, side, has_mean_added, components, space, "m", fps, len(raw.entries), 0, notes, raw.has_place
+    )
     return PoseFile(path, found, reading).turned_round()
 
 
@@ -200,14 +206,14 @@ def raw_hand(
     entries: np.ndarray | None = None,
     is_in_right_terms: bool = False,
 ) -> RawHand:
-    """Of pose [N, 3 + n]: the wrist's axis-angle, then the fingers; shapes are cut or filled to ten."""
+    """Of pose [N, 3 + n]: the wrist's axis-angle, then the fingers; shapes are cut or filled to ten, no transl: no place."""
     count = len(pose)
     beta = np.zeros(10) if beta is None else beta
     ten = np.zeros((*beta.shape[:-1], 10))
     ten[..., : min(10, beta.shape[-1])] = beta[..., :10]
-    transl = np.zeros((count, 3)) if transl is None else transl
+    place = np.zeros((count, 3)) if transl is None else transl
     entries = np.arange(count) if entries is None else entries
-    return RawHand(pose[:, :3], pose[:, 3:], ten, transl, entries, is_in_right_terms)
+    return RawHand(pose[:, :3], pose[:, 3:], ten, place, entries, is_in_right_terms, transl is not None)
 
 
 def _check(name: str, value: Any, allowed: tuple[Any, ...]) -> None:

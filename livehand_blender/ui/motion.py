@@ -22,7 +22,7 @@ from .on_hand import HandTab, OnHand, active_hand
 _POSES, _LANDMARKS = ".npz;.npy;.pkl", ".json;.csv"
 _PATTERN = "*.npz;*.npy;*.pkl;*.json;*.csv"
 _AUTO = ("AUTO", "As Detected", "As the file's format says")
-_LINE_CHARACTERS = 60
+_LINE_CHARACTERS = 40  # what the side panel of the file browser shows without cutting it
 _LARGEST_SHOWN_BYTES = 64 << 20  # what the file browser reads by itself; larger files are read when they are imported
 
 
@@ -120,9 +120,10 @@ class LIVEHAND_OT_import_motion(OnHand, bpy.types.Operator, ImportHelper):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        box = layout.box()
+        told = layout.box().column(align=True)
+        told.scale_y = 0.8
         for line in self._detected():
-            box.label(text=line)
+            told.label(text=line)
         _draw_group(
             layout, self, "Reading", ("side", "mean", "angles", "space", "through_camera", "unit", "fps", "mano_path")
         )
@@ -144,7 +145,7 @@ class LIVEHAND_OT_import_motion(OnHand, bpy.types.Operator, ImportHelper):
                 self.match_fps,
                 self.mirror,
                 self.key_wrist,
-                self.key_place,
+                self.key_place and file.reading.has_place,
                 self.set_shape,
                 self._camera(context.scene),
             )

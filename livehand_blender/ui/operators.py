@@ -58,6 +58,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
             return {"CANCELLED"}
         armature.location = context.scene.cursor.location
         armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()
+        self.report({"INFO"}, "Added a hand of life size; View > Frame Selected shows it")
         return {"FINISHED"}
 
 

@@ -24,13 +24,13 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
             self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
             return
         armature = polled_hand(context)
+        if not is_library_added(context):  # above all, as below the sliders nobody sees it
+            self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)
         row = self.layout.row(align=True)
         row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
         row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
-        if not is_library_added(context):
-            self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
 
 
 CLASSES = (LIVEHAND_PT_posing,)
@@ -58,9 +58,12 @@ def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) ->
     column.prop(hand, "fist", slider=True)
     column.prop(hand, "opposition", slider=True)
     column = layout.column(align=True)
+    heads = column.row(align=True)
+    for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for them beside the numbers
+        heads.label(text=text)
     for finger in FINGERS:
         row = column.row(align=True)
         row.label(text=FINGER_LABELS[finger])
         for control in ("curl", "spread", "ik"):
-            row.prop(getattr(hand, finger), control, slider=True)
+            row.prop(getattr(hand, finger), control, text="", slider=True)
     layout.prop(hand, "limit_joints")

@@ -37,10 +37,12 @@ class LIVEHAND_OT_add_pose_library(bpy.types.Operator):
         return True
 
     def execute(self, context):
-        """Name the folder in the preferences."""
+        """Name the folder in the preferences, and open the shelf, which Blender hides at first."""
         context.preferences.filepaths.asset_libraries.new(name=LIBRARY_NAME, directory=str(library_folder()))
         context.preferences.is_dirty = True
-        self.report({"INFO"}, f"Added as {LIBRARY_NAME}: see the asset shelf in pose mode")
+        if isinstance(context.space_data, bpy.types.SpaceView3D):
+            context.space_data.show_region_asset_shelf = True
+        self.report({"INFO"}, f"Added as {LIBRARY_NAME}: in pose mode, see View > Asset Shelf")
         return {"FINISHED"}
 
 

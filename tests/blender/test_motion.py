@@ -13,7 +13,9 @@ from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, S
 from livehand.backend.pose_files.motion import HandMotion
 from livehand.backend.pose_files.opening import open_pose_file
 from livehand.backend.pose_files.placing import TO_BLENDER
+from livehand.backend.rotation import axis_angle_to_matrix
 from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.keyframes import keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.ui.motion import LIVEHAND_OT_import_motion
 from mathutils import Matrix, Vector
@@ -175,6 +177,19 @@ def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
     assert np.abs(pose.transl).max() < 0.004
 
 
+def test_a_file_without_places_turns_the_hand_where_it_stands(hand, model, tmp_path):
+    hand.matrix_world = Matrix.Translation((0.3, -2, 1)) @ Matrix.Rotation(1.1, 4, (1, 2, 3))
+    keyframe_transl(hand, np.array([[0.01, 0.02, 0.03]]), [1])
+    motion = motion_of(model.side)
+    np.savez(tmp_path / "t.npz", poses=motion.theta.reshape(-1, 48), side=model.side)
+    bpy.ops.livehand.import_motion(filepath=str(tmp_path / "t.npz"), space="y_up", start_frame=1)
+    pose = read(hand, 2)
+    np.testing.assert_allclose(pose.transl, (0.01, 0.02, 0.03), atol=1e-6)
+    to_world = np.array(hand.matrix_world)[:3, :3] @ axis_angle_to_matrix(pose.theta[0])
+    expected = TO_BLENDER["y_up"] @ axis_angle_to_matrix(motion.theta[1, 0])
+    np.testing.assert_allclose(to_world, expected, atol=1e-5)
+
+
 def test_several_files_of_one_frame_are_one_motion(hand, model, tmp_path):
     motion = motion_of(model.side, count=3)
     for k in range(3):
@@ -231,7 +246,8 @@ class Layout:
     def box(self):
         return self
 
-    column = box
+    def column(self, align=False):
+        return self
 
     def label(self, text):
         self.drawn.append(text)
@@ -260,7 +276,8 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
             browser.draw(bpy.context)
         told[name] = browser.layout.drawn
     assert "Format: DexYCB" in told["labels.npz"]
-    assert "Angles: 45 components (needs a MANO file)" in told["labels.npz"]
+    assert "Angles: 45 components (needs a MANO file)" in " ".join(told["labels.npz"])
+    assert max(map(len, told["labels.npz"])) <= 40  # wider ones are cut
     assert "readable .npz" in " ".join(told["bad.npz"])
     assert "Choose a file" in told["gone.npz"]
     known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())

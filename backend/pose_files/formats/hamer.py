@@ -53,7 +53,8 @@ def _read(document: Document) -> PoseFile:
         rows = np.flatnonzero(is_right == (side == "right"))
         if len(rows):
             betas = beta.reshape(count, 10)[rows]
-            hands[side] = raw_hand(pose[rows], betas, transl[rows], is_in_right_terms=True)
+            place = None if transl is None else transl[rows]
+            hands[side] = raw_hand(pose[rows], betas, place, is_in_right_terms=True)
     return pose_file(document.path, hands, _NAME, "opencv", has_mean_added=True, notes=(*notes, *more))
 
 
@@ -78,8 +79,8 @@ def _is_right(document: Document, count: int) -> tuple[np.ndarray, tuple[str, ..
     return np.broadcast_to(right.ravel() > 0.5, (count,)), ()
 
 
-def _places(document: Document, count: int, is_right: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """[N, 3] m with the crop's mirroring undone.
+def _places(document: Document, count: int, is_right: np.ndarray) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """[N, 3] m with the crop's mirroring undone; None where the file has no places.
 
     In the whole camera where the scripts have computed that, or the file says where the crops lay; else in the crop's.
     """
@@ -97,7 +98,7 @@ def _places(document: Document, count: int, is_right: np.ndarray) -> tuple[np.nd
             "places are in each crop's own camera: the hand does not move as it did (no box_center, box_size, img_size)"
         )
         return document.numbers(entries["pred_cam_t"], "pred_cam_t", (count, 3)) * mirror, (note,)
-    return np.zeros((count, 3)), ("the file has no places: the wrist stays where it is",)
+    return None, ("the file has no places: the wrist stays where it is",)
 
 
 def _in_whole_camera(document: Document, camera: np.ndarray, count: int) -> np.ndarray:

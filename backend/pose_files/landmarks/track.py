@@ -119,7 +119,14 @@ def read_landmarks(document: Document) -> LandmarkFile:
     name, space = (MEDIAPIPE, "opencv") if count == 21 else (WEBXR, "y_up")
     reading = Reading(name, side, True, 0, space, "m", _fps(document), span, span - len(there), notes)
     kept = points[there] if count == 21 else points[there][:, _OF_WEBXR]
-    return LandmarkFile(document.path, kept, there, reading)
+    return LandmarkFile(document.path, kept, there, replace(reading, has_place=count != 21 or _has_place(kept)))
+
+
+def _has_place(points: np.ndarray) -> bool:
+    """Whether a hand [N, 21, 3] moves about; MediaPipe's world landmarks count from the hand's own middle."""
+    middle = points.mean(1, keepdims=True)
+    reach = np.linalg.norm(points - middle, axis=-1).max()
+    return bool(np.linalg.norm(middle, axis=-1).max() > reach / 2)
 
 
 def _content(document: Document) -> Any:
