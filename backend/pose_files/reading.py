@@ -193,9 +193,8 @@ def pose_file(
     if not 1 <= raw.fingers.shape[1] <= 45:
         raise LiveHandError(f"{path}: fingers must be 1 to 45 numbers per frame, got {raw.fingers.shape[1]}")
     components = raw.fingers.shape[1] if uses_pca else 0
-    reading = Reading(
-        name, side, has_mean_added, components, space, "m", fps, len(raw.entries), 0, notes, raw.has_place
-    )
+    count, has_place = len(raw.entries), raw.has_place
+    reading = Reading(name, side, has_mean_added, components, space, "m", fps, count, 0, notes, has_place)
     return PoseFile(path, found, reading).turned_round()
 
 
@@ -206,7 +205,7 @@ def raw_hand(
     entries: np.ndarray | None = None,
     is_in_right_terms: bool = False,
 ) -> RawHand:
-    """Of pose [N, 3 + n]: the wrist's axis-angle, then the fingers; shapes are cut or filled to ten, no transl: no place."""
+    """Of pose [N, 3 + n]: the wrist's axis-angle, then the fingers; shapes are cut or filled to ten."""
     count = len(pose)
     beta = np.zeros(10) if beta is None else beta
     ten = np.zeros((*beta.shape[:-1], 10))
