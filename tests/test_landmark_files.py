@@ -72,8 +72,8 @@ def test_gaps_in_json_are_bridged(tmp_path):
 
 def test_world_landmarks_have_no_place_and_tracked_ones_have(tmp_path):
     middle = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]
-    middle = middle - middle.mean(0) + [0.02, 0, 0]
-    for name, points in (("world", middle), ("tracked", middle + [0, 0, 0.4]), ("mm", 1000 * middle)):
+    middle, away = middle - middle.mean(0) + [0.02, 0, 0], np.array([0, 0, 0.4])
+    for name, points in (("world", middle), ("tracked", middle + away), ("mm", 1000 * middle)):
         np.savez(tmp_path / f"{name}.npz", landmarks=np.tile(points, (3, 1, 1)))
         assert opened(tmp_path / f"{name}.npz").reading.has_place == (name == "tracked")
     np.savez(tmp_path / "xr.npz", joints=webxr(middle[None]))
