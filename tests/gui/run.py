@@ -1,22 +1,24 @@
-"""LiveHand in a real Blender window: `python3 tests/gui/run.py [--blender PROGRAM] [--out DIR]`.
+"""LiveHand in a real Blender window: `python3 tests/gui/run.py [--blender PROGRAM] [--out DIR] [STORY ...]`.
 
 Builds the extension's zip, installs it into a user folder of its own (kept in DIR from run to run), installs the Python
-packages that are missing by the command that the preferences offer, and starts Blender in a virtual X screen, where
-`story.py` drives it. Needs Blender with torch in its Python, Xvfb, xdotool and ImageMagick.
+packages that are missing by the command that the preferences offer, and starts Blender in a virtual X screen once for
+each story, a script beside this one that drives it. Needs Blender with torch in its Python, Xvfb, xdotool and
+ImageMagick; Tk and tkdnd to drop a file on the window.
 """
 
 import argparse
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-STORY = Path(__file__).with_name("story.py")
+STORIES = ("viewport", "first_hour")
 SCREEN = (1280, 800)
-BLENDER_SECONDS = 420
+BLENDER_SECONDS = 600
 
 PRINT_INSTALL_COMMAND = """
 import importlib, json
@@ -29,7 +31,8 @@ print("MISSING " + json.dumps([[each.module for each in missing], dependencies.i
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--blender", default="blender", help="the program (default: the one on the path)")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "gui", help="zip, user folder, screenshots, report")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "gui", help="zip, user folder; DIR/STORY: pictures")
+    parser.add_argument("stories", nargs="*", metavar="STORY", help=f"which of {', '.join(STORIES)} (default: all)")
     args = parser.parse_args()
     out = args.out.resolve()
     # Blender puts this folder on Python's path only if it is there when Blender starts.
@@ -37,26 +40,27 @@ def main() -> int:
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(out / "user"), "LIBGL_ALWAYS_SOFTWARE": "1"}
     install_extension(args.blender, out, environment)
     install_packages(args.blender, environment)
-    report = out / "report.json"
-    report.unlink(missing_ok=True)
+    failures = [failure for story in args.stories or STORIES for failure in play(story, args.blender, out, environment)]
+    return say("failed: " + "; ".join(failures)) if failures else 0
+
+
+def play(story: str, blender: str, out: Path, environment: dict[str, str]) -> list[str]:
+    """Run one story and print its report; what went wrong."""
+    folder = out / story
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    geometry = ["--window-geometry", "0", "0", *map(str, SCREEN)]
+    script = ["--python", str(Path(__file__).with_name(f"{story}.py")), "--", str(folder)]
     with virtual_screen() as display:
-        window = [
-            args.blender,
-            "--window-geometry",
-            "0",
-            "0",
-            *map(str, SCREEN),
-            "--python",
-            str(STORY),
-            "--",
-            str(out),
-        ]
-        done = subprocess.run(window, env=environment | {"DISPLAY": display}, timeout=BLENDER_SECONDS, check=False)
+        here = environment | {"DISPLAY": display}
+        done = subprocess.run([blender, *geometry, *script], env=here, timeout=BLENDER_SECONDS, check=False)
+    report = folder / "report.json"
     if not report.is_file():
-        return say(f"failed: Blender ended with {done.returncode} and no report; its messages are above")
+        return [f"{story}: Blender ended with {done.returncode} and no report; its messages are above"]
     told = json.loads(report.read_text())
-    say(json.dumps(told, indent=2))
-    return say("failed: " + "; ".join(told["failures"])) if told["failures"] or done.returncode else 0
+    say(f"{story}: {json.dumps(told, indent=2)}")
+    ended = [f"Blender ended with {done.returncode}"] if done.returncode else []
+    return [f"{story}: {failure}" for failure in told["failures"] + ended]
 
 
 def install_extension(blender: str, out: Path, environment: dict[str, str]) -> None:

@@ -1,26 +1,19 @@
-"""Inside Blender, with a window: what a user does with a hand, step by step, and what is seen and measured.
+"""A story: the hand in Rendered shading while it moves, turns and plays; what is seen, and how long it takes."""
 
-Each `yield` gives Blender its event loop back: a number waits as many seconds, a function until it says true.
-"""
-
-import importlib
-import json
 import resource
 import statistics
 import subprocess
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
 import numpy as np
 from mathutils import Euler
 
-OUT = Path(sys.argv[sys.argv.index("--") + 1])
-PACKAGE = "bl_ext.user_default.livehand.livehand_blender"
-TICK_S = 0.005
-PATIENCE_S = 90
+sys.path.insert(0, str(Path(__file__).parent))
+from stage import Report, in_view, module, screenshot, skin, tell, view_area, view_of
+
 FIRST_IMAGE_S = 0.5
 LONGEST_BLOCK_S = 0.1
 POSE_CHANGES = 7
@@ -75,55 +68,6 @@ def longest(spans, since):
 
 def peak_memory_mb():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1000
-
-
-class Report:
-    def __init__(self):
-        self.figures, self.failures = {}, []
-
-    def check(self, holds, words):
-        if not holds:
-            self.failures.append(words)
-
-    def write(self):
-        (OUT / "report.json").write_text(json.dumps({"figures": self.figures, "failures": self.failures}))
-
-
-def view_area():
-    return next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
-
-
-def in_view():
-    """Context for operators that need the 3D view."""
-    area = view_area()
-    window = bpy.context.window_manager.windows[0]
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    return bpy.context.temp_override(window=window, area=area, region=region)
-
-
-def screenshot(name):
-    """[H, W, 3] in 0..1, top row first, of the whole window."""
-    path = OUT / f"{name}.png"
-    subprocess.run(["import", "-window", "root", str(path)], check=True)
-    image = bpy.data.images.load(str(path))
-    pixels = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(pixels)
-    width, height = image.size
-    bpy.data.images.remove(image)
-    return pixels.reshape(height, width, -1)[::-1, :, :3]
-
-
-def view_of(shot):
-    """The part of a screenshot that the 3D view's region covers, without its toolbars."""
-    region = next(region for region in view_area().regions if region.type == "WINDOW")
-    bottom = shot.shape[0] - region.y
-    return shot[bottom - region.height + 60 : bottom, region.x + 60 : region.x + region.width]
-
-
-def skin(pixels):
-    """Which pixels have a hand's colour: the scene around it is blue and grey."""
-    red, green, blue = np.moveaxis(pixels, -1, 0)
-    return (red > 1.15 * green) & (green > blue) & (red > 0.25)
 
 
 def set_the_scene():
@@ -188,8 +132,8 @@ def bend_fingers(hand, share):
 
 
 def story(watch, report):
-    engine = importlib.import_module(f"{PACKAGE}.render.engine").LiveHandRender
-    watch.look_at(importlib.import_module(f"{PACKAGE}.viewport.viewport"))
+    engine = module("livehand_blender.render.engine").LiveHandRender
+    watch.look_at(module("livehand_blender.viewport.viewport"))
     hand = set_the_scene()
     yield from pose_in_the_tab(hand)
     space = view_area().spaces.active
@@ -349,37 +293,5 @@ def render_a_still(space, report):
     report.check((blue > 1.5 * red).mean() > 0.3, "no blue wall in the still")
 
 
-def run(steps, watch, report):
-    """Advance the story when what it waits for has come."""
-    state = {"wish": 2, "since": time.perf_counter()}
-
-    def ready(wish):
-        return wish() if callable(wish) else time.perf_counter() >= state["since"] + wish
-
-    def tick():
-        watch.tick()
-        try:
-            if ready(state["wish"]):
-                state["wish"], state["since"] = next(steps), time.perf_counter()
-            elif time.perf_counter() > state["since"] + PATIENCE_S:
-                raise TimeoutError("what the story waits for has not come")
-        except StopIteration:
-            return finish()
-        except Exception:
-            traceback.print_exc()
-            report.failures.append(traceback.format_exc(limit=-2))
-            screenshot("failed")
-            return finish()
-        return TICK_S
-
-    def finish():
-        report.write()
-        bpy.ops.wm.quit_blender()
-
-    bpy.app.timers.register(tick, first_interval=1)
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.context.preferences.use_preferences_save = False
 the_watch, the_report = Watch(), Report()
-run(story(the_watch, the_report), the_watch, the_report)
+tell(story(the_watch, the_report), the_report, the_watch.tick)

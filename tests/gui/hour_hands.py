@@ -1,0 +1,55 @@
+"""The first hour: an empty scene, a right hand, a left one beside it."""
+
+import bpy
+from stage import picture
+from user import choose, click, move, over_view, press, region_of, write
+
+
+def add_both_hands(report):
+    """The right one at the cursor, the left one 20 cm to its left: one's own hands, seen from behind."""
+    yield from over_view()
+    yield from press("a", "x", "Return")
+    report.check(not bpy.context.scene.objects, "the scene is not empty")
+    yield from click(283, 41)
+    for place in ((320, 219), (505, 221), (507, 243)):
+        yield from move(*place)
+    picture("01_add", "900x500+0+28")
+    yield from added(click(507, 243))
+    yield from over_view()
+    yield from press("KP_1", "KP_Decimal")
+    picture("02_hand", "1056x692+0+28")
+    yield from added(choose("shift+a", "livehand"))
+    yield from turn_into_a_left_one()
+    picture("03_side", "400x190+20+540")
+    yield from over_view()
+    yield from write("gx-0.2")
+    yield from press("Home")
+    yield 1
+    picture("04_both", "1056x692+0+28")
+    sides = sorted(thing.livehand.side for thing in bpy.context.scene.objects if thing.livehand.is_hand)
+    report.check(sides == ["left", "right"], f"not a right and a left hand, but {sides}")
+    report.check(hand_of("right").location.length == 0, "the right hand is not at the cursor")
+    report.check(abs(hand_of("left").location.x + 0.2) < 1e-6, "the left hand has not been moved")
+
+
+def hand_of(side):
+    """Looked up each time: an undo replaces all objects."""
+    hands = (thing for thing in bpy.context.scene.objects if thing.livehand.is_hand)
+    return next(hand for hand in hands if hand.livehand.side == side)
+
+
+def added(doing):
+    """Does it, and makes sure that a hand has come of it."""
+    before = len(bpy.context.scene.objects)
+    yield from doing
+    if len(bpy.context.scene.objects) != before + 2 or not bpy.context.object.livehand.is_hand:
+        raise RuntimeError("Add > Armature > LiveHand Hand did not add a hand")
+
+
+def turn_into_a_left_one():
+    """The panel of the last operation, in the view's lower left corner: closed at first."""
+    x, y, width, height = region_of("HUD")
+    yield from click(x + width / 2, y + height / 2)
+    x, y, width, height = region_of("HUD")
+    yield from click(x + 0.7 * width, y + 44)
+    yield from press("l")

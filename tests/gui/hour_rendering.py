@@ -1,0 +1,104 @@
+"""The first hour: a camera, Rendered shading, a still and the film."""
+
+import itertools
+import subprocess
+
+import bpy
+import numpy as np
+from stage import OUT, picture, screenshot, skin, view_area, view_of
+from user import choose, click, over_view, press, region_of
+
+FILM_FRAMES = 48
+SEEN = 0.03  # of each half of a frame, at least, is hand
+RENDER_HEADER, RENDER_BUTTON = (60, 60), (130, 88)
+
+
+def aim_the_camera(report):
+    """Add one, and let it see what the view sees."""
+    scene = bpy.context.scene
+    yield from choose("shift+a", "camera")
+    report.check(scene.camera is not None, "the added camera is not the scene's")
+    yield from over_view()
+    yield from press("KP_5", "Home", "KP_Subtract", "KP_Subtract")
+    yield from press("ctrl+alt+KP_0")
+    yield 1
+    picture("13_camera", "1056x692+0+28")
+    report.check(view_area().spaces.active.region_3d.view_perspective == "CAMERA", "the view is not the camera's")
+
+
+def see_it_rendered(report):
+    """*Render with LiveHand* in the tab, then Rendered shading."""
+    scene = bpy.context.scene
+    x, y, *_ = region_of("UI")
+    yield from click(x + 30, y + 14)  # Hand folds up, Render comes to sight
+    yield 0.5
+    picture("14_render_panel", "330x400+740+50")
+    yield from click(x + RENDER_BUTTON[0], y + RENDER_BUTTON[1])
+    report.check(scene.render.engine == "LIVEHAND", "Render with LiveHand was not pressed")
+    scene.render.resolution_percentage = 50
+    scene.frame_end = FILM_FRAMES
+    scene.frame_set(30)
+    yield from over_view()
+    yield from press("n")
+    yield from press("z")
+    yield from press("8")
+    shading = view_area().spaces.active.shading
+    report.check(shading.type == "RENDERED", f"the shading is {shading.type}")
+    shading.type = "RENDERED"
+    yield 25
+    shot = skin(view_of(screenshot("rendered")))
+    report.check(both_halves(shot), "not both hands in Rendered shading")
+    picture("15_rendered", "1056x692+0+28")
+
+
+def render_the_still(report):
+    done = []
+    bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
+    view_area().spaces.active.shading.type = "SOLID"
+    yield from over_view()
+    yield from press("F12")
+    yield lambda: done
+    yield 3
+    picture("16_still", "1060x700+80+60")
+    path = OUT / "still.png"
+    bpy.data.images["Render Result"].save_render(str(path))
+    report.check(both_halves(alpha_of(path) > 0.5), "not both hands in the still")
+    yield from press("Escape")
+
+
+def render_the_film(report):
+    """Ctrl-F12."""
+    scene, done = bpy.context.scene, []
+    scene.render.filepath = str(OUT / "film" / "wave_")
+    scene.render.image_settings.file_format = "PNG"
+    bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
+    bpy.app.handlers.render_cancel.append(lambda *_: done.append(False))
+    yield from over_view()
+    yield from press("ctrl+F12")
+    yield lambda: len(list((OUT / "film").glob("*.png"))) > 20
+    yield lambda: len(list((OUT / "film").glob("*.png"))) > 40
+    yield lambda: done
+    files = sorted((OUT / "film").glob("*.png"))
+    report.check(len(files) == FILM_FRAMES, f"{len(files)} frames of {FILM_FRAMES}")
+    alphas = [alpha_of(file) for file in files]
+    report.check(all(both_halves(alpha > 0.5) for alpha in alphas), "a frame without one of the hands")
+    changes = [np.abs(one - other) for one, other in itertools.pairwise(alphas)]
+    moved = [[np.mean([half.mean() > 1e-4 for half in np.array_split(change, 2, 1)]) for change in changes]]
+    report.check(np.mean(moved) > 0.9, "a hand stands still in the film")
+    shown = [str(files[index]) for index in range(3, FILM_FRAMES, 8)]
+    sheet = ["montage", *shown, "-background", "#303030", "-geometry", "300x169+2+2", "-tile", "3x2"]
+    subprocess.run([*sheet, "-quality", "88", str(OUT / "17_film.jpg")], check=True)
+
+
+def both_halves(mask):
+    return all(half.mean() > SEEN for half in np.array_split(mask, 2, axis=1))
+
+
+def alpha_of(path):
+    """[H, W]"""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    width, height = image.size
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, 4)[..., 3]

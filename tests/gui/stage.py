@@ -1,0 +1,113 @@
+"""What stories in Blender's window have in common: how they are told, what they see, what they report.
+
+A story is a generator: each `yield` gives Blender its event loop back; a number waits as many seconds, a function until
+it says true.
+"""
+
+import importlib
+import json
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+OUT = Path(sys.argv[sys.argv.index("--") + 1])
+PACKAGE = "bl_ext.user_default.livehand"
+TICK_S = 0.005
+PATIENCE_S = 90
+
+
+class Report:
+    def __init__(self):
+        self.figures, self.failures = {}, []
+
+    def check(self, holds, words):
+        if not holds:
+            self.failures.append(words)
+
+    def write(self):
+        (OUT / "report.json").write_text(json.dumps({"figures": self.figures, "failures": self.failures}))
+
+
+def view_area():
+    return next(area for area in bpy.context.window_manager.windows[0].screen.areas if area.type == "VIEW_3D")
+
+
+def in_view():
+    """Context for operators that need the 3D view."""
+    area = view_area()
+    window = bpy.context.window_manager.windows[0]
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    return bpy.context.temp_override(window=window, area=area, region=region)
+
+
+def screenshot(name):
+    """[H, W, 3] in 0..1, top row first, of the whole window."""
+    path = OUT / f"{name}.png"
+    subprocess.run(["import", "-window", "root", str(path)], check=True)
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    width, height = image.size
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, -1)[::-1, :, :3]
+
+
+def picture(name, part):
+    """A part of the window (WxH+X+Y, px from the upper left) as a small picture for the documentation."""
+    look = ["import", "-window", "root", "-crop", part, "+repage", "-strip", "+dither", "-colors", "200"]
+    subprocess.run([*look, f"PNG8:{OUT / name}.png"], check=True)
+
+
+def module(name):
+    """One of LiveHand's own, as the extension has it."""
+    return importlib.import_module(f"{PACKAGE}.{name}")
+
+
+def view_of(shot):
+    """The part of a screenshot that the 3D view's region covers, without its toolbars."""
+    region = next(region for region in view_area().regions if region.type == "WINDOW")
+    bottom = shot.shape[0] - region.y
+    return shot[bottom - region.height + 60 : bottom, region.x + 60 : region.x + region.width]
+
+
+def skin(pixels):
+    """Which pixels have a hand's colour: the scene around it is blue and grey."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return (red > 1.15 * green) & (green > blue) & (red > 0.25)
+
+
+def tell(steps, report, at_each_tick=lambda: None):
+    """Advance the story when what it waits for has come; quit Blender at its end."""
+    bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.use_preferences_save = False
+    state = {"wish": 2, "since": time.perf_counter()}
+
+    def ready(wish):
+        return wish() if callable(wish) else time.perf_counter() >= state["since"] + wish
+
+    def tick():
+        at_each_tick()
+        try:
+            if ready(state["wish"]):
+                state["wish"], state["since"] = next(steps), time.perf_counter()
+            elif time.perf_counter() > state["since"] + PATIENCE_S:
+                raise TimeoutError("what the story waits for has not come")
+        except StopIteration:
+            return finish()
+        except Exception:
+            traceback.print_exc()
+            report.failures.append(traceback.format_exc(limit=-2))
+            screenshot("failed")
+            return finish()
+        return TICK_S
+
+    def finish():
+        report.write()
+        bpy.ops.wm.quit_blender()
+
+    bpy.app.timers.register(tick, first_interval=1)

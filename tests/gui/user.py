@@ -1,0 +1,93 @@
+"""A user's mouse and keys, as the X server gives them to Blender. All of these are parts of stories.
+
+Places are px from the window's upper left corner. Blender must see the mouse arrive before a button is pressed.
+"""
+
+import subprocess
+
+import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from stage import view_area
+
+PAUSE_S = 0.5
+TYPING_MS = "60"
+
+
+def xdotool(*words):
+    subprocess.run(["xdotool", *map(str, words)], check=True)
+
+
+def move(x, y):
+    """Two motions: Blender highlights what is under the second."""
+    xdotool("mousemove", round(x) - 2, round(y) - 1)
+    yield 0.15
+    xdotool("mousemove", round(x), round(y))
+    yield 0.3
+
+
+def click(x, y, button=1):
+    yield from move(x, y)
+    xdotool("mousedown", button)
+    yield 0.1
+    xdotool("mouseup", button)
+    yield PAUSE_S
+
+
+def drag(*places, hold=lambda: None):
+    """Press at the first place, let go at the last; `hold` is called before."""
+    yield from move(*places[0])
+    xdotool("mousedown", 1)
+    yield 0.2
+    for place in places[1:]:
+        yield from move(*place)
+    yield PAUSE_S
+    hold()
+    xdotool("mouseup", 1)
+    yield PAUSE_S
+
+
+def press(*keys, times=1):
+    for key in keys:
+        for _ in range(times):
+            xdotool("key", key)
+            yield 0.1
+        yield PAUSE_S - 0.1
+
+
+def write(text, end="Return"):
+    xdotool("type", "--delay", TYPING_MS, text)
+    yield PAUSE_S
+    if end:
+        yield from press(end)
+
+
+def choose(menu_key, words):
+    """From the menu that a key opens over the 3D view, by typing."""
+    yield from over_view()
+    yield from press(menu_key)
+    yield from write(words)
+
+
+def over_view():
+    """The mouse over the 3D view, above the panel of the last operation."""
+    area = view_area()
+    yield from move(area.x + 0.2 * area.width, from_top(area.y + 0.68 * area.height))
+
+
+def region_of(kind, area=None):
+    """One of an area's regions: its left, top, width and height in px."""
+    region = next(region for region in (area or view_area()).regions if region.type == kind)
+    return region.x, from_top(region.y + region.height), region.width, region.height
+
+
+def from_top(y):
+    """Blender counts from the window's lower edge."""
+    return bpy.context.window_manager.windows[0].height - y
+
+
+def place_of(point):
+    """Where a point of the world lies in the 3D view."""
+    area = view_area()
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    spot = location_3d_to_region_2d(region, area.spaces.active.region_3d, point)
+    return region.x + spot.x, from_top(region.y + spot.y)
