@@ -9,7 +9,7 @@ import numpy as np
 from hour_hands import hand_of
 from hour_posing import key_frames, select
 from stage import module, picture
-from user import choose, click, drag, from_top, over_view, place_of, press
+from user import choose, click, drag_from_outside, from_top, over_view, place_of, press
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TAKE_FRAMES = 47  # two seconds, 12 a second, at the scene's 24
@@ -124,11 +124,10 @@ def drop_the_take(report):
     hand_of("left").animation_data_clear()
     yield from over_view()
     target = place_of(hand_of("left").matrix_world.translation)
-    start = (x + size[0] / 2, y + size[1] / 2)
-    yield from drag(
-        start, (start[0] + 30, start[1] - 20), (start[0] + 80, start[1] - 80), (target[0] - 9, target[1]), target
+    start = (x + size[0] // 2, y + size[1] // 2)
+    yield from drag_from_outside(
+        start, (start[0] + 30, start[1] - 10), (start[0] + 120, start[1] - 120), (target[0] - 9, target[1]), target
     )
-    yield 1.5
     picture("12_dropped", "640x780+0+0")
     yield from press("Return")
     yield 1

@@ -79,7 +79,7 @@ def key_a_wave(report):
         yield from press("k")
         if index == 1:
             picture("08_key", "1056x770+0+28")
-        yield from press("l")
+        yield from press("Up", "Return")  # the last entry, LiveHand
         leans.append(theta_of("right")[0])
     frames = key_frames("right")
     report.check(frames == [frame for frame, _ in WAVE], f"keys at {frames}")

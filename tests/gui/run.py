@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 STORIES = ("viewport", "first_hour")
 SCREEN = (1280, 800)
-BLENDER_SECONDS = 600
+BLENDER_SECONDS = 420
 
 PRINT_INSTALL_COMMAND = """
 import importlib, json
@@ -53,7 +53,10 @@ def play(story: str, blender: str, out: Path, environment: dict[str, str]) -> li
     script = ["--python", str(Path(__file__).with_name(f"{story}.py")), "--", str(folder)]
     with virtual_screen() as display:
         here = environment | {"DISPLAY": display}
-        done = subprocess.run([blender, *geometry, *script], env=here, timeout=BLENDER_SECONDS, check=False)
+        try:
+            done = subprocess.run([blender, *geometry, *script], env=here, timeout=BLENDER_SECONDS, check=False)
+        except subprocess.TimeoutExpired:
+            return [f"{story}: Blender has not ended after {BLENDER_SECONDS} s"]
     report = folder / "report.json"
     if not report.is_file():
         return [f"{story}: Blender ended with {done.returncode} and no report; its messages are above"]

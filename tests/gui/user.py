@@ -14,48 +14,59 @@ TYPING_MS = "60"
 
 
 def xdotool(*words):
-    subprocess.run(["xdotool", *map(str, words)], check=True)
+    """Not waited for by Blender's thread: another program may hold the X server until Blender has answered."""
+    process = subprocess.Popen(["xdotool", *map(str, words)])
+    yield lambda: process.poll() is not None
 
 
 def move(x, y):
     """Two motions: Blender highlights what is under the second."""
-    xdotool("mousemove", round(x) - 2, round(y) - 1)
+    yield from xdotool("mousemove", round(x) - 2, round(y) - 1)
     yield 0.15
-    xdotool("mousemove", round(x), round(y))
+    yield from xdotool("mousemove", round(x), round(y))
     yield 0.3
 
 
 def click(x, y, button=1):
     yield from move(x, y)
-    xdotool("mousedown", button)
+    yield from xdotool("mousedown", button)
     yield 0.1
-    xdotool("mouseup", button)
+    yield from xdotool("mouseup", button)
     yield PAUSE_S
 
 
 def drag(*places, hold=lambda: None):
     """Press at the first place, let go at the last; `hold` is called before."""
     yield from move(*places[0])
-    xdotool("mousedown", 1)
+    yield from xdotool("mousedown", 1)
     yield 0.2
     for place in places[1:]:
         yield from move(*place)
     yield PAUSE_S
     hold()
-    xdotool("mouseup", 1)
+    yield from xdotool("mouseup", 1)
     yield PAUSE_S
+
+
+def drag_from_outside(*places):
+    """Out of another program's window, in one go: Blender's event loop stands still until the drop."""
+    words = ["mousemove", *places[0], "sleep", "0.5", "mousedown", 1]
+    for place in places[1:]:
+        words += ["sleep", "0.4", "mousemove", *map(round, place)]
+    yield from xdotool(*words, "sleep", "0.6", "mouseup", 1)
+    yield 1
 
 
 def press(*keys, times=1):
     for key in keys:
         for _ in range(times):
-            xdotool("key", key)
+            yield from xdotool("key", key)
             yield 0.1
         yield PAUSE_S - 0.1
 
 
 def write(text, end="Return"):
-    xdotool("type", "--delay", TYPING_MS, text)
+    yield from xdotool("type", "--delay", TYPING_MS, text)
     yield PAUSE_S
     if end:
         yield from press(end)
