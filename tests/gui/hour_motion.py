@@ -27,16 +27,16 @@ def import_the_take(report):
     left = hand_of("left")
     before = np.array(left.matrix_world @ left.pose.bones["wrist.L"].head)
     yield from choose("F3", "import livehand")
-    yield lambda: browser() is not None
+    yield lambda: window_with("FILE_BROWSER") is not None
     yield 1
-    window, area = browser()
+    window, area = window_with("FILE_BROWSER")
     area.spaces.active.params.directory = str(folder_with_the_take()).encode()
     yield 2
     list_region = next(region for region in area.regions if region.type == "WINDOW")
     x, top = window.x + area.x + list_region.x, bottom_of(window) - (area.y + list_region.y + list_region.height)
     yield from click(x + 100, top + FIRST_ROW_PX)
     yield 1.5
-    picture("10_browser", f"{window.width}x{window.height}+{window.x}+{bottom_of(window) - window.height}")
+    picture("10_browser", geometry_of(window))
     yield from click(window.x + window.width - IMPORT_BUTTON[0], bottom_of(window) - IMPORT_BUTTON[1])
     yield lambda: hand_of("left").animation_data is not None
     yield 1
@@ -62,13 +62,18 @@ def folder_with_the_take():
     return folder
 
 
-def browser():
-    """The file browser's window and area, once it is there."""
+def window_with(kind):
+    """The window and area with such an editor, once it is there."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "FILE_BROWSER":
+            if area.type == kind:
                 return window, area
     return None
+
+
+def geometry_of(window):
+    """For a picture of it: WxH+X+Y."""
+    return f"{window.width}x{window.height}+{window.x}+{bottom_of(window) - window.height}"
 
 
 def bottom_of(window):

@@ -17,7 +17,7 @@ def open_the_shelf(report):
     """Pose mode, the LiveHand tab, *Add Pose Library*."""
     yield from select("right")
     yield from press("ctrl+Tab", "n")
-    yield from press("ctrl+KP_6", times=2)  # out from under the sidebar
+    yield from press("ctrl+KP_6", times=3)  # out from under the sidebar
     report.check(bpy.context.mode == "POSE", "not in pose mode")
     yield from show_tab()
     picture("05_tab", "660x692+398+28")
@@ -76,10 +76,10 @@ def key_a_wave(report):
         yield from over_view()
         yield from press("Right", times=frame - bpy.context.scene.frame_current)
         yield from write(f"r{degrees}")
-        yield from press("k")
+        yield from press("k", "End")  # LiveHand comes last
         if index == 1:
             picture("08_key", "1056x770+0+28")
-        yield from press("Up", "Return")  # the last entry, LiveHand
+        yield from press("Return")
         leans.append(theta_of("right")[0])
     frames = key_frames("right")
     report.check(frames == [frame for frame, _ in WAVE], f"keys at {frames}")

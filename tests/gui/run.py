@@ -94,9 +94,19 @@ def install_packages(blender: str, environment: dict[str, str]) -> None:
 
 @contextlib.contextmanager
 def virtual_screen():
-    """An X screen of its own; gives the name for DISPLAY."""
+    """An X screen of its own, whose keys do not repeat on a busy machine; gives the name for DISPLAY."""
     read_end, write_end = os.pipe()
-    screen = ["Xvfb", "-displayfd", str(write_end), "-screen", "0", "{}x{}x24".format(*SCREEN), "-nolisten", "tcp"]
+    screen = [
+        "Xvfb",
+        "-displayfd",
+        str(write_end),
+        "-screen",
+        "0",
+        "{}x{}x24".format(*SCREEN),
+        "-nolisten",
+        "tcp",
+        "-r",
+    ]
     server = subprocess.Popen(screen, pass_fds=[write_end], stderr=subprocess.DEVNULL)
     os.close(write_end)
     try:
