@@ -141,5 +141,9 @@ def drop_the_take(report):
         frames = key_frames("left")
         report.check((frames[0], len(frames)) == (12, TAKE_FRAMES), f"the dropped take's keys begin at {frames[0]}")
         report.figures["dropped"] = "imported from the current frame on"
+    source.terminate()
+    # For the film, back to what the file browser gave.
+    hand_of("left").animation_data_clear()
+    bpy.ops.livehand.import_motion(filepath=str(EXAMPLES / "take.json"), start_frame=1)
     yield from over_view()
     bpy.context.scene.frame_set(1)
