@@ -126,8 +126,7 @@ def drop_the_take(report):
     if source.poll() is not None:
         report.figures["dropped"] = f"not tried: {source.stderr.read().strip().splitlines()[-1]}"
         return
-    hand_of("left").animation_data_clear()
-    yield from over_view()
+    yield from select("left")
     target = place_of(hand_of("left").matrix_world.translation)
     start = (x + size[0] // 2, y + size[1] // 2)
     yield from drag_from_outside(
@@ -142,8 +141,7 @@ def drop_the_take(report):
         report.check((frames[0], len(frames)) == (12, TAKE_FRAMES), f"the dropped take's keys begin at {frames[0]}")
         report.figures["dropped"] = "imported from the current frame on"
     source.terminate()
-    # For the film, back to what the file browser gave.
+    # As if it had not been: the file browser comes next.
     hand_of("left").animation_data_clear()
-    bpy.ops.livehand.import_motion(filepath=str(EXAMPLES / "take.json"), start_frame=1)
     yield from over_view()
     bpy.context.scene.frame_set(1)
