@@ -9,7 +9,7 @@ import numpy as np
 from hour_hands import hand_of
 from hour_posing import key_frames, select
 from stage import module, picture
-from user import choose, click, drag_from_outside, from_top, over_view, place_of, press
+from user import back_to_the_main_window, choose, click, drag_from_outside, from_top, over_view, place_of, press
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TAKE_FRAMES = 47  # two seconds, 12 a second, at the scene's 24
@@ -40,7 +40,7 @@ def import_the_take(report):
     yield from click(window.x + window.width - IMPORT_BUTTON[0], bottom_of(window) - IMPORT_BUTTON[1])
     yield lambda: hand_of("left").animation_data is not None
     yield 1
-    yield from over_view()
+    yield from back_to_the_main_window()
     expect_the_take(before, report)
     bpy.context.scene.frame_set(30)
     yield 1

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from hour_motion import geometry_of, window_with
 from stage import OUT, picture, screenshot, skin, view_area, view_of
-from user import choose, click, over_view, press, region_of
+from user import back_to_the_main_window, choose, click, over_view, press, region_of
 
 FILM_FRAMES = 48
 AVATAR_S = 80  # the first use compiles kernels
@@ -98,7 +98,7 @@ def render_the_film(report):
     scene.render.image_settings.file_format = "PNG"
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     bpy.app.handlers.render_cancel.append(lambda *_: done.append(False))
-    yield from over_view()
+    yield from back_to_the_main_window()
     yield from press("ctrl+F12")
     yield lambda: len(list((OUT / "film").glob("*.png"))) > 20
     yield lambda: len(list((OUT / "film").glob("*.png"))) > 40
