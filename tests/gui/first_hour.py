@@ -17,6 +17,9 @@ from stage import Report, tell
 
 
 def story(report):
+    # Without a window manager, keys are lost after a second window has closed: so there is none.
+    view = bpy.context.preferences.view
+    view.filebrowser_display_type = view.render_display_type = "SCREEN"
     bpy.context.scene.render.fps = 24
     yield from add_both_hands(report)
     yield from open_the_shelf(report)

@@ -9,7 +9,7 @@ import numpy as np
 from hour_hands import hand_of
 from hour_posing import key_frames, select
 from stage import module, picture
-from user import back_to_the_main_window, choose, click, drag_from_outside, from_top, over_view, place_of, press
+from user import choose, click, drag_from_outside, from_top, over_view, place_of, press, region_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TAKE_FRAMES = 47  # two seconds, 12 a second, at the scene's 24
@@ -27,20 +27,20 @@ def import_the_take(report):
     left = hand_of("left")
     before = np.array(left.matrix_world @ left.pose.bones["wrist.L"].head)
     yield from choose("F3", "import livehand")
-    yield lambda: window_with("FILE_BROWSER") is not None
+    yield lambda: area_with("FILE_BROWSER") is not None
     yield 1
-    window, area = window_with("FILE_BROWSER")
+    area = area_with("FILE_BROWSER")
     area.spaces.active.params.directory = str(folder_with_the_take()).encode()
     yield 2
-    list_region = next(region for region in area.regions if region.type == "WINDOW")
-    x, top = window.x + area.x + list_region.x, bottom_of(window) - (area.y + list_region.y + list_region.height)
-    yield from click(x + 100, top + FIRST_ROW_PX)
+    x, y, *_ = region_of("WINDOW", area)
+    yield from click(x + 100, y + FIRST_ROW_PX)
     yield 1.5
-    picture("10_browser", geometry_of(window))
-    yield from click(window.x + window.width - IMPORT_BUTTON[0], bottom_of(window) - IMPORT_BUTTON[1])
+    picture("10_browser", geometry_of(area), width=1056)
+    x, y, width, height = region_of("EXECUTE", area)
+    yield from click(x + width - IMPORT_BUTTON[0], y + height - IMPORT_BUTTON[1])
     yield lambda: hand_of("left").animation_data is not None
     yield 1
-    yield from back_to_the_main_window()
+    yield from over_view()
     expect_the_take(before, report)
     bpy.context.scene.frame_set(30)
     yield 1
@@ -62,23 +62,15 @@ def folder_with_the_take():
     return folder
 
 
-def window_with(kind):
-    """The window and area with such an editor, once it is there."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == kind:
-                return window, area
-    return None
+def area_with(kind):
+    """The area with such an editor, once it is there."""
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    return next((area for area in areas if area.type == kind), None)
 
 
-def geometry_of(window):
+def geometry_of(area):
     """For a picture of it: WxH+X+Y."""
-    return f"{window.width}x{window.height}+{window.x}+{bottom_of(window) - window.height}"
-
-
-def bottom_of(window):
-    """Its lower edge, px from the screen's upper one: Blender counts upwards."""
-    return from_top(window.y)
+    return f"{area.width}x{area.height}+{area.x}+{from_top(area.y + area.height)}"
 
 
 def expect_the_take(wrist_before, report):

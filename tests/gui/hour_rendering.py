@@ -6,9 +6,9 @@ import time
 
 import bpy
 import numpy as np
-from hour_motion import geometry_of, window_with
+from hour_motion import area_with, geometry_of
 from stage import OUT, picture, screenshot, skin, view_area, view_of
-from user import back_to_the_main_window, choose, click, over_view, press, region_of
+from user import choose, click, over_view, press, region_of
 
 FILM_FRAMES = 48
 AVATAR_S = 80  # the first use compiles kernels
@@ -21,10 +21,7 @@ def aim_the_camera(report):
     scene = bpy.context.scene
     yield from over_view()
     view = view_area().spaces.active.region_3d
-    for _ in range(3):  # keys pressed just after a window has closed may be lost
-        yield 1
-        if view.view_perspective == "ORTHO":
-            yield from press("KP_5")
+    yield from press("KP_5")
     report.check(view.view_perspective == "PERSP", f"Numpad 5 gives {view.view_perspective}")
     yield from press("Home")
     yield from press("KP_Subtract", times=3)
@@ -84,7 +81,7 @@ def render_the_still(report):
     yield from press("F12")
     yield lambda: done
     yield 3
-    picture("16_still", geometry_of(window_with("IMAGE_EDITOR")[0]))
+    picture("16_still", geometry_of(area_with("IMAGE_EDITOR")), width=1056)
     path = OUT / "still.png"
     bpy.data.images["Render Result"].save_render(str(path))
     report.check(both_halves(alpha_of(path) > 0.5), "not both hands in the still")
@@ -98,7 +95,7 @@ def render_the_film(report):
     scene.render.image_settings.file_format = "PNG"
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     bpy.app.handlers.render_cancel.append(lambda *_: done.append(False))
-    yield from back_to_the_main_window()
+    yield from over_view()
     yield from press("ctrl+F12")
     yield lambda: len(list((OUT / "film").glob("*.png"))) > 20
     yield lambda: len(list((OUT / "film").glob("*.png"))) > 40

@@ -57,10 +57,11 @@ def screenshot(name):
     return pixels.reshape(height, width, -1)[::-1, :, :3]
 
 
-def picture(name, part):
+def picture(name, part, width=None):
     """A part of the window (WxH+X+Y, px from the upper left) as a small picture for the documentation."""
-    look = ["import", "-window", "root", "-crop", part, "+repage", "-strip", "+dither", "-colors", "200"]
-    subprocess.run([*look, f"PNG8:{OUT / name}.png"], check=True)
+    look = ["import", "-window", "root", "-crop", part, "+repage", "-strip"]
+    resize = ["-resize", f"{width}x"] if width else []
+    subprocess.run([*look, *resize, "+dither", "-colors", "200", f"PNG8:{OUT / name}.png"], check=True)
 
 
 def module(name):

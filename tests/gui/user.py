@@ -85,13 +85,6 @@ def over_view():
     yield from move(area.x + 0.2 * area.width, from_top(area.y + 0.68 * area.height))
 
 
-def back_to_the_main_window():
-    """Give it the keys again after another one has closed, as a window manager would."""
-    yield 1
-    yield from xdotool("search", "--onlyvisible", "--class", "Blender", "windowfocus")
-    yield from over_view()
-
-
 def region_of(kind, area=None):
     """One of an area's regions: its left, top, width and height in px."""
     region = next(region for region in (area or view_area()).regions if region.type == kind)
