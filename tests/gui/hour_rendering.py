@@ -114,7 +114,7 @@ def render_the_film(report):
 
 def rows_of(files):
     """Two rows of ImageMagick's words, the frames' middle parts side by side."""
-    middle = ["-gravity", "center", "-crop", "620x440+0+0", "+repage", "+append"]
+    middle = ["-gravity", "center", "-crop", "700x440+0+0", "+repage", "+append"]
     return ["(", *files[:3], *middle, ")", "(", *files[3:], *middle, ")"]
 
 
