@@ -7,7 +7,7 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing, shape
+from .ui import avatars, compositing, keying_set, motion, operators, panels, picker, pose_library, posing, shape
 
 CLASSES = (
     *properties.CLASSES,
@@ -19,6 +19,7 @@ CLASSES = (
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
+    *avatars.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
     *engine.CLASSES,
