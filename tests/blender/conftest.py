@@ -128,6 +128,15 @@ def hand_scene():
     return scene
 
 
+@pytest.fixture
+def shot_path(hand_scene, tmp_path):
+    """A saved shot of three frames."""
+    hand_scene.frame_start, hand_scene.frame_end = 1, 3
+    path = tmp_path / "wave.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
 @pytest.fixture(scope="session")
 def read_exr():
     """path -> {channel: [H, W]} of a zip-compressed EXR, by the file format's own description."""
