@@ -19,10 +19,10 @@ from ..command import say
 from ..errors import LiveHandError
 from ..framing import fitting_camera
 from ..hand.model import HandModel, upright
-from ..hand.model_file import load_default_hand
+from ..hand.model_file import load_default_hand, load_hand_model
 from ..shot import SIDES, Shot
 from .landmarks.track import LandmarkFile
-from .mano_basis import load_mano_basis
+from .mano_basis import ManoBasis, basis_for
 from .motion import HandMotion
 from .opening import open_motion_file
 from .placing import moved, rest_wrists, to_blender
@@ -39,6 +39,7 @@ _SIZE_PX = (512, 512)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What a pose file asks for beyond the arguments of `livehand render`."""
     parser.add_argument("--side", choices=SIDES, help="of a pose file: which of its hands, or which hand it really is")
+    parser.add_argument("--hand", type=Path, metavar="FILE", help="of a pose file: the hand model (default: built-in)")
     parser.add_argument("--mano", type=Path, metavar="FILE", help="MANO's file, for poses that count from its mean")
 
 
@@ -54,8 +55,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..avatar import load_avatar
     from ..renderer import Renderer
 
-    hand = load_default_hand()
-    motion = posed_upright(path, hand, args.side, args.mano)
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    motion = posed_upright(path, hand, args.side, basis_for(args.mano, args.hand))
     frames = chosen_frames(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Path | None = None) -> HandMotion:
+def posed_upright(path: Path, hand: HandModel, side: str | None = None, basis: ManoBasis | None = None) -> HandMotion:
     """A file's motion in Blender's world, the wrist at the origin; one in the hand's own space stands upright.
 
     Raises:
@@ -84,7 +85,7 @@ def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Pa
     if isinstance(file, LandmarkFile):
         motion = file.motion(hand)
     else:
-        motion = file.motion(load_mano_basis(mano) if mano else None)
+        motion = file.motion(basis)
     matrix = to_blender(file.reading.space)
     if file.reading.space == "hand":
         matrix[:3, :3] = upright(motion.side)
