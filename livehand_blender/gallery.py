@@ -58,7 +58,7 @@ class Gallery:
             preview = self._icons.new(name)
             height, width = card.portrait.shape[:2]
             preview.image_size = (width, height)
-            preview.image_pixels_float.foreach_set((card.portrait[::-1].astype(np.float32) / 255).ravel())
+            preview.image_pixels_float.foreach_set(_premultiplied(card.portrait)[::-1].ravel())
         return self._icons[name].icon_id
 
     def _read(self, path: Path) -> AvatarCard | LiveHandError:
@@ -70,6 +70,13 @@ class Gallery:
             except LiveHandError as error:
                 self._cards[path] = stamp, error
         return self._cards[path][1]
+
+
+def _premultiplied(portrait: np.ndarray) -> np.ndarray:
+    """[H, W, 4] float32 in 0..1: as Blender draws icons; straight alpha would give the hand a bright rim."""
+    pixels = portrait.astype(np.float32) / 255
+    pixels[..., :3] *= pixels[..., 3:]
+    return pixels
 
 
 def _candidates(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[Path]:

@@ -65,7 +65,9 @@ def test_icons_show_the_portrait(gallery):
         gallery.icon(card)
     (preview,) = gallery._icons.values()
     pixels = np.array(preview.image_pixels_float[:], np.float32).reshape(*tuple(preview.image_size)[::-1], 4)
-    np.testing.assert_allclose(pixels[::-1], card.portrait / 255, atol=1 / 255)
+    straight = card.portrait / 255
+    expected = np.concatenate([straight[..., :3] * straight[..., 3:], straight[..., 3:]], -1)
+    np.testing.assert_allclose(pixels[::-1], expected, atol=1 / 255)
 
 
 def test_an_avatar_without_portrait_has_no_icon(gallery, tmp_path):
