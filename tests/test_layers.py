@@ -92,7 +92,7 @@ ROWS = [
     ("livehand_blender.registration",),
     ("livehand_blender",),
     ("",),  # the repository's root, the package `livehand`
-    ("livehand_blender.capture.command", "livehand_blender.benchmark.command"),
+    ("livehand_blender.capture.command", "livehand_blender.benchmark.command", "livehand_blender.foreign_rig.command"),
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -134,6 +134,7 @@ MORE_DOORS = {
     # Their bones, their motion, their mesh as a hand model.
     "livehand_blender.foreign_rig": ("foreign_rig", "pose_files"),
     "livehand_blender.ui.foreign_rig": ("foreign_rig",),
+    "livehand_blender.ui.hand_model": ("foreign_rig",),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command", "pose_files.render_command", "pose_files.document"),
     "livehand_blender.capture.command": ("command",),

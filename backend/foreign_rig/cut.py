@@ -124,8 +124,9 @@ def _check_surface(faces: np.ndarray, joint_weights: np.ndarray) -> None:
         where = sorted(set(joint_weights[np.unique(torn)].argmax(1).tolist()))
         raise LiveHandError(
             "the hand must be one surface whose faces meet in pairs and are wound alike; got "
-            f"{len(torn)} edges that are not so, near {', '.join(JOINT_NAMES[joint] for joint in where)}; in Edit Mode, "
-            "Select > All by Trait > Non Manifold shows them: delete inner faces, merge by distance, recalculate normals"
+            f"{len(torn)} edges that are not so, near {', '.join(JOINT_NAMES[joint] for joint in where)}; in Edit "
+            "Mode, Select > All by Trait > Non Manifold shows them: delete inner faces, merge by distance, and "
+            "recalculate normals"
         )
     pinched = pinched_vertices(faces)
     if len(pinched):
@@ -136,9 +137,7 @@ def _check_surface(faces: np.ndarray, joint_weights: np.ndarray) -> None:
         )
 
 
-def _compacted(
-    first: np.ndarray, faces: np.ndarray, chosen: np.ndarray, polygons: np.ndarray, others: int
-) -> HandCut:
+def _compacted(first: np.ndarray, faces: np.ndarray, chosen: np.ndarray, polygons: np.ndarray, others: int) -> HandCut:
     source, compact = np.unique(faces[chosen], return_inverse=True)
     of_first = np.full(len(first), -1)
     of_first[source] = np.arange(len(source))

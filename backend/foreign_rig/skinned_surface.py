@@ -15,8 +15,8 @@ class SkinnedSurface:
         vertices_m: [N, 3] in the world, where the rest pose puts them.
         faces: [F, 3] vertex indices, outward by the right-hand rule.
         polygons: [F] which polygon of the mesh a triangle is of.
-        weights: [N, B] >= 0; a row is scaled to sum to 1, as Blender's Armature modifier does. A row of zeros is a vertex
-            that no bone moves.
+        weights: [N, B] >= 0; a row is scaled to sum to 1, as Blender's Armature modifier does. A row of zeros is a
+            vertex that no bone moves.
     """
 
     vertices_m: np.ndarray

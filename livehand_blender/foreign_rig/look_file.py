@@ -11,21 +11,15 @@ from pathlib import Path
 
 import bmesh
 import bpy
-import numpy as np
 
 from ...backend.errors import LiveHandError
 from ...backend.foreign_rig.hand_model import OwnHand
+from ..capture.own_surface import MODEL_KEY
 from .rest_mesh import RestMesh
 
-MODEL_KEY = "livehand_model_sha256"
 _SUBDIVISION = (
     "levels", "render_levels", "subdivision_type", "use_limit_surface", "quality", "uv_smooth", "boundary_smooth",
 )  # fmt: skip
-
-
-def look_path(model_path: Path) -> Path:
-    """Beside a hand model's file."""
-    return model_path.with_suffix(".blend")
 
 
 def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHand, sha256: str) -> None:

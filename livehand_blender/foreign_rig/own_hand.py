@@ -13,7 +13,8 @@ from ...backend.errors import LiveHandError
 from ...backend.foreign_rig.hand_model import check_name, make_hand_model, save_hand_model
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model_file import load_hand_model
-from .look_file import look_path, save_look
+from ..capture.own_surface import look_path
+from .look_file import save_look
 from .rest_mesh import read_rest_mesh
 from .skeleton import read_skeleton
 

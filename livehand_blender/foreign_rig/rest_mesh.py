@@ -42,9 +42,7 @@ def read_rest_mesh(
 
 
 @contextlib.contextmanager
-def _at_rest(
-    context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object
-) -> Iterator[None]:
+def _at_rest(context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object) -> Iterator[None]:
     position = armature.data.pose_position
     shown = [modifier for modifier in mesh.modifiers if modifier.type == "SUBSURF" and modifier.show_viewport]
     try:
@@ -84,9 +82,7 @@ def _weights(
     data: bpy.types.Mesh, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: RestSkeleton
 ) -> np.ndarray:
     deforming = {bone.name for bone in armature.data.bones if bone.use_deform}
-    column = {
-        group.index: skeleton.names.index(group.name) for group in mesh.vertex_groups if group.name in deforming
-    }
+    column = {group.index: skeleton.names.index(group.name) for group in mesh.vertex_groups if group.name in deforming}
     weights = np.zeros((len(data.vertices), len(skeleton.names)))
     for row, vertex in enumerate(data.vertices):
         for element in vertex.groups:
