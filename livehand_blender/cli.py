@@ -1,6 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when they run.
+Only `render`, `make-hand` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when
+they run.
 """
 
 from __future__ import annotations

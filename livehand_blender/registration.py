@@ -7,7 +7,7 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing, shape
+from .ui import compositing, hand_model, keying_set, motion, operators, panels, picker, pose_library, posing, shape
 
 CLASSES = (
     *properties.CLASSES,
@@ -21,6 +21,7 @@ CLASSES = (
     *panels.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
+    *hand_model.CLASSES,
     *engine.CLASSES,
 )
 

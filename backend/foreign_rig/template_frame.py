@@ -14,7 +14,7 @@ _LAST_JOINTS = [3, 6, 9, 12]
 _THUMB_TIP = 15
 SMALLEST_M, LARGEST_M = 0.1, 0.3  # from the wrist to the middle fingertip
 # How far the fingers may bend backwards, as a share of the hand's length, before the hand seems to be the other one.
-_BACKWARDS = 0.03
+_BACKWARDS = 0.06
 
 
 def world2template(joints: np.ndarray, side: Side) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Somebody's character in a file: .blend, or what Blender imports (glTF, FBX); its armature and the hand's mesh in it."""
+"""Somebody's character in a file, .blend or what Blender imports (glTF, FBX): its armature, and the hand's mesh."""
 
 from __future__ import annotations
 

@@ -11,12 +11,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("character", type=Path, help="a skinned hand or character: .blend, .glb, .gltf or .fbx")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="NPZ", help="the hand model; its look becomes a .blend beside"
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="NPZ",
+        help="the hand model; its look becomes a .blend beside",
     )
     parser.add_argument("--armature", metavar="NAME", help="which one (default: the only one that moves a mesh)")
     parser.add_argument("--mesh", metavar="NAME", help="which one (default: the one that the fingers move most of)")
     parser.add_argument("--side", choices=("right", "left"), help="which hand (default: as the bones tell)")
-    parser.add_argument("--bones", type=Path, metavar="JSON", help="which bone is which joint (default: by their names)")
+    parser.add_argument(
+        "--bones", type=Path, metavar="JSON", help="which bone is which joint (default: by their names)"
+    )
     parser.add_argument("--scale", type=float, default=1.0, help="multiplied by this, the file's lengths are metres")
 
 
