@@ -45,8 +45,8 @@ _LETTERS = {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0}
 _HANDS = {"hand", "wrist"}
 # Bones that carry no joint: twists, controls, correctives, and what is no hand's.
 _OTHERS = set(
-    "twist roll correct corrective helper hlp ik fk pole target mch tweak master vis bulge aux drv jiggle pad nail slide "
-    "half prop grip weapon attach socket marker toe foot ankle ctrl control parent switch scale share".split()
+    "twist roll correct corrective helper hlp ik fk pole target mch tweak master vis bulge aux drv jiggle pad nail "
+    "slide half prop grip weapon attach socket marker toe foot ankle ctrl control parent switch scale share".split()
 )
 _LAYERS = ("def", "org")
 _WORDS = sorted(

@@ -1,4 +1,4 @@
-"""A skeleton -> which of its bones are a hand's joints, guessed: by their names, and where those tell nothing by shape."""
+"""A skeleton -> which of its bones are a hand's joints: by their names, and where those tell nothing by shape."""
 
 from __future__ import annotations
 
