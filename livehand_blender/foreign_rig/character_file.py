@@ -9,6 +9,7 @@ from typing import get_args
 import bpy
 
 from ...backend.errors import LiveHandError
+from ...backend.foreign_rig.naming import guess_joints
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.shot import Side
@@ -78,8 +79,6 @@ def joint_map_of(armature: bpy.types.Object, side: Side | None, bones: Path | No
     """
     if bones is not None:
         return _read_map(bones, side)
-    from ...backend.foreign_rig.naming import guess_joints
-
     return guess_joints(read_skeleton(armature), side).joint_map()
 
 
