@@ -115,8 +115,8 @@ def test_another_rest_pose_of_our_hand_makes_little_difference(name, side):
     for theta, wanted in zip(motion.theta, in_world(thetas, turn), strict=True):
         np.testing.assert_allclose(forward(nodes, theta)[1], forward(nodes, wanted)[1], atol=1e-6)
     off = apart_deg(motion.theta, in_world(thetas, turn))
-    assert off[:, :13].max() < 10
-    assert off.max() < 20
+    assert off[:, :13].max() < 7
+    assert off[:, 13:].max() < (1 if name in ("open", "spread") else 25)
 
 
 def test_bones_point_where_theirs_do_whatever_both_hands_are():
@@ -182,7 +182,7 @@ def test_a_left_hand_drives_a_right_one_as_in_a_mirror():
 def test_joints_in_one_place_and_poses_that_are_not_finite_are_refused():
     rest, posed, *_ = ours_elsewhere("right")
     rest.heads[2] = rest.heads[1]
-    with pytest.raises(LiveHandError, match="joints must lie apart, got two of 'index1'"):
+    with pytest.raises(LiveHandError, match="joints must lie apart, got 'index1' or the next"):
         align(rest, joint_map("right"), load_default_hand())
     good = posed(np.zeros((1, 16, 3)))
     with pytest.raises(LiveHandError, match="finite"):

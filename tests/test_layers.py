@@ -76,6 +76,7 @@ ROWS = [
     ),
     ("backend.cli",),
     ("backend",),
+    ("livehand_blender.foreign_rig.properties",),
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
     ("livehand_blender.render.task", "livehand_blender.render.frame_queue"),
