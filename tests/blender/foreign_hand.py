@@ -7,6 +7,8 @@ stretched, so that a theta given to `pose_like` turns its bones as it turns ours
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -297,9 +299,17 @@ def _give_look(mesh: bpy.types.Object, rng) -> None:
 
 
 def write_glb(hand: ForeignHand, path: Path) -> Path:
-    """Written by Blender's exporter, animation included; bones lose their tails and rolls."""
+    """Written by Blender's exporter, animation included; bones lose their tails and rolls.
+
+    In a process of its own: one that has used this exporter and torch hangs when it ends (Blender 4.5).
+    """
     _select(hand)
-    bpy.ops.export_scene.gltf(filepath=str(path), export_format="GLB", use_selection=True)
+    copy = path.with_suffix(".exported.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, check_existing=False)
+    export = f"bpy.ops.export_scene.gltf(filepath={str(path)!r}, export_format='GLB', use_selection=True)"
+    script = f"import bpy, os; bpy.ops.wm.open_mainfile(filepath={str(copy)!r}); {export}; os._exit(0)"
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, timeout=60)
+    copy.unlink()
     return path
 
 
