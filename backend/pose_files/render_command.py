@@ -18,7 +18,7 @@ from ..camera import Camera, look_at
 from ..command import say
 from ..errors import LiveHandError
 from ..hand.model import HandModel, upright
-from ..hand.model_file import load_default_hand
+from ..hand.model_file import load_default_hand, load_hand_model
 from ..shot import SIDES, Shot
 from .landmarks.track import LandmarkFile
 from .mano_basis import load_mano_basis
@@ -38,6 +38,9 @@ _SIZE_PX = (512, 512)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What a pose file asks for beyond the arguments of `livehand render`."""
     parser.add_argument("--side", choices=SIDES, help="of a pose file: which of its hands, or which hand it really is")
+    parser.add_argument(
+        "--hand", type=Path, help="of a pose file: the avatar's hand model (default: the built-in hand)"
+    )
     parser.add_argument("--mano", type=Path, metavar="FILE", help="MANO's file, for poses that count from its mean")
 
 
@@ -53,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..avatar import load_avatar
     from ..renderer import Renderer
 
-    hand = load_default_hand()
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     motion = posed_upright(path, hand, args.side, args.mano)
     frames = chosen_frames(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")

@@ -53,6 +53,7 @@ def make_own_hand(
         "faces": len(model.f),
         "length_mm": round(1e3 * float(np.ptp(model.v_template[:, 0])), 1),
         "pieces_left_out": hand.cut.other_pieces,
+        "subdivision_moves_mm": round(1e3 * scale * float(rest.smoothed_m[hand.cut.source].max()), 2),
     }
 
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 from pathlib import Path
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from livehand.livehand_blender.foreign_rig.skeleton import read_skeleton
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
 from livehand.livehand_blender.scene.settings import use_livehand
+from mathutils import Matrix
 from PIL import Image
 
 SIZE = (64, 96)
@@ -311,6 +313,74 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     surface = OwnSurface.of_look(model, path.with_suffix(".blend"))
     assert surface.object.modifiers["Subdivision"].render_levels == 1
     assert len(surface.object.data.vertices) == len(model.v_template)
+
+
+def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
+    """An arm and a body in one mesh with the hand, split along a seam as files split it, subdivided."""
+    hand = coarse.make_foreign_hand()
+    alone = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
+    grow_into_a_character(hand, coarse.FOREARM)
+    modifier = hand.mesh.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels = modifier.render_levels = 1
+    count = len(hand.mesh.data.vertices)
+    made = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "cut.npz")
+    model, other = (load_hand_model(tmp_path / name) for name in ("cut.npz", "alone.npz"))
+    assert made["vertices"] < count - 100
+    assert abs(made["vertices"] - alone["vertices"]) < 150
+    assert 0.02 < made["subdivision_moves_mm"] < 3
+    assert alone["subdivision_moves_mm"] == 0
+    np.testing.assert_allclose(model.joints, other.joints, atol=1e-6)
+    fingers = model.v_template[:, 0] < 0.05
+    assert fingers.sum() == (other.v_template[:, 0] < 0.05).sum()
+    stump = model.v_template[:, 0].max() - model.joints[0, 0]
+    assert 0.01 < stump < 0.05
+
+    capture_scene()
+    surface = OwnSurface.of_look(model, tmp_path / "cut.blend")
+    surface.object.modifiers.clear()
+    surface.set_pose(HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3), "right"))
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(evaluated_world_vertices(surface.object), model.v_template, atol=1e-6)
+    mesh = surface.object.data
+    edges = [key for polygon in mesh.polygons for key in polygon.edge_keys]
+    assert {edges.count(key) for key in edges[::37]} == {2}  # closed, cap and seam included
+    creases = mesh.attributes["crease_edge"].data
+    assert 4 < sum(crease.value == 1 for crease in creases) < 100
+
+
+def grow_into_a_character(hand, forearm):
+    """Draw the mesh's end out along the forearm, add a body beside it, and split an edge loop's worth of faces off."""
+    mesh = hand.mesh.data
+    bones = hand.armature.data.bones
+    out = np.array(bones[forearm].head_local - bones["wrist"].head_local)
+    out /= np.linalg.norm(out)
+    group = hand.mesh.vertex_groups[forearm].index
+    grown = bmesh.new()
+    grown.from_mesh(mesh)
+    deform = grown.verts.layers.deform.active
+    for _ in range(8):
+        end = max(np.array(face.calc_center_median()) @ out for face in grown.faces)
+        ending = [
+            face
+            for face in grown.faces
+            if np.array(face.normal) @ out > 0.5 and np.array(face.calc_center_median()) @ out > end - 1.0
+        ]
+        made = bmesh.ops.extrude_face_region(grown, geom=ending)
+        fresh = [thing for thing in made["geom"] if isinstance(thing, bmesh.types.BMVert)]
+        bmesh.ops.delete(grown, geom=ending, context="FACES")
+        bmesh.ops.translate(grown, verts=fresh, vec=(1.2 * out).tolist())
+        for vertex in fresh:
+            vertex[deform].clear()
+            vertex[deform][group] = 1.0
+    body = bmesh.ops.create_icosphere(grown, subdivisions=3, radius=12, matrix=Matrix.Translation((30 * out).tolist()))
+    for vertex in body["verts"]:
+        vertex[deform][group] = 1.0
+    middle = float(np.median([vertex.co.y for vertex in grown.verts]))
+    seam = [edge for edge in grown.edges if edge.verts[0].co.y < middle <= edge.verts[1].co.y and edge.index % 3]
+    bmesh.ops.split_edges(grown, edges=seam)
+    grown.to_mesh(mesh)
+    grown.free()
+    mesh.update()
 
 
 def _left_map(hand, folder):
