@@ -26,7 +26,7 @@ from .skeleton import JointMap, RestSkeleton
 from .skinned_surface import SkinnedSurface
 from .template_frame import hand_length_m, world2template
 
-FEWEST_VERTICES, MOST_VERTICES = 100, 30_000
+FEWEST_VERTICES, MOST_VERTICES = 100, 20_000
 _STUMP = 0.18  # of the hand's length: the built-in hand's
 _ELBOW = 0.4  # of the hand's length: how far above the wrist its parent must begin to show where the forearm lies
 

@@ -66,7 +66,6 @@ class OwnSurface:
         mesh = self.object.data
         mesh.shape_keys.key_blocks[_POSED].data.foreach_set("co", posed.ravel())
         mesh.update_tag()
-        mesh.update()
 
 
 def _appended_mesh(model: HandModel, path: Path) -> bpy.types.Object:

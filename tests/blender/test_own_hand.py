@@ -17,6 +17,8 @@ from livehand.backend.foreign_rig.hand_model import make_hand_model
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import PARENTS
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
+from livehand.backend.pose_files.formats.own import write_motion
+from livehand.backend.pose_files.motion import HandMotion
 from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_quaternion
 from livehand.backend.shot import HandPose
 from livehand.livehand_blender.capture.own_surface import OwnSurface
@@ -283,6 +285,17 @@ def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files)
         np.testing.assert_allclose(np.asarray(image)[..., 3] / 255.0, alpha, atol=0.02)
 
 
+def test_a_pose_file_renders_with_ones_own_hand(trained, files, capsys):
+    take, out = files / "take.npz", files / "pictures"
+    write_motion(HandMotion(np.zeros((1, 16, 3)), np.zeros(10), np.zeros((1, 3))), take)
+    asked = ["render", str(take), "--avatar", str(trained[1]), "-o", str(out), "--size", "48x64", "--device", "cpu"]
+    assert main(asked) == 1
+    assert "must be given its own hand model 'mine'" in capsys.readouterr().err
+    assert main([*asked, "--hand", str(files / "mine.npz")]) == 0
+    with Image.open(out / "0001.png") as image:
+        assert 0.05 < (np.asarray(image)[..., 3] > 128).mean() < 0.9
+
+
 def test_a_hand_without_shapes_says_so(files):
     add_hand(bpy.context, load_hand_model(files / "mine.npz"), str(files / "mine.npz"))
     for run in (bpy.ops.livehand.random_shape, bpy.ops.livehand.match_measurements):
@@ -295,6 +308,10 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     bpy.context.view_layer.objects.active = hand.mesh
     hand.pose_like(np.full((16, 3), 0.2))  # the rest pose counts, not this one
     hand.mesh.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
+    Image.fromarray(np.full((8, 8, 3), 200, np.uint8)).save(tmp_path / "paint.png")
+    image = bpy.data.images.load(str(tmp_path / "paint.png"))
+    (texture,) = [node for node in hand.mesh.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE"]
+    texture.image = image
     kinds = ("objects", "meshes", "materials", "images", "armatures")
     before = {kind: sorted(thing.name for thing in getattr(bpy.data, kind)) for kind in kinds}
     path = tmp_path / "posed.npz"
@@ -303,6 +320,8 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     assert list(tmp_path.glob("*.npz")) == []
     assert bpy.ops.livehand.make_hand_model(filepath=str(path)) == {"FINISHED"}
     assert {kind: sorted(thing.name for thing in getattr(bpy.data, kind)) for kind in kinds} == before
+    assert not image.packed_files
+    assert bpy.path.abspath(image.filepath) == str(tmp_path / "paint.png")
     assert hand.armature.data.pose_position == "POSE"
     assert hand.mesh.modifiers["Subdivision"].show_viewport
     model = load_hand_model(path)
@@ -312,6 +331,9 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     capture_scene()
     surface = OwnSurface.of_look(model, path.with_suffix(".blend"))
     assert surface.object.modifiers["Subdivision"].render_levels == 1
+    (tmp_path / "paint.png").unlink()
+    nodes = surface.object.data.materials[0].node_tree.nodes
+    assert [node.image.pixels[0] for node in nodes if node.type == "TEX_IMAGE"] == [pytest.approx(200 / 255, abs=1e-3)]
     assert len(surface.object.data.vertices) == len(model.v_template)
 
 
