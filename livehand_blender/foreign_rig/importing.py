@@ -86,13 +86,16 @@ def read_rig_take(
 def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     """Within, the context's scene is a new one; behind, it and everything that was made meanwhile are gone."""
     before = _everything()
-    render = context.scene.render
+    window, shown, render = context.window, context.scene, context.scene.render
     scene = bpy.data.scenes.new("LiveHand Import")
     scene.render.fps, scene.render.fps_base = render.fps, render.fps_base
     try:
         with context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             yield scene
     finally:
+        if window is not None and window.scene == scene:  # glTF's importer shows what it makes
+            window.scene = shown
+        bpy.data.scenes.remove(scene)
         bpy.data.batch_remove(_everything() - before)
 
 
