@@ -8,8 +8,7 @@ from bpy.props import FloatProperty, IntProperty
 
 from ...backend.errors import LiveHandError
 from ...backend.hand.measurements import fit_beta
-from .on_hand import OnHand, polled_hand
-from .operators import load_hand
+from .on_hand import OnHand, model_of, polled_hand
 
 # Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
 _NAMES = (
@@ -85,7 +84,7 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
         """Fit beta."""
         armature = polled_hand(context)
         try:
-            model = load_hand(armature.livehand.model_path).for_side(armature.livehand.side)
+            model = model_of(armature)[0].for_side(armature.livehand.side)
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
