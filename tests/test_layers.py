@@ -132,6 +132,7 @@ MORE_DOORS = {
     # Motions from and to files.
     "livehand_blender.motion": ("pose_files",),
     "livehand_blender.ui.motion": ("pose_files",),
+    "livehand_blender.ui.motion_export": ("pose_files",),
     # Their bones, their motion, their mesh as a hand model.
     "livehand_blender.foreign_rig": ("foreign_rig", "pose_files"),
     "livehand_blender.ui.foreign_rig": ("foreign_rig",),

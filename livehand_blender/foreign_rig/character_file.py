@@ -13,7 +13,10 @@ from ...backend.foreign_rig.naming import guess_joints
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.shot import Side
+from .importing import import_rig
 from .skeleton import read_skeleton
+
+_KINDS = (".blend", ".glb", ".gltf", ".fbx")
 
 
 def open_character(path: Path) -> None:
@@ -24,18 +27,17 @@ def open_character(path: Path) -> None:
     """
     if not path.is_file():
         raise LiveHandError(f"no character at {path}; give a .blend, .glb, .gltf or .fbx")
-    readers = {".glb": "gltf", ".gltf": "gltf", ".fbx": "fbx"}
     suffix = path.suffix.lower()
-    if suffix not in {".blend", *readers}:
+    if suffix not in _KINDS:
         raise LiveHandError(f"a character must be a .blend, .glb, .gltf or .fbx, got {path.name}; export it as one")
-    try:
-        if suffix == ".blend":
+    if suffix != ".blend":
+        bpy.ops.wm.read_homefile(use_empty=True)
+        import_rig(path)
+    else:
+        try:
             bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-        else:
-            bpy.ops.wm.read_homefile(use_empty=True)
-            getattr(bpy.ops.import_scene, readers[suffix])(filepath=str(path))
-    except RuntimeError as error:
-        raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
+        except RuntimeError as error:
+            raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
     bpy.context.view_layer.update()
 
 

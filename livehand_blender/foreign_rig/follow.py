@@ -6,8 +6,8 @@ Three sets of hidden bones, one of each per joint, outside the hand's own hierar
 - `FIT-` is its child. Its rest frame holds what differs between both rest poses, so it stands as our joint should.
 - `FOL-` hang together as our joints do and take `FIT-`'s rotation: so their own rotations are ours to copy.
 
-The hand's bones copy those before finger controls, limits and fingertip IK, which go on to work on top; `livehand.follow`
-is by how much.
+The hand's bones copy those before finger controls, limits and fingertip IK, which go on to work on top;
+`livehand.follow` is by how much.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def follow(
     side = hand_side(hand)
     if joint_map.side != side:
         raise LiveHandError(
-            f"{hand.name} is a {side} hand and can follow a {side} one only, got the {joint_map.side}; bake it instead, "
-            "which mirrors"
+            f"{hand.name} is a {side} hand and can follow a {side} one only, got the {joint_map.side}; "
+            "bake it instead, which mirrors"
         )
     _check_editable(context, hand)
     alignment = align_hand(hand, model, source, joint_map, fits_shape)

@@ -10,9 +10,9 @@ import numpy as np
 from ...backend.errors import LiveHandError
 from ...backend.foreign_rig.alignment import Alignment, align
 from ...backend.foreign_rig.retarget import SourceMotion
-from ...backend.foreign_rig.shape_fit import HandShape
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model import HandModel
+from .size import present_shape
 from .skeleton import read_skeleton
 
 
@@ -26,8 +26,7 @@ def align_hand(
     """
     if np.linalg.det(np.array(source.matrix_world.to_3x3())) <= 0:
         raise LiveHandError(f"{source.name} must not be scaled by negative numbers or zero; apply its scale first")
-    own = HandShape(np.array(hand.livehand.beta, np.float64), float(np.mean(hand.matrix_world.to_scale())))
-    return align(read_skeleton(source), joint_map, model, None if fits_shape else own)
+    return align(read_skeleton(source), joint_map, model, None if fits_shape else present_shape(hand))
 
 
 def sample_source(

@@ -9,8 +9,7 @@ from bpy.props import FloatProperty, IntProperty
 from ...backend.errors import LiveHandError
 from ...backend.hand.measurements import check_has_shapes, fit_beta
 from ...backend.hand.model import HandModel
-from .on_hand import OnHand, polled_hand
-from .operators import load_hand
+from .on_hand import OnHand, model_of, polled_hand
 
 # Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
 _NAMES = (
@@ -59,7 +58,7 @@ class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
     def execute(self, context):
         """Draw beta."""
         try:
-            check_has_shapes(_model_of(polled_hand(context)))
+            check_has_shapes(_shown_model(polled_hand(context)))
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -90,7 +89,7 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
     def execute(self, context):
         """Fit beta."""
         try:
-            beta = fit_beta(_model_of(polled_hand(context)), self.length_mm / 1e3, self.breadth_mm / 1e3)
+            beta = fit_beta(_shown_model(polled_hand(context)), self.length_mm / 1e3, self.breadth_mm / 1e3)
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -102,8 +101,8 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
 CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_measurements)
 
 
-def _model_of(armature: bpy.types.Object) -> HandModel:
-    return load_hand(armature.livehand.model_path).for_side(armature.livehand.side)
+def _shown_model(armature: bpy.types.Object) -> HandModel:
+    return model_of(armature)[0].for_side(armature.livehand.side)
 
 
 def _set_shape(context: bpy.types.Context, beta: np.ndarray) -> set[str]:

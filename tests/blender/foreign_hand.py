@@ -38,7 +38,7 @@ FOREARM = "forearm"
 
 _CM = 100.0  # data's units in a metre
 _STRETCH = np.array([1.06, 1.0, 0.96])  # of our template: longer and narrower
-_VOXEL_M = 0.0026
+_VOXEL_M = 0.0032
 _FOREARM_M = 0.22
 _TIP_BONE_M = 0.008
 # Template -> the armature's own axes: fingers along +Y, the back of the hand up, so that nothing lies as in our rig.
@@ -199,12 +199,13 @@ def _remeshed(vertices: np.ndarray, faces: np.ndarray, voxel: float) -> tuple[np
 def _carried_weights(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """[N, 16] at the nearest point of the surface."""
     tree = BVHTree.FromPolygons(vertices.tolist(), faces.tolist())
-    carried = np.empty((len(points), weights.shape[1]))
-    for row, point in enumerate(points):
-        nearest, _, face, _ = tree.find_nearest(Vector(point))
-        corners = vertices[faces[face]]
-        share, *_ = np.linalg.lstsq(np.vstack([corners.T, np.ones(3)]), np.r_[nearest, 1], rcond=None)
-        carried[row] = np.clip(share, 0, 1) @ weights[faces[face]]
+    found = [tree.find_nearest(Vector(point)) for point in points]
+    nearest, hit = np.array([place for place, *_ in found]), faces[[face for *_, face, _ in found]]
+    first, second, third = np.moveaxis(vertices[hit], 1, 0)
+    edges = np.stack([second - first, third - first], -1)  # [N, 3, 2]
+    shares = np.einsum("nij,nj->ni", np.linalg.pinv(edges), nearest - first)
+    shares = np.clip(np.c_[1 - shares.sum(1), shares], 0, 1)
+    carried = np.einsum("nc,ncj->nj", shares, weights[hit])
     return carried / carried.sum(1, keepdims=True)
 
 
