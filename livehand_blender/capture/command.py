@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> dict:
 def _own_hand(args: argparse.Namespace) -> DressedHand | None:
     """The hand of --hand and --look, None for the built-in one."""
     from ...backend.hand.model_file import load_hand_model
-    from .own_surface import look_path
+    from .look import look_path
     from .render import DressedHand
 
     if args.hand is None:

@@ -8,22 +8,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
 from ...backend.shot import HandPose
+from .look import append_look
 from .node_graph import NodeGraph
 from .skin import SkinTone
 
-MODEL_KEY = "livehand_model_sha256"
-"""The property of a look's mesh that says which hand model it is the look of."""
-
 _POSED = "Posed"
-
-
-def look_path(model_path: Path) -> Path:
-    """Where a hand model's look lies: beside it."""
-    return model_path.with_suffix(".blend")
 
 
 @dataclass(frozen=True)
@@ -40,7 +32,7 @@ class OwnSurface:
         Raises:
             LiveHandError: the file cannot be read, or does not hold one mesh of this model's vertices.
         """
-        surface = cls(model, _appended_mesh(model, path))
+        surface = cls(model, append_look(model, path))
         surface.object.shape_key_add(name="Rest")
         surface.object.shape_key_add(name=_POSED).value = 1.0
         return surface
@@ -66,31 +58,6 @@ class OwnSurface:
         mesh = self.object.data
         mesh.shape_keys.key_blocks[_POSED].data.foreach_set("co", posed.ravel())
         mesh.update_tag()
-
-
-def _appended_mesh(model: HandModel, path: Path) -> bpy.types.Object:
-    if not path.is_file():
-        raise LiveHandError(f"no look at {path}; give the .blend that livehand make-hand has written")
-    try:
-        with bpy.data.libraries.load(str(path)) as (there, wanted):
-            wanted.objects = list(there.objects)
-    except (OSError, RuntimeError) as error:
-        raise LiveHandError(f"{path} must be a .blend with the hand's look ({error})") from error
-    fitting = [
-        thing for thing in wanted.objects if thing.type == "MESH" and len(thing.data.vertices) == len(model.v_template)
-    ]
-    if len(fitting) != 1:
-        raise LiveHandError(
-            f"{path} must hold one mesh of the {len(model.v_template)} vertices of '{model.name}', got {len(fitting)}; "
-            "make the hand and its look again by livehand make-hand"
-        )
-    (look,) = fitting
-    if look.get(MODEL_KEY, model.sha256) != model.sha256:
-        raise LiveHandError(f"{path} must be the look of '{model.name}', it is another hand's; make both again")
-    bpy.context.scene.collection.objects.link(look)
-    look.parent = None
-    look.matrix_world.identity()
-    return look
 
 
 def _plain_material(tone: SkinTone) -> bpy.types.Material:

@@ -14,7 +14,7 @@ import bpy
 
 from ...backend.errors import LiveHandError
 from ...backend.foreign_rig.hand_model import OwnHand
-from ..capture.own_surface import MODEL_KEY
+from ..capture.look import MODEL_KEY
 from .rest_mesh import RestMesh
 
 _SUBDIVISION = (
@@ -37,15 +37,18 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHan
     """
     look = _look_object(source, rest, hand)
     look[MODEL_KEY] = sha256
+    scene = bpy.data.scenes.new("Hand")  # whoever opens the file is shown the hand
+    scene.collection.objects.link(look)
     partial = path.with_name(f"{path.stem}.partial.blend")
     try:
         with _packed(_images_of(look.data.materials)):
-            bpy.data.libraries.write(str(partial), {look}, path_remap="ABSOLUTE", fake_user=True, compress=True)
+            bpy.data.libraries.write(str(partial), {scene}, path_remap="ABSOLUTE", compress=True)
         partial.replace(path)
     except (OSError, RuntimeError) as error:
         raise LiveHandError(f"{path} must be writable ({error})") from error
     finally:
         data = look.data
+        bpy.data.scenes.remove(scene)
         bpy.data.objects.remove(look)
         bpy.data.meshes.remove(data)
 

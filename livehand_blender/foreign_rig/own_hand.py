@@ -13,7 +13,7 @@ from ...backend.errors import LiveHandError
 from ...backend.foreign_rig.hand_model import check_name, make_hand_model, save_hand_model
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model_file import load_hand_model
-from ..capture.own_surface import look_path
+from ..capture.look import look_path
 from .look_file import save_look
 from .rest_mesh import read_rest_mesh
 from .skeleton import read_skeleton

@@ -312,7 +312,7 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     image = bpy.data.images.load(str(tmp_path / "paint.png"))
     (texture,) = [node for node in hand.mesh.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE"]
     texture.image = image
-    kinds = ("objects", "meshes", "materials", "images", "armatures")
+    kinds = ("scenes", "objects", "meshes", "materials", "images", "armatures")
     before = {kind: sorted(thing.name for thing in getattr(bpy.data, kind)) for kind in kinds}
     path = tmp_path / "posed.npz"
     with pytest.raises(RuntimeError, match=r"call it posed_left\.npz"):
@@ -334,6 +334,9 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     (tmp_path / "paint.png").unlink()
     nodes = surface.object.data.materials[0].node_tree.nodes
     assert [node.image.pixels[0] for node in nodes if node.type == "TEX_IMAGE"] == [pytest.approx(200 / 255, abs=1e-3)]
+
+    bpy.ops.wm.open_mainfile(filepath=str(path.with_suffix(".blend")))
+    assert [thing.type for thing in bpy.context.scene.objects] == ["MESH"]
     assert len(surface.object.data.vertices) == len(model.v_template)
 
 
