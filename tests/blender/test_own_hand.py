@@ -331,13 +331,13 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
     capture_scene()
     surface = OwnSurface.of_look(model, path.with_suffix(".blend"))
     assert surface.object.modifiers["Subdivision"].render_levels == 1
+    assert len(surface.object.data.vertices) == len(model.v_template)
     (tmp_path / "paint.png").unlink()
     nodes = surface.object.data.materials[0].node_tree.nodes
     assert [node.image.pixels[0] for node in nodes if node.type == "TEX_IMAGE"] == [pytest.approx(200 / 255, abs=1e-3)]
 
     bpy.ops.wm.open_mainfile(filepath=str(path.with_suffix(".blend")))
     assert [thing.type for thing in bpy.context.scene.objects] == ["MESH"]
-    assert len(surface.object.data.vertices) == len(model.v_template)
 
 
 def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
