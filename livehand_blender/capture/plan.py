@@ -18,7 +18,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...backend.shot import HandPose
 from ..rig.axes import finger_axes
-from ..rig.limits import rest_flexion_deg
+from ..rig.bones import rest_flexion_deg
 
 DISTANCE_M = 0.75
 # Lengths at the built-in hand; another's are larger or smaller as it is.
