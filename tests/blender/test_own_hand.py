@@ -16,7 +16,8 @@ from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.foreign_rig.hand_model import make_hand_model
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import PARENTS
-from livehand.backend.hand.model_file import load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.inspect_command import inspect
 from livehand.backend.pose_files.formats.own import write_motion
 from livehand.backend.pose_files.motion import HandMotion
 from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_quaternion
@@ -76,6 +77,8 @@ def test_the_file_says_where_it_is_from(files):
     assert told["source"] == "right.glb"
     assert told["source_sha256"] == hashlib.sha256((files / "right.glb").read_bytes()).hexdigest()
     assert told["bones"][:2] == ["wrist", "index-finger-phalanx-proximal"]
+    assert inspect(files / "mine.npz")["provenance"] == told
+    assert "provenance" not in inspect(default_hand_path())
 
 
 @pytest.mark.parametrize(("side", "name"), [("right", "mine.npz"), ("left", "mine_left.npz")])
