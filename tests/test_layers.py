@@ -78,6 +78,7 @@ ROWS = [
     ),
     ("backend.cli",),
     ("backend",),
+    ("livehand_blender.foreign_rig.properties",),
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
     ("livehand_blender.render.task", "livehand_blender.render.frame_queue", "livehand_blender.gallery"),
@@ -94,7 +95,7 @@ ROWS = [
     ("livehand_blender.registration",),
     ("livehand_blender",),
     ("",),  # the repository's root, the package `livehand`
-    ("livehand_blender.capture.command", "livehand_blender.benchmark.command"),
+    ("livehand_blender.capture.command", "livehand_blender.benchmark.command", "livehand_blender.foreign_rig.command"),
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -134,9 +135,11 @@ MORE_DOORS = {
     # Motions from and to files.
     "livehand_blender.motion": ("pose_files",),
     "livehand_blender.ui.motion": ("pose_files",),
+    "livehand_blender.ui.motion_export": ("pose_files",),
     # Their bones, their motion, their mesh as a hand model.
     "livehand_blender.foreign_rig": ("foreign_rig", "pose_files"),
     "livehand_blender.ui.foreign_rig": ("foreign_rig",),
+    "livehand_blender.ui.hand_model": ("foreign_rig",),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command", "pose_files.render_command", "pose_files.document"),
     "livehand_blender.capture.command": ("command",),

@@ -3,6 +3,7 @@
 import runpy
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import livehand
@@ -167,3 +168,9 @@ def curves_of():
         return [curve for bag in bags for curve in bag.fcurves]
 
     return of
+
+
+@pytest.fixture(scope="session")
+def foreign(registered):
+    """The module that makes a rigged hand as others make them (foreign_hand.py)."""
+    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "foreign_hand.py")))
