@@ -248,6 +248,7 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
 
     class Browser:
         draw, _detected, _paths = operator.draw, operator._detected, operator._paths
+        draw_settings = operator.draw_settings
         directory, files = "", ()
 
         def __init__(self, path):
@@ -271,7 +272,9 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
 
 
 def test_dropped_files_are_offered_to_the_import():
-    handlers = {name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks", "LIVEHAND_FH_rigs")}
+    handlers = {
+        name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks", "LIVEHAND_FH_rigs")
+    }
     suffixes = ";".join(handler.bl_file_extensions for handler in handlers.values()).split(";")
     assert sorted(suffixes) == sorted([".csv", ".json", ".npy", ".npz", ".pkl", *RIG_SUFFIXES])
     assert {handler.bl_import_operator for handler in handlers.values()} == {LIVEHAND_OT_import_motion.bl_idname}
