@@ -14,8 +14,12 @@ from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from mathutils import Matrix
 
+# Blender's BVH importer leaves its file to the garbage collector.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-MANO_FINGERS = ("Index", "Middle", "Pinky", "Ring", "Thumb")
 
 
 def bvh_name(joint, side):
@@ -156,8 +160,6 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     bpy.context.scene.collection.objects.link(cube)
     cube.select_set(True)
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
-    arm = write_bvh(tmp_path / "arm.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
-    arm.write_text(arm.read_text().replace("Pinky", "Twist"))
     bpy.context.view_layer.objects.active = hand
     before = _everything()
     for name, message in {
@@ -166,7 +168,6 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
         "no.glb": "importer failed",
         "no.gltf": "importer failed",
         "cube.glb": "must hold an armature",
-        "arm.bvh": "pinky1, pinky2, pinky3",
         "gone.fbx": "no file at",
     }.items():
         with pytest.raises(RuntimeError, match=message):
