@@ -90,10 +90,12 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     scene = bpy.data.scenes.new("LiveHand Import")
     scene.render.fps, scene.render.fps_base = render.fps, render.fps_base
     try:
+        if window is not None:  # the importers' operators look for the window's active object
+            window.scene = scene
         with context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
             yield scene
     finally:
-        if window is not None and window.scene == scene:  # glTF's importer shows what it makes
+        if window is not None:
             window.scene = shown
         bpy.data.scenes.remove(scene)
         bpy.data.batch_remove(_everything() - before)
@@ -116,8 +118,8 @@ def import_rig(path: Path) -> None:
     run = _importer(suffix)
     if run is None:
         raise LiveHandError(
-            f"{path.name} must be read by Blender's add-on '{_ADD_ONS[suffix]}', which is not enabled; enable it in the "
-            "preferences"
+            f"{path.name} must be read by Blender's add-on '{_ADD_ONS[suffix]}', which is not enabled; enable it "
+            "in the preferences"
         )
     try:
         # The importers print. What takes it must stay open: glTF's logger keeps it for the next time.
@@ -167,8 +169,8 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     missing = best[1].missing
     if missing:
         raise LiveHandError(
-            f"{path.name} must hold a whole {side or own} hand, no bones were found for {', '.join(missing)}; import it "
-            "with Blender and choose the bones under Other Rig"
+            f"{path.name} must hold a whole {side or own} hand, no bones were found for {', '.join(missing)}; "
+            "import it with Blender and choose the bones under Other Rig"
         )
     return best
 

@@ -248,6 +248,7 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
 
     class Browser:
         draw, _detected, _paths = operator.draw, operator._detected, operator._paths
+        draw_settings = operator.draw_settings
         directory, files = "", ()
 
         def __init__(self, path):
