@@ -1,6 +1,7 @@
 """Our hand follows another rig: the identity on itself, invariances, known differences at rest, and directions."""
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,18 @@ def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(side, s
     wrist = rest_wrists(model.for_side(side), np.zeros(10))
     np.testing.assert_allclose(motion.transl, np.tile(turn @ wrist + shift - wrist, (4, 1)), atol=1e-6)
     assert (motion.side, motion.fps) == (side, 24.0)
+
+
+def test_where_all_joints_lie_alike_tips_have_no_say():
+    """A rig's tip bones stand where it likes, and a model's own tips are vertices: neither is part of the rest pose."""
+    rest, posed, turn, _ = ours_elsewhere("right", 4, scale=0.01)
+    heads = rest.heads.copy()
+    heads[16:] += np.random.default_rng(4).normal(size=(5, 3)) * 0.004 * 0.01
+    thetas = np.random.default_rng(5).normal(size=(4, 16, 3)) * 0.6
+    alignment = align(replace(rest, heads=heads), joint_map("right"), load_default_hand())
+    assert alignment.shape.scale == pytest.approx(0.01, rel=1e-9)
+    np.testing.assert_array_equal(alignment.shape.beta, 0)
+    np.testing.assert_allclose(retarget(posed(thetas), alignment).theta, in_world(thetas, turn), atol=1e-6)
 
 
 def test_units_and_the_place_of_the_object_do_not_matter():

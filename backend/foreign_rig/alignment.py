@@ -2,7 +2,8 @@
 
 Rest poses are aligned, angles never copied. The palms give the wrist's rotation; from there each finger's frame is
 carried along its bones by the shortest turns onto the other's, and turned about the bone by how the finger is bent at
-rest, if it is. A bone's own roll, its tail and the unit of the rig have no say.
+rest, if it is. A bone's own roll, its tail and the unit of the rig have no say. Where all joints of both hands lie in
+the same places, as of a hand model and the rig it was made of, both rest in the same pose: all turn as the palm does.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from .shape_fit import HandShape, fit_shape, rest_nodes
 from .skeleton import JointMap, RestSkeleton
 
 _PALM = [0, 1, 5, 9, 13]  # the wrist and four knuckles among the 21 nodes
+_JOINTS = [0, *(4 * finger + k for finger in range(5) for k in (1, 2, 3))]  # all but the tips
+_SAME_PLACE = 0.002  # as a share of the distance from the wrist to the middle knuckle: 0.2 mm of a man's hand
 # A finger that bends by less than the first tells nothing about the plane it bends in; by more than the second, all.
 _STRAIGHT, _BENT = np.deg2rad([6.0, 20.0])
 _MIN_AGREEMENT = 0.6
@@ -64,15 +67,15 @@ def align(skeleton: RestSkeleton, joint_map: JointMap, model: HandModel, shape: 
     model = model.for_side(joint_map.side)
     bones = [skeleton.index(bone) for bone in joint_map.bones]
     theirs = source_nodes(skeleton, joint_map)
-    shape = shape or fit_shape(model, theirs)
+    shape = shape or _same_shape(model, theirs) or fit_shape(model, theirs)
     ours = shape.scale * rest_nodes(model, shape.beta)
-    palm = _palm_turn(ours, theirs)
+    palm = _turn_between(ours[_PALM], theirs[_PALM])
     wrist = theirs[_PALM].mean(0) + palm @ (ours[0] - ours[_PALM].mean(0))
-    axes = _flexion_axes(model)
-    turns = [palm]
-    directions = _directions(skeleton, bones, theirs)
-    for finger in range(5):
-        turns += _finger_turns(palm, _finger_directions(ours, finger), directions[finger], axes[finger])
+    whole = _turn_between(ours[_JOINTS], theirs[_JOINTS])
+    if _rests_alike(ours[_JOINTS], theirs[_JOINTS], whole):
+        turns, wrist = [whole] * 16, theirs[0]
+    else:
+        turns = [palm, *_turns_of_fingers(palm, ours, _directions(skeleton, bones, theirs), _flexion_axes(model))]
     return Alignment(model, shape, np.array(turns), wrist, skeleton.frames[bones], skeleton.heads[bones])
 
 
@@ -97,11 +100,34 @@ def source_nodes(skeleton: RestSkeleton, joint_map: JointMap) -> np.ndarray:
     return np.array(nodes)
 
 
-def _palm_turn(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """[3, 3] that brings our wrist and knuckles nearest to theirs (Kabsch)."""
-    own, other = (nodes[_PALM] - nodes[_PALM].mean(0) for nodes in (ours, theirs))
+def _turn_between(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """[3, 3] that brings our points [N, 3], in any place, nearest to theirs (Kabsch)."""
+    own, other = (points - points.mean(0) for points in (ours, theirs))
     u, _, vh = np.linalg.svd(other.T @ own)
     return u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vh))]) @ vh
+
+
+def _same_shape(model: HandModel, theirs: np.ndarray) -> HandShape | None:
+    """Our mean shape, if their joints lie as its do; tips, which rigs put here and there, have no say in its size."""
+    own, other = rest_nodes(model, np.zeros(10))[_JOINTS], theirs[_JOINTS]
+    scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
+    is_same = _rests_alike(scale * own, other, _turn_between(own, other))
+    return HandShape(np.zeros(10), scale) if is_same else None
+
+
+def _rests_alike(ours: np.ndarray, theirs: np.ndarray, turn: np.ndarray) -> bool:
+    """Whether all 16 joints, turned and moved as one, lie on theirs."""
+    own, other = ours - ours.mean(0), theirs - theirs.mean(0)
+    apart = np.linalg.norm(own @ turn.T - other, axis=1).max()
+    return bool(apart < _SAME_PLACE * np.linalg.norm(theirs[4] - theirs[0]))
+
+
+def _turns_of_fingers(
+    palm: np.ndarray, ours: np.ndarray, theirs: np.ndarray, axes: list[np.ndarray | None]
+) -> list[np.ndarray]:
+    """[3, 3] of joints 1 to 15: our nodes [21, 3], their bones' directions [5, 3, 3]."""
+    by_finger = (_finger_turns(palm, _finger_directions(ours, k), theirs[k], axes[k]) for k in range(5))
+    return [turn for turns in by_finger for turn in turns]
 
 
 def _directions(skeleton: RestSkeleton, bones: list[int], nodes: np.ndarray) -> np.ndarray:

@@ -27,10 +27,11 @@ from livehand.livehand_blender.capture.plan import CapturePlan
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
+from livehand.livehand_blender.foreign_rig.follow import follow
 from livehand.livehand_blender.foreign_rig.own_hand import make_own_hand, mesh_skinned_to
 from livehand.livehand_blender.foreign_rig.rest_mesh import read_rest_mesh
 from livehand.livehand_blender.foreign_rig.skeleton import read_skeleton
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.hand import add_hand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
 from livehand.livehand_blender.scene.settings import use_livehand
 from mathutils import Matrix
@@ -105,6 +106,29 @@ def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name)
         carried = there @ made.world2template[:3, :3].T + made.world2template[:3, 3]
         error_mm = 1e3 * np.linalg.norm(posed - carried, axis=1)
         assert error_mm[agreeing].max() < 0.02
+
+
+def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
+    """The rig moves its own mesh, ours follows by constraints: the same vertices in the same places."""
+    model = load_hand_model(files / "mine.npz")
+    armature = coarse.read_file(files / "right.glb")
+    joint_map = coarse.make_foreign_hand.__globals__["JointMap"]("right", coarse.JOINTS)
+    mesh = mesh_skinned_to(armature, joint_map)
+    skeleton = read_skeleton(armature)
+    rest = read_rest_mesh(bpy.context, mesh, armature, skeleton)
+    made = make_hand_model(rest.surface, skeleton, joint_map)
+    of_forearm = rest.surface.weights[:, skeleton.index(coarse.FOREARM)] / rest.surface.weights.sum(1)
+    agreeing = of_forearm[made.cut.source] < 1e-6
+    ours = add_hand(bpy.context, model, str(files / "mine.npz"))
+    ours.location = (0.3, -0.2, 0.1)
+    bpy.context.view_layer.update()
+    follow(bpy.context, ours, model, armature, joint_map)
+    rng = np.random.default_rng(6)
+    for _ in range(3):
+        turn_bones_as(rng.normal(size=(16, 3)) * 0.4, armature, joint_map, made.world2template, model)
+        there = evaluated_world_vertices(mesh)[made.cut.source]
+        error_mm = 1e3 * np.linalg.norm(evaluated_world_vertices(mesh_of(ours)) - there, axis=1)
+        assert error_mm[agreeing].max() < 0.05
 
 
 def turn_bones_as(theta, armature, joint_map, world2template, model):
