@@ -89,7 +89,7 @@ def read_words(name: str) -> BoneWords | None:
     tokens = _tokens(_COPY.sub("", name.rpartition(":")[2]))
     if _OTHERS & set(tokens):
         return None
-    side = next((_SIDES[token] for token in tokens if token in _SIDES), None)
+    side: Side | None = next((_SIDES[token] for token in tokens if token in _SIDES), None)
     finger, at = _finger(tokens)
     number, place = None, None
     if finger:
