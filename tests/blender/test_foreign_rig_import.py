@@ -158,6 +158,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
         (tmp_path / f"no.{suffix}").write_bytes(b"nothing at all" * 10)
     cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
     bpy.context.scene.collection.objects.link(cube)
+    hand.select_set(False)
     cube.select_set(True)
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
     bpy.context.view_layer.objects.active = hand
