@@ -54,7 +54,7 @@ def follow(
             f"{hand.name} is a {side} hand and can follow a {side} one only, got the {joint_map.side}; "
             "bake it instead, which mirrors"
         )
-    _check_editable(context, hand)
+    check_editable(context, hand)
     alignment = align_hand(hand, model, source, joint_map, fits_shape)
     if is_following(hand):
         _remove(context, hand)
@@ -82,7 +82,7 @@ def stop_following(context: bpy.types.Context, hand: bpy.types.Object, keeps_pos
     Raises:
         LiveHandError: the armature cannot be edited.
     """
-    _check_editable(context, hand)
+    check_editable(context, hand)
     pose = read_hand_pose(hand, context.evaluated_depsgraph_get())
     _remove(context, hand)
     if keeps_pose:
@@ -101,7 +101,12 @@ def _names(side: Side) -> Iterator[str]:
             yield _name(role, joint, side)
 
 
-def _check_editable(context: bpy.types.Context, hand: bpy.types.Object) -> None:
+def check_editable(context: bpy.types.Context, hand: bpy.types.Object) -> None:
+    """Whether bones can be added to a hand, or taken from it.
+
+    Raises:
+        LiveHandError: it is linked, or hidden.
+    """
     if hand.library or hand.override_library or hand.data.library or hand.data.override_library:
         raise LiveHandError(f"{hand.name} must be local to this file to get new bones, it is linked; bake instead")
     if hand.name not in context.view_layer.objects or not hand.visible_get(view_layer=context.view_layer):

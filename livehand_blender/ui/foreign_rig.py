@@ -10,7 +10,7 @@ from ...backend.foreign_rig.naming import guess_joints
 from ...backend.foreign_rig.skeleton import JointMap
 from ...backend.hand.model import JOINT_NAMES
 from ..foreign_rig.bake import bake
-from ..foreign_rig.follow import follow, is_following, stop_following
+from ..foreign_rig.follow import check_editable, follow, is_following, stop_following
 from ..foreign_rig.properties import FINGERS, tip_property
 from ..foreign_rig.skeleton import read_skeleton
 from .on_hand import HandTab, OnHand, active_hand, model_of, polled_hand
@@ -93,6 +93,8 @@ class LIVEHAND_OT_bake_rig(_OnRig, bpy.types.Operator):
         first, last = (scene.frame_start, scene.frame_end) if self.use_scene_range else (self.first, self.last)
         try:
             model, _ = model_of(armature)
+            if is_following(armature):
+                check_editable(context, armature)  # before anything is keyed
             frames = range(first, last + 1)
             count = bake(context, armature, model, rig.armature, _joint_map(armature), frames, rig.fits_shape)
             if is_following(armature):

@@ -124,3 +124,15 @@ def test_what_the_panel_shows(chosen):
     bpy.ops.livehand.guess_bones()
     bpy.ops.livehand.follow_rig()
     assert {"livehand.stop_following", "follow"} <= set(drawn(LIVEHAND_PT_other_rig))
+
+
+def test_a_following_hand_that_cannot_be_let_go_is_not_keyed_either(chosen):
+    _, ours = chosen
+    bpy.ops.livehand.guess_bones()
+    bpy.ops.livehand.follow_rig()
+    ours.hide_viewport = True
+    bpy.context.view_layer.objects.active = ours
+    with pytest.raises(RuntimeError, match="must be visible"):
+        bpy.ops.livehand.bake_rig()
+    assert is_following(ours)
+    assert ours.animation_data.action is None
