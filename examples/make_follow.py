@@ -108,7 +108,8 @@ def add_sticks(rig: bpy.types.Object, target: bpy.types.Collection) -> None:
     """Bones of the fingers as sticks, joints as balls, the palm as sticks from the wrist."""
     stick, ball = bpy.data.materials.new("Stick"), bpy.data.materials.new("Ball")
     for material, colour in ((stick, (0.55, 0.57, 0.6, 1)), (ball, (0.9, 0.25, 0.05, 1))):
-        material.use_nodes = True
+        if bpy.app.version < (5, 0):  # later ones have nodes at once, and warn
+            material.use_nodes = True
         material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = colour
     for bone in rig.data.bones:
         if bone.name != BONE.format(""):

@@ -285,3 +285,28 @@ def test_no_hand_at_all():
     assert len(guess.missing) >= 15
     with pytest.raises(LiveHandError, match="must have a bone"):
         guess.joint_map()
+
+
+# A hand with a finger too few is not found by shape: here names alone decide.
+def test_of_two_hands_the_right_one_is_guessed():
+    both = {}
+    for side in ("left", "right"):
+        names = [name if side == "right" else other_side(name) for name in CONVENTIONS["Mixamo"][0]]
+        both[side] = hand_bones([None if "Ring" in name else name for name in names], side=side, above=f"{side}_arm")
+    guess = guess_joints(body(both))
+    assert (guess.side, guess.bones[0]) == ("right", "mixamorig:RightHand")
+
+
+def test_fingers_without_a_side_have_the_wrists():
+    names = ["LeftHand", *(name.replace("Right", "") for name in CONVENTIONS["Mixamo"][0][1:])]
+    kept = [None if "Ring" in name else name for name in names]
+    guess = guess_joints(skeleton(hand_bones(kept, side="left")))
+    assert guess.side == "left"
+    assert guess.bones == tuple(kept)
+
+
+def test_numbered_fingers_begin_at_the_thumb():
+    names = [None if name.startswith("finger2-3") else name for name in CONVENTIONS["MakeHuman"][0]]
+    guess = guess_joints(skeleton(hand_bones(names)))
+    assert guess.bones == tuple(names)
+    assert guess.missing == ("index3",)

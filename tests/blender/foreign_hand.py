@@ -291,7 +291,8 @@ def _give_look(mesh: bpy.types.Object, rng) -> None:
     image.pixels.foreach_set(np.clip(rows, 0, 1).ravel())
     image.pack()
     material = bpy.data.materials.new(f"{mesh.name} Paint")
-    material.use_nodes = True
+    if bpy.app.version < (5, 0):  # later ones have nodes at once, and warn
+        material.use_nodes = True
     nodes = material.node_tree.nodes
     texture = nodes.new("ShaderNodeTexImage")
     texture.image = image
