@@ -134,7 +134,7 @@ def add_part(
     if along.length:
         bpy.ops.mesh.primitive_cylinder_add(radius=STICK_M, depth=along.length, vertices=24)
     else:
-        bpy.ops.mesh.primitive_uv_sphere_add(radius=BALL_M)
+        bpy.ops.mesh.primitive_ico_sphere_add(radius=BALL_M, subdivisions=3)
     part = bpy.context.object
     bpy.ops.object.shade_smooth()
     part.data.materials.append(material)
