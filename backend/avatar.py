@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -26,6 +27,7 @@ from .superres import SuperResConfig, build_superres
 
 FORMAT_VERSION = 1
 _HEADER_KEY = "livehand"
+_PORTRAIT = "portrait"  # among the tensors
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class Avatar:
         superres: the super-resolution network.
         provenance: what it was trained on and how, and its licence.
         metrics: figures measured on held-out views.
+        portrait: [P, P, 4] uint8, a picture of it (`portrait.portrait`); None in files of earlier versions.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Avatar:
     superres: nn.Module
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
+    portrait: np.ndarray | None = None
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:
@@ -84,6 +88,8 @@ def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig
 def save_avatar(avatar: Avatar, path: Path) -> None:
     """Write the avatar, weights in half precision, to a temporary name and then in place."""
     tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
+    if avatar.portrait is not None:
+        tensors[_PORTRAIT] = torch.from_numpy(avatar.portrait)
     header = {
         "format_version": FORMAT_VERSION,
         "name": avatar.name,
@@ -117,6 +123,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         superres=build_superres(config.superres),
         provenance=header["provenance"],
         metrics=header["metrics"],
+        portrait=tensors.pop(_PORTRAIT).numpy() if _PORTRAIT in tensors else None,
     )
     try:
         _load_state(avatar, {key: value.float() for key, value in tensors.items()})

@@ -12,9 +12,10 @@ from .importing.interhand_command import COMMAND as IMPORT_INTERHAND
 from .importing.mask_command import COMMAND as MASK
 from .importing.transforms_command import COMMAND as IMPORT_TRANSFORMS
 from .inspect_command import COMMAND as INSPECT
+from .portrait_command import COMMAND as PORTRAIT
 from .training.command import COMMAND as TRAIN
 
-_COMMANDS = (TRAIN, EVALUATE, BENCHMARK, SHEET, INSPECT, IMPORT_INTERHAND, IMPORT_TRANSFORMS, MASK)
+_COMMANDS = (TRAIN, EVALUATE, BENCHMARK, SHEET, INSPECT, PORTRAIT, IMPORT_INTERHAND, IMPORT_TRANSFORMS, MASK)
 COMMANDS: dict[str, Command] = {command.name: command for command in _COMMANDS}
 
 if __name__ == "__main__":

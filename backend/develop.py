@@ -1,12 +1,13 @@
-"""The window's picture, as the network has it, becomes the frame that Blender gets."""
+"""The window's picture, as the network has it, becomes the frame that Blender gets; a frame becomes a picture."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .colour import srgb_to_linear
+from .colour import linear_to_srgb, srgb_to_linear
 from .shot import DEPTH_BACKGROUND, Frame, empty_frame
 from .window import Window
 
@@ -29,3 +30,10 @@ def develop(
     window.paste(alpha.cpu().numpy(), frame.alpha)
     window.paste(solid_depth.cpu().numpy(), frame.depth)
     return frame
+
+
+def straight_srgb(frame: Frame) -> np.ndarray:
+    """[H, W, 4] float32 in 0..1 of a frame: straight colour, sRGB-encoded, and alpha."""
+    alpha = frame.alpha[..., None]
+    straight = torch.as_tensor(frame.rgb / np.where(alpha > 0, alpha, 1)).clamp(0, 1)
+    return np.concatenate([linear_to_srgb(straight).numpy(), alpha], -1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import zlib
 from collections import Counter
 from pathlib import Path
@@ -105,7 +106,14 @@ def _hand_facts(path: Path) -> dict:
         "atlas_vertices": len(hand.vt),
         "extent_mm": extent_mm,
         "sha256": hand.sha256,
+        **_hand_provenance(path),
     }
+
+
+def _hand_provenance(path: Path) -> dict:
+    """Of a model of somebody's mesh, which says what it was made of."""
+    arrays = _read_arrays(path) if path.suffix == ".npz" else {}
+    return {"provenance": json.loads(str(arrays["provenance"]))} if "provenance" in arrays else {}
 
 
 def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:

@@ -7,16 +7,14 @@ or later; the library itself is read by 4.2 too.
 
 import sys
 import uuid
-from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import livehand
 import numpy as np
-import torch
 from livehand.backend.avatar import load_avatar
-from livehand.backend.camera import Camera, look_at
-from livehand.backend.colour import linear_to_srgb
+from livehand.backend.develop import straight_srgb
+from livehand.backend.framing import fitting_camera
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, UPRIGHT
@@ -33,7 +31,6 @@ ASSETS = Path(livehand.__file__).parent / "livehand_blender" / "assets"
 PICTURE_PX = 128
 GROUND = 0.22  # sRGB grey behind the hand
 FILLED = 0.9  # of the picture by the hand's longer side
-DISTANCE_M = 0.9
 # Towards the camera, of an upright right hand: back to the front (-Y), thumb to the left (-X).
 TOWARDS_CAMERA = {"palm": (-0.35, 1.0, 0.15), "thumb": (-1.0, -0.1, 0.2)}
 CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSION 1\n"
@@ -100,25 +97,9 @@ def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
     theta[0] = matrix_to_axis_angle(UPRIGHT)
     hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
     vertices = posed_vertices(renderer.hand, hand_pose)
-    frame = renderer.render(Shot(hand_pose, vertices, camera_on(vertices, TOWARDS_CAMERA[pose.seen_from])))
-    alpha = frame.alpha[..., None]
-    straight = frame.rgb / np.where(alpha > 0, alpha, 1)
-    encoded = linear_to_srgb(torch.as_tensor(straight)).numpy()
-    return (encoded * alpha + GROUND * (1 - alpha)).clip(0, 1)
-
-
-def camera_on(vertices: np.ndarray, towards_camera: tuple[float, float, float]) -> Camera:
-    """A square view from that direction, filled by the hand [V, 3]."""
-    middle = (vertices.max(0) + vertices.min(0)) / 2
-    towards = np.array(towards_camera)
-    origin = middle + towards / np.linalg.norm(towards) * DISTANCE_M
-    size_px = (PICTURE_PX, PICTURE_PX)
-    camera = Camera(np.eye(3), look_at(origin, middle, np.array([0.0, 0.0, 1.0])), size_px)
-    seen, _ = camera.project(vertices)
-    low, high = seen.min(0), seen.max(0)
-    focal_px = FILLED * PICTURE_PX / (high - low).max()
-    shift_px = PICTURE_PX / 2 - focal_px * (low + high) / 2
-    return replace(camera, K=np.array([[focal_px, 0, shift_px[0]], [0, focal_px, shift_px[1]], [0, 0, 1]]))
+    camera = fitting_camera(vertices, TOWARDS_CAMERA[pose.seen_from], (PICTURE_PX, PICTURE_PX), FILLED)
+    picture = straight_srgb(renderer.render(Shot(hand_pose, vertices, camera)))
+    return picture[..., :3] * picture[..., 3:] + GROUND * (1 - picture[..., 3:])
 
 
 def catalog_id(catalog: str) -> str:

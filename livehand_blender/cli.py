@@ -1,6 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when they run.
+Only `render`, `make-hand` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when
+they run.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..backend.pose_files import render_command as render_poses
 from ..backend.pose_files.document import SUFFIXES as POSE_FILES
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
+from .foreign_rig import command as make_hand
 from .render import command as render
 from .stdout import blender_silenced
 
@@ -41,9 +43,14 @@ def _in_blender(run: Run) -> Run:
     return run_in_blender
 
 
-def _silent_capture(args: argparse.Namespace) -> Mapping[str, Any]:
-    with blender_silenced():
-        return capture.run(args)
+def _silenced(run: Run) -> Run:
+    """The same function, without what Blender says meanwhile."""
+
+    def run_silenced(args: argparse.Namespace) -> Mapping[str, Any]:
+        with blender_silenced():
+            return run(args)
+
+    return run_silenced
 
 
 @contextlib.contextmanager
@@ -77,11 +84,17 @@ def _render(args: argparse.Namespace) -> Mapping[str, Any]:
 
 COMMANDS: dict[str, Command] = {
     "render": Command("render", "render the frames of .blend files, or of a pose file", _add_render_arguments, _render),
+    "make-hand": Command(
+        "make-hand",
+        "make a hand model of a skinned mesh, to capture and train on",
+        make_hand.add_arguments,
+        _in_blender(_silenced(make_hand.run)),
+    ),
     "capture": Command(
         "capture",
-        "render multi-view images of the built-in hand to train on",
+        "render multi-view images of the built-in hand, or of one of your own, to train on",
         capture.add_arguments,
-        _in_blender(_silent_capture),
+        _in_blender(_silenced(capture.run)),
     ),
     **BACKEND_COMMANDS,
     BENCHMARK.name: BENCHMARK,

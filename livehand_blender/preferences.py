@@ -1,6 +1,11 @@
-"""Preferences of the add-on: which Python packages are missing, and how to install them."""
+"""Preferences of the add-on: a folder of avatars; which Python packages are missing, and how to install them."""
+
+from __future__ import annotations
+
+from pathlib import Path
 
 import bpy
+from bpy.props import StringProperty
 
 from .dependencies import REQUIREMENTS, is_installed
 
@@ -13,8 +18,15 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
 
     bl_idname = _ADDON
 
+    avatar_folder: StringProperty(
+        name="Avatars",
+        description="Folder of avatars of your own (.safetensors), which the avatar picker offers beside LiveHand's",
+        subtype="DIR_PATH",
+    )
+
     def draw(self, context):
-        """One line per package, then what to do."""
+        """The folder, one line per package, then what to do."""
+        self.layout.prop(self, "avatar_folder")
         column = self.layout.column(align=True)
         installed = {requirement.module: is_installed(requirement) for requirement in REQUIREMENTS}
         for module, found in installed.items():
@@ -23,6 +35,13 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
 
 
 CLASSES = (LIVEHAND_AP_preferences,)
+
+
+def avatar_folder(context: bpy.types.Context) -> Path | None:
+    """The user's folder of avatars; None where there is none, or LiveHand runs as a package and not as an add-on."""
+    addon = context.preferences.addons.get(_ADDON)
+    chosen = addon.preferences.avatar_folder if addon and addon.preferences else ""
+    return Path(bpy.path.abspath(chosen)) if chosen else None
 
 
 def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:

@@ -11,6 +11,9 @@ from bpy.props import (
     StringProperty,
 )
 
+from .foreign_rig import properties as other_rig
+from .foreign_rig.properties import LIVEHAND_PG_other_rig
+
 # Every property may be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 # Blender 4.5 and later warn of a `//` path unless the property says that it takes one; earlier ones always do.
@@ -144,6 +147,16 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         override=_OVERRIDE,
         **_ON_CHANGE,
     )
+    follow: FloatProperty(
+        name="Follow",
+        description="How far the hand does what the rig does that it follows: 0 not at all, 1 wholly",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+        override=_OVERRIDE,
+        **_ON_CHANGE,
+    )
+    other_rig: PointerProperty(type=LIVEHAND_PG_other_rig, override=_OVERRIDE)
     limit_joints: BoolProperty(
         name="Limit Joints",
         description="Keep the finger joints within a hand's usual range",
@@ -218,7 +231,7 @@ class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (LIVEHAND_PG_finger, LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
+CLASSES = (*other_rig.CLASSES, LIVEHAND_PG_finger, LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
 
 
 def attach() -> None:

@@ -7,7 +7,21 @@ import bpy
 from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
-from .ui import compositing, keying_set, motion, operators, panels, picker, pose_library, posing, shape
+from .ui import (
+    avatars,
+    compositing,
+    foreign_rig,
+    hand_model,
+    keying_set,
+    motion,
+    motion_files,
+    operators,
+    panels,
+    picker,
+    pose_library,
+    posing,
+    shape,
+)
 
 CLASSES = (
     *properties.CLASSES,
@@ -19,8 +33,11 @@ CLASSES = (
     *compositing.CLASSES,
     *preferences.CLASSES,
     *panels.CLASSES,
+    *avatars.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
+    *foreign_rig.CLASSES,
+    *hand_model.CLASSES,
     *engine.CLASSES,
 )
 
@@ -31,7 +48,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     properties.attach()
     panels.add_to_menus()
-    motion.add_to_menus()
+    motion_files.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
     BlenderCommand.register()
@@ -42,7 +59,7 @@ def unregister() -> None:
     BlenderCommand.unregister()
     memory.stop_watching()
     engine.unregister_panels()
-    motion.remove_from_menus()
+    motion_files.remove_from_menus()
     panels.remove_from_menus()
     properties.detach()
     for cls in reversed(CLASSES):

@@ -36,6 +36,7 @@ ROWS = [
         "backend.rotation",
     ),
     (
+        "backend.avatar_card",
         "backend.camera",
         "backend.colour",
         "backend.device",
@@ -48,7 +49,7 @@ ROWS = [
         "backend.perceptual",
         "backend.volume",
     ),
-    ("backend.shot",),
+    ("backend.shot", "backend.framing"),
     ("backend.hand",),
     ("backend.hand.lbs", "backend.geometry", "backend.composition"),
     ("backend.hand.builtin", "backend.field", "backend.rays", "backend.window"),
@@ -57,7 +58,7 @@ ROWS = [
     ("backend.tracing", "backend.shading"),
     ("backend.avatar", "backend.capture"),
     ("backend.renderer", "backend.capture_check", "backend.importing"),
-    ("backend.training", "backend.evaluation.metrics", "backend.pose_files"),
+    ("backend.training", "backend.evaluation.metrics", "backend.pose_files", "backend.portrait"),
     ("backend.pose_files.formats", "backend.pose_files.landmarks"),
     ("backend.pose_files.opening", "backend.pose_files.describe", "backend.foreign_rig"),
     ("backend.training.pose_fit",),
@@ -69,6 +70,7 @@ ROWS = [
         "backend.evaluation.command",
         "backend.benchmark.command",
         "backend.inspect_command",
+        "backend.portrait_command",
         "backend.importing.interhand_command",
         "backend.importing.mask_command",
         "backend.importing.transforms_command",
@@ -76,9 +78,10 @@ ROWS = [
     ),
     ("backend.cli",),
     ("backend",),
+    ("livehand_blender.foreign_rig.properties",),
     ("livehand_blender.dependencies", "livehand_blender.properties", "livehand_blender.stdout", "livehand_blender.rig"),
     ("livehand_blender.scene", "livehand_blender.preferences", "livehand_blender.rig.mocap"),
-    ("livehand_blender.render.task", "livehand_blender.render.frame_queue"),
+    ("livehand_blender.render.task", "livehand_blender.render.frame_queue", "livehand_blender.gallery"),
     ("livehand_blender.render.session",),
     ("livehand_blender.viewport",),
     (
@@ -92,7 +95,7 @@ ROWS = [
     ("livehand_blender.registration",),
     ("livehand_blender",),
     ("",),  # the repository's root, the package `livehand`
-    ("livehand_blender.capture.command", "livehand_blender.benchmark.command"),
+    ("livehand_blender.capture.command", "livehand_blender.benchmark.command", "livehand_blender.foreign_rig.command"),
     ("livehand_blender.cli",),
 ]
 ROW_OF = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -118,6 +121,7 @@ DOORS = (
     "hand.model",
     "hand.model_file",
     "avatar",
+    "avatar_card",
     "renderer",
 )
 MORE_DOORS = {
@@ -131,9 +135,11 @@ MORE_DOORS = {
     # Motions from and to files.
     "livehand_blender.motion": ("pose_files",),
     "livehand_blender.ui.motion": ("pose_files",),
+    "livehand_blender.ui.motion_export": ("pose_files",),
     # Their bones, their motion, their mesh as a hand model.
     "livehand_blender.foreign_rig": ("foreign_rig", "pose_files"),
     "livehand_blender.ui.foreign_rig": ("foreign_rig",),
+    "livehand_blender.ui.hand_model": ("foreign_rig",),
     # One command line for both halves.
     "livehand_blender.cli": ("cli", "command", "pose_files.render_command", "pose_files.document"),
     "livehand_blender.capture.command": ("command",),

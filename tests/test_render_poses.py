@@ -1,24 +1,27 @@
 """`livehand render` of a pose file: what is posed, what the camera holds, what is written."""
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.avatar import load_avatar, save_avatar
 from livehand.backend.errors import LiveHandError
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
 from livehand.backend.pose_files.formats.own import write_motion
 from livehand.backend.pose_files.motion import HandMotion
 from livehand.backend.pose_files.render_command import (
     add_arguments,
     chosen_frames,
-    fitting_camera,
     posed_upright,
+    reach,
     run,
     write_png,
 )
 from livehand.backend.shot import Frame
+from livehand.livehand_blender.cli import main
 from PIL import Image
 
 HAND = load_default_hand()
@@ -43,15 +46,12 @@ def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
     assert motion.side == "left"
 
 
-def test_the_camera_holds_the_hand_and_little_more(gestures):
+def test_the_hand_reaches_as_far_as_in_all_its_frames(gestures):
     motion = posed_upright(gestures, HAND)
-    for size_px in ((300, 400), (400, 100)):
-        camera = fitting_camera(motion, [0, 1], HAND, size_px)
-        seen = np.concatenate([camera.project(posed_vertices(HAND, motion.pose(k)))[0] for k in (0, 1)])
-        assert (seen > 0).all()
-        assert (seen < size_px).all()
-        assert (np.ptp(seen, axis=0) / size_px).max() > 0.85
-        assert camera.project(np.array([[0, 0, 0], [0, 0, 0.1]]))[0][1, 1] < camera.project(np.zeros(3))[0][1]
+    both = [posed_vertices(HAND, motion.pose(index)) for index in (0, 1)]
+    np.testing.assert_array_equal(reach(motion, [0, 1], HAND), np.concatenate(both))
+    many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
+    assert len(reach(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
 
 
 def test_frames_count_from_one():
@@ -73,6 +73,27 @@ def test_pngs_are_srgb_with_straight_alpha(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
+def my_hand(folder):
+    """The built-in hand in a file of its own, which makes it another hand."""
+    with np.load(default_hand_path()) as arrays:
+        np.savez(folder / "mine.npz", **{**arrays, "mine": np.ones(1)})
+    return folder / "mine.npz"
+
+
+def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
+    hand = my_hand(tmp_path)
+    avatar = replace(load_avatar(), hand_sha256=load_hand_model(hand).sha256)
+    save_avatar(avatar, tmp_path / "mine.safetensors")
+    for folder, arguments in (
+        ("own", ["--hand", str(hand), "--avatar", str(tmp_path / "mine.safetensors")]),
+        ("built_in", []),
+    ):
+        asked = ["render", str(gestures), "-o", str(tmp_path / folder), "--size", "48x64", "--frames", "1", *arguments]
+        assert main(asked) == 0
+    own, built_in = (np.asarray(Image.open(tmp_path / folder / "0001.png")) for folder in ("own", "built_in"))
+    np.testing.assert_array_equal(own, built_in)
+
+
 def test_a_pose_file_becomes_pictures(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
@@ -86,6 +107,10 @@ def test_a_pose_file_becomes_pictures(gestures, tmp_path):
     pixels = np.asarray(Image.open(picture))
     assert pixels.shape == (64, 48, 4)
     assert 0.1 < (pixels[..., 3] > 128).mean() < 0.9
+    args.hand = my_hand(tmp_path)
+    with pytest.raises(LiveHandError, match="must be given its own hand model"):
+        run(args)
+    args.hand = None
     args.shots *= 2
     with pytest.raises(LiveHandError, match="give one file, and no --jobs or --chunk"):
         run(args)

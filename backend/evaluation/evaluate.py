@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
 from ..avatar import Avatar
 from ..capture import Capture, CaptureView, Split
-from ..colour import linear_to_srgb
+from ..develop import straight_srgb
 from ..errors import LiveHandError
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
@@ -134,6 +133,5 @@ def check_any(scores: Sequence, capture: Capture) -> None:
 
 def encoded_on_black(frame: Frame) -> np.ndarray:
     """[H, W, 4]: the frame's straight colour sRGB-encoded, times alpha; and alpha."""
-    alpha = frame.alpha[..., None]
-    straight = torch.as_tensor(frame.rgb / np.where(alpha > 0, alpha, 1))
-    return np.concatenate([linear_to_srgb(straight.clamp(0, 1)).numpy() * alpha, alpha], -1)
+    picture = straight_srgb(frame)
+    return np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], -1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import LiveHandError
 from .model import HandModel
 
 _MIDDLE, _KNUCKLES = (4, 5, 6), (1, 4, 10, 7)
@@ -26,7 +27,12 @@ def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
 
 
 def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
-    """[10] the shape nearest to the mean one that has these measurements (Gauss-Newton on least squares)."""
+    """[10] the shape nearest to the mean one that has these measurements (Gauss-Newton on least squares).
+
+    Raises:
+        LiveHandError: the model has no shapes.
+    """
+    check_has_shapes(model)
     beta = np.zeros(10)
     wanted = np.array([length_m, breadth_m])
     for _ in range(_STEPS):
@@ -35,6 +41,15 @@ def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
         rest = wanted - now + slope @ beta
         beta = slope.T @ np.linalg.solve(slope @ slope.T + _SHYNESS_M**2 * np.eye(2), rest)
     return beta
+
+
+def check_has_shapes(model: HandModel) -> None:
+    """Raise `LiveHandError` where no beta changes the hand, as in a model of somebody's mesh."""
+    if not model.shapedirs.any():
+        raise LiveHandError(
+            f"a hand must have shape directions to change its shape, '{model.name}' has none; scale or sculpt its "
+            "mesh, and make a hand model of that"
+        )
 
 
 def _fingertip(model: HandModel) -> int:

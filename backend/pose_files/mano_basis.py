@@ -48,6 +48,20 @@ def load_mano_basis(path: Path | str, side: Side | None = None) -> ManoBasis:
     return ManoBasis(load_hands_mean(path), load_hands_components(path), side)
 
 
+def basis_for(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | None:
+    """Of the MANO file that the user names, or else of the hand's own file where that is one; None: neither.
+
+    Raises:
+        LiveHandError: the user's file is missing, or lacks them.
+    """
+    if mano_path is not None:
+        return load_mano_basis(mano_path)
+    try:
+        return load_mano_basis(hand_path) if hand_path else None
+    except LiveHandError:
+        return None
+
+
 def needed_basis(basis: ManoBasis | None, side: Side, why: str) -> ManoBasis:
     """The basis of a side.
 

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..camera import Camera, look_at
+from ..camera import Camera
 from ..command import say
 from ..errors import LiveHandError
+from ..framing import fitting_camera
 from ..hand.model import HandModel, upright
-from ..hand.model_file import load_default_hand
+from ..hand.model_file import load_default_hand, load_hand_model
 from ..shot import SIDES, Shot
 from .landmarks.track import LandmarkFile
-from .mano_basis import load_mano_basis
+from .mano_basis import ManoBasis, basis_for
 from .motion import HandMotion
 from .opening import open_motion_file
 from .placing import moved, rest_wrists, to_blender
@@ -30,14 +31,15 @@ if TYPE_CHECKING:
     from ..renderer import Renderer
     from ..shot import Frame
 
-_DISTANCE_M = 0.75  # of the camera, as in the captures the avatars learnt from
-_MARGIN = 1.08
+_FRONT = (0.0, -1.0, 0.0)
+_FILLED = 0.92  # of the picture
 _SIZE_PX = (512, 512)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What a pose file asks for beyond the arguments of `livehand render`."""
     parser.add_argument("--side", choices=SIDES, help="of a pose file: which of its hands, or which hand it really is")
+    parser.add_argument("--hand", type=Path, metavar="FILE", help="of a pose file: the hand model (default: built-in)")
     parser.add_argument("--mano", type=Path, metavar="FILE", help="MANO's file, for poses that count from its mean")
 
 
@@ -53,12 +55,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..avatar import load_avatar
     from ..renderer import Renderer
 
-    hand = load_default_hand()
-    motion = posed_upright(path, hand, args.side, args.mano)
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    motion = posed_upright(path, hand, args.side, basis_for(args.mano, args.hand))
     frames = chosen_frames(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
-    camera = fitting_camera(motion, frames, hand, args.size or _SIZE_PX)
+    camera = fitting_camera(reach(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILLED)
     started = time.perf_counter()
     for number, index in enumerate(frames, 1):
         write_png(_rendered(renderer, motion, index, hand, camera), args.output / f"{index + 1:04d}.png")
@@ -72,7 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Path | None = None) -> HandMotion:
+def posed_upright(path: Path, hand: HandModel, side: str | None = None, basis: ManoBasis | None = None) -> HandMotion:
     """A file's motion in Blender's world, the wrist at the origin; one in the hand's own space stands upright.
 
     Raises:
@@ -83,7 +85,7 @@ def posed_upright(path: Path, hand: HandModel, side: str | None = None, mano: Pa
     if isinstance(file, LandmarkFile):
         motion = file.motion(hand)
     else:
-        motion = file.motion(load_mano_basis(mano) if mano else None)
+        motion = file.motion(basis)
     matrix = to_blender(file.reading.space)
     if file.reading.space == "hand":
         matrix[:3, :3] = upright(motion.side)
@@ -105,33 +107,19 @@ def chosen_frames(motion: HandMotion, frames: tuple[int, ...] | None) -> list[in
     return [frame - 1 for frame in frames]
 
 
-def fitting_camera(motion: HandMotion, frames: list[int], hand: HandModel, size_px: tuple[int, int]) -> Camera:
-    """A camera in front (-Y) whose picture holds the hand in all frames."""
-    joints = np.concatenate([_vertices(motion, index, hand) for index in _spread(frames)])
-    low, high = joints.min(0), joints.max(0)
-    target = (low + high) / 2
-    camera = Camera(
-        np.array([[1.0, 0, size_px[0] / 2], [0, 1.0, size_px[1] / 2], [0, 0, 1]]),
-        look_at(target + np.array([0, -_DISTANCE_M - (high - low)[1] / 2, 0]), target, np.array([0, 0, 1.0])),
-        size_px,
-    )
-    reach = np.abs(camera.project(joints)[0] - np.array(size_px) / 2).max(0)
-    focal_px = float((np.array(size_px) / 2 / (reach * _MARGIN)).min())
-    return replace(camera, K=np.diag([focal_px, focal_px, 1.0]) + camera.K - np.diag([1.0, 1.0, 1.0]))
+def reach(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:
+    """[N, 3] m: vertices of the hand in all frames, or in enough of them to see how far it reaches."""
+    return np.concatenate([_vertices(motion, index, hand) for index in _spread(frames)])
 
 
 def write_png(frame: Frame, path: Path) -> None:
     """Write a frame as sRGB with straight alpha; the file is whole or not there."""
-    import torch
     from PIL import Image
 
-    from ..colour import linear_to_srgb
+    from ..develop import straight_srgb
 
-    straight = frame.rgb / np.maximum(frame.alpha, 1e-6)[..., None]
-    encoded = linear_to_srgb(torch.from_numpy(straight.reshape(-1))).numpy().reshape(straight.shape)
-    pixels = np.concatenate([encoded, frame.alpha[..., None]], -1).clip(0, 1)
     partial = path.with_suffix(".partial")
-    Image.fromarray((pixels * 255).round().astype(np.uint8)).save(partial, format="PNG")
+    Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(partial, format="PNG")
     os.replace(partial, path)
 
 
@@ -146,5 +134,4 @@ def _vertices(motion: HandMotion, index: int, hand: HandModel) -> np.ndarray:
 
 
 def _spread(frames: list[int], most: int = 200) -> list[int]:
-    """Enough of the frames to see how far the hand reaches."""
     return frames[:: max(1, -(-len(frames) // most))]

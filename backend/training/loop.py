@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..avatar import Avatar, save_avatar
 from ..errors import LiveHandError
+from ..portrait import with_portrait
 from .average import WeightAverage
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from .clock import Clock, Every
@@ -87,6 +88,7 @@ class Training:
         if self._machine.processes.is_first:
             for correction in self._task.corrections:
                 avatar = correction.finish(avatar)
+            avatar = with_portrait(avatar, self._task.hand, str(self._machine.device))
             save_avatar(avatar, self._output)
         report.finish(self._progress.step, avatar)
         return Outcome(avatar, self._progress, self._clock.data_wait_share, report.held_out)

@@ -12,17 +12,22 @@ import numpy as np
 
 from ...backend.camera import Camera, look_at
 from ...backend.capture import Capture, CaptureView, Split
-from ...backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
-from ...backend.hand.model import UPRIGHT, HandModel
+from ...backend.hand.gestures import sample_angles_deg, theta_of
+from ...backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, UPRIGHT, HandModel
+from ...backend.hand.model_file import load_default_hand
 from ...backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...backend.shot import HandPose
+from ..rig.axes import finger_axes
+from ..rig.bones import rest_flexion_deg
 
 DISTANCE_M = 0.75
+# Lengths at the built-in hand; another's are larger or smaller as it is.
 WHOLE_HAND_M = 0.25  # height of the field of view at the hand: the whole of it, in any pose
 CLOSE_UP_M = 0.14
 CLOSE_UP_JITTER_M = 0.02
 TILT_DEG = 25.0
 YAW_DEG = 55.0
+_KNUCKLES = (1, 4, 7, 10)
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class CapturePlan:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model)
-        views = _spread_views(self, _sample_cameras(rng, self))
+        views = _spread_views(self, _sample_cameras(rng, self, _relative_size(model)))
         last = self.poses if self.first_poses is None else self.first_poses
         return Capture(folder, model.sha256, provenance, poses, tuple(v for v in views if v.pose_index < last))
 
@@ -74,28 +79,51 @@ class CapturePlan:
 
 def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tuple[HandPose, ...]:
     """Poses whose middle (the knuckle of the middle finger) lies near the world's origin."""
-    axes = FingerAxes.of_default_hand()
+    right = model.for_side("right")
+    axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
     poses = []
     for angles in sample_angles_deg(rng, count):
+        angles[:, :2] += offset  # gestures count from the built-in hand's rest pose
         root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
-        middle = model.joints[0] + root @ (model.joints[4] - model.joints[0])
+        middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
         poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), np.zeros(10), transl, "right"))
-    return tuple(poses)
+    return tuple(poses if model.side == "right" else map(_mirrored, poses))
+
+
+def _rest_deg(right: HandModel) -> np.ndarray:
+    """[15, 2] flexion and abduction in which a right hand's fingers rest; the thumb's abduction counts as none."""
+    abduction = np.zeros(15)
+    for first in _KNUCKLES:
+        along = right.joints[first + 1] - right.joints[first]
+        abduction[first - 1] = np.rad2deg(np.arctan2(along[2], -along[0]))  # of fingers -X towards the thumb, +Z
+    return np.stack([rest_flexion_deg(right), abduction], -1)
+
+
+def _mirrored(pose: HandPose) -> HandPose:
+    return HandPose(pose.theta * MIRROR_AXIS_ANGLE, pose.beta, pose.transl * MIRROR_POINT, "left")
+
+
+def _relative_size(model: HandModel) -> float:
+    """How far a hand reaches from the knuckle of its middle finger, the built-in hand's reach being 1."""
+    reach, builtin = (
+        float(np.linalg.norm(hand.v_template - hand.joints[4], axis=1).max()) for hand in (model, load_default_hand())
+    )
+    return reach / builtin
 
 
 def _random_tilt(rng: np.random.Generator) -> np.ndarray:
     return axis_angle_to_matrix(np.deg2rad(rng.normal(0, TILT_DEG, 3)))
 
 
-def _sample_cameras(rng: np.random.Generator, plan: CapturePlan) -> list[Camera]:
-    """Cameras all around that look at the hand, every third one close up on a part of it."""
+def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float) -> list[Camera]:
+    """Cameras all around that look at a hand of relative size, every third one close up on a part of it."""
     width, height = plan.size_px
     cameras = []
     for index, direction in enumerate(_camera_directions(rng, plan)):
         is_close = index % 3 == 2
-        field_of_view_m = CLOSE_UP_M if is_close else WHOLE_HAND_M
-        target = rng.normal(0, CLOSE_UP_JITTER_M, 3) if is_close else np.zeros(3)
+        field_of_view_m = size * (CLOSE_UP_M if is_close else WHOLE_HAND_M)
+        target = size * rng.normal(0, CLOSE_UP_JITTER_M, 3) if is_close else np.zeros(3)
         focal_px = max(plan.size_px) * DISTANCE_M / field_of_view_m
         K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
         up = np.array([0, 0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0, 1.0, 0])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Protocol
 
 import bpy
 from PIL import Image
@@ -14,25 +16,52 @@ from ...backend.errors import LiveHandError
 from ...backend.hand.builtin.beauty import DetailedSurface, detailed_surface
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
+from ...backend.shot import HandPose
 from .bake import bake_skin
+from .own_surface import OwnSurface
 from .plan import CapturePlan
 from .scene import capture_scene, set_camera
-from .skin import SKIN_TONES, baked_material
+from .skin import SKIN_TONES, SkinTone, baked_material
 from .surface import SkinSurface
 
 
-def render_capture(folder: Path, plan: CapturePlan, provenance: dict, threads: int | None = None) -> Capture:
+@dataclass(frozen=True)
+class DressedHand:
+    """A hand model that is not the built-in one, and the .blend of its look; None: a plain skin."""
+
+    model: HandModel
+    look: Path | None
+
+
+class Surface(Protocol):
+    """A hand in the scene that takes on poses."""
+
+    def set_pose(self, pose: HandPose) -> None:
+        """Move it to the pose."""
+        ...
+
+
+def render_capture(
+    folder: Path, plan: CapturePlan, provenance: dict, threads: int | None = None, own: DressedHand | None = None
+) -> Capture:
     """Render what the plan says into the folder, skipping images that are already whole.
+
+    Args:
+        folder: the capture's.
+        plan: what it will hold.
+        provenance: kept in its index.
+        threads: of Cycles; None: all.
+        own: the hand; None: the built-in one.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
     """
-    model = load_default_hand()
+    model = own.model if own else load_default_hand()
     capture = plan.make(folder, model, provenance)
     _claim_folder(capture)
     missing = [view for view in capture.views if not is_whole(folder / view.file, view)]
     if missing:
-        render_views(capture, missing, plan, model, detailed_surface(model), threads)
+        render_views(capture, missing, plan, own or detailed_surface(model), threads)
     return capture
 
 
@@ -40,22 +69,34 @@ def render_views(
     capture: Capture,
     views: list[CaptureView],
     plan: CapturePlan,
-    model: HandModel,
-    detail: DetailedSurface,
+    subject: DressedHand | DetailedSurface,
     threads: int | None,
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once a pose."""
     scene = capture_scene(threads)
-    surface = SkinSurface.create(model, detail)
     tone = SKIN_TONES[plan.tone]
-    maps = bake_skin(surface.object, capture.folder / "skin", tone)
-    surface.object.data.materials.append(baked_material(maps, tone))
+    surface = (
+        _own_surface(subject, tone)
+        if isinstance(subject, DressedHand)
+        else _builtin_surface(subject, tone, capture.folder / "skin")
+    )
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
         for pose_index, of_pose in groupby(views, lambda view: view.pose_index):
             surface.set_pose(capture.poses[pose_index])
             for view in of_pose:
                 _render_view(scene, view, plan, capture.folder)
                 progress.update()
+
+
+def _own_surface(own: DressedHand, tone: SkinTone) -> Surface:
+    return OwnSurface.of_look(own.model, own.look) if own.look else OwnSurface.plain(own.model, tone)
+
+
+def _builtin_surface(detail: DetailedSurface, tone: SkinTone, maps_folder: Path) -> Surface:
+    surface = SkinSurface.create(load_default_hand(), detail)
+    maps = bake_skin(surface.object, maps_folder, tone)
+    surface.object.data.materials.append(baked_material(maps, tone))
+    return surface
 
 
 def _render_view(scene: bpy.types.Scene, view: CaptureView, plan: CapturePlan, folder: Path) -> None:

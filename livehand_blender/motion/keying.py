@@ -62,12 +62,7 @@ def key_motion(
             changed then.
     """
     side = hand_side(armature)
-    if motion.side != side:
-        if not placement.mirrors:
-            raise LiveHandError(
-                f"{armature.name} is a {side} hand, the motion a {motion.side} one; turn on Mirror, or choose that hand"
-            )
-        motion = mirrored(motion)
+    motion = of_side(motion, armature, placement.mirrors)
     if placement.matches_fps and motion.fps is not None:
         motion = at_fps(motion, scene.render.fps / scene.render.fps_base)
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
@@ -83,6 +78,22 @@ def key_motion(
         armature.livehand.beta = beta
     armature.update_tag()
     return len(frames)
+
+
+def of_side(motion: HandMotion, armature: bpy.types.Object, mirrors: bool) -> HandMotion:
+    """The motion as a hand can take it, mirrored if it may be.
+
+    Raises:
+        LiveHandError: it is the other hand's and may not be mirrored, or the object is no hand.
+    """
+    side = hand_side(armature)
+    if motion.side == side:
+        return motion
+    if not mirrors:
+        raise LiveHandError(
+            f"{armature.name} is a {side} hand, the motion a {motion.side} one; turn on Mirror, or choose that hand"
+        )
+    return mirrored(motion)
 
 
 def sample_motion(context: bpy.types.Context, armature: bpy.types.Object, frames: Iterable[int]) -> HandMotion:

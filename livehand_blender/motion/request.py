@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
 from ...backend.pose_files.landmarks.track import LandmarkFile
-from ...backend.pose_files.mano_basis import ManoBasis, load_mano_basis
+from ...backend.pose_files.mano_basis import basis_for
 from ...backend.pose_files.motion import HandMotion
 from ...backend.pose_files.opening import MotionFile, open_motion_file, open_pose_files
 
@@ -69,12 +68,5 @@ def motion_from(
     """
     if isinstance(file, LandmarkFile):
         return file.motion(model, changes.smooth_frames), file.doubt(model)
-    basis = load_mano_basis(changes.mano_path) if changes.mano_path else _own_basis(model_path)
+    basis = basis_for(changes.mano_path, model_path)
     return file.motion(basis), file.doubt(basis)
-
-
-def _own_basis(model_path: Path | None) -> ManoBasis | None:
-    try:
-        return load_mano_basis(model_path) if model_path else None
-    except LiveHandError:
-        return None

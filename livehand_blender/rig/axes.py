@@ -28,6 +28,12 @@ def joint_frames(model: HandModel) -> np.ndarray:
     return frames
 
 
+def finger_axes(model: HandModel) -> FingerAxes:
+    """The axes about which gestures turn a right hand's joints."""
+    frames = joint_frames(model)
+    return FingerAxes(flexion=frames[..., 0], dorsal=-frames[..., 2], bone=frames[..., 1])
+
+
 def euler_rad(angles_deg: np.ndarray, side: Side) -> np.ndarray:
     """Flexion, abduction, twist [..., 3] deg -> X, Y, Z [..., 3] rad of a joint's frame, in Blender's order YZX."""
     flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)

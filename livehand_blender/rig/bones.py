@@ -74,6 +74,22 @@ def rest_bones(model: HandModel) -> RestBones:
     return RestBones(heads, heads + along * lengths[:, None], frames)
 
 
+def rest_flexion_deg(model: HandModel) -> np.ndarray:
+    """[15] how far joints 1..15 are bent in the rest pose, from the straight finger.
+
+    A finger's last bone goes on as the one before it, and where the thumb's saddle joint would be straight no one can
+    see: both count as straight.
+    """
+    rest = rest_bones(model)
+    along = rest.frames[..., 1]
+    above = np.roll(along, 1, 0)
+    above[[1, 4, 7, 10]] = rest.heads[[1, 4, 7, 10]] - rest.heads[0]
+    across = rest.frames[..., 0]
+    bend = np.arctan2((np.cross(above, along) * across).sum(-1), (above * along).sum(-1))
+    bend[13] = 0.0
+    return np.rad2deg(bend[1:])
+
+
 def _bone_directions(joints: np.ndarray) -> np.ndarray:
     """[16, 3] unit, towards the next joint; a finger's last bone goes on as the one before it."""
     along = np.empty((16, 3))

@@ -70,7 +70,7 @@ def _add_weights(mesh: bpy.types.Object, model: HandModel) -> None:
 
 def _add_shape_keys(mesh: bpy.types.Object, model: HandModel, armature: bpy.types.Object) -> None:
     mesh.shape_key_add(name="Basis")
-    for k in range(model.shapedirs.shape[-1]):
+    for k in np.flatnonzero(model.shapedirs.any((0, 1))).tolist():
         key = _add_key(mesh, f"beta{k}", model.v_template + model.shapedirs[..., k])
         drive_by_beta(key, "value", -1, np.eye(10)[k], armature)
 

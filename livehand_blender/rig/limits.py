@@ -14,7 +14,7 @@ import numpy as np
 
 from ...backend.hand.model import HandModel
 from .axes import euler_rad
-from .bones import FINGERS, bone_name, finger_joints, rest_bones
+from .bones import FINGERS, bone_name, finger_joints, rest_flexion_deg
 from .drivers import drive_by_properties
 
 LIMIT = "Joint Limits"
@@ -67,19 +67,3 @@ def joint_limits_rad(model: HandModel) -> np.ndarray:
         ranges[rows] = np.swapaxes(THUMB_RANGES if finger == "thumb" else FINGER_RANGES, 1, 2)
     ranges[..., 0] -= rest_flexion_deg(model)[:, None]
     return np.sort(euler_rad(ranges, model.side), axis=1)
-
-
-def rest_flexion_deg(model: HandModel) -> np.ndarray:
-    """[15] how far joints 1..15 are bent in the rest pose, from the straight finger.
-
-    A finger's last bone goes on as the one before it, and where the thumb's saddle joint would be straight no one can
-    see: both count as straight.
-    """
-    rest = rest_bones(model)
-    along = rest.frames[..., 1]
-    above = np.roll(along, 1, 0)
-    above[[1, 4, 7, 10]] = rest.heads[[1, 4, 7, 10]] - rest.heads[0]
-    across = rest.frames[..., 0]
-    bend = np.arctan2((np.cross(above, along) * across).sum(-1), (above * along).sum(-1))
-    bend[13] = 0.0
-    return np.rad2deg(bend[1:])

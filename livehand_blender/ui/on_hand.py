@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
+
+from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import load_default_hand, load_hand_model
 
 
 def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -17,6 +22,19 @@ def polled_hand(context: bpy.types.Context) -> bpy.types.Object:
     armature = active_hand(context)
     assert armature is not None
     return armature
+
+
+def model_of(armature: bpy.types.Object) -> tuple[HandModel, Path | None]:
+    """A hand's model, and the file it came from, seen from the file that the hand is in; None for the built-in hand.
+
+    Raises:
+        LiveHandError: the file is no hand model.
+    """
+    path = armature.livehand.model_path
+    if not path:
+        return load_default_hand(), None
+    file = Path(bpy.path.abspath(path, library=armature.library))
+    return load_hand_model(file), file
 
 
 class OnHand:

@@ -27,8 +27,6 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         hand = armature.livehand
         layout.label(text=f"{armature.name} ({hand.side})", icon="VIEW_PAN")
         layout.label(text=f"Model: {hand.model_path or 'built-in'}")
-        layout.prop(hand, "skin")
-        layout.prop(hand, "avatar_path", placeholder="file of your own")
         layout.prop(hand, "mesh")
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 

@@ -7,9 +7,9 @@ import numpy as np
 from bpy.props import FloatProperty, IntProperty
 
 from ...backend.errors import LiveHandError
-from ...backend.hand.measurements import fit_beta
-from .on_hand import OnHand, polled_hand
-from .operators import load_hand
+from ...backend.hand.measurements import check_has_shapes, fit_beta
+from ...backend.hand.model import HandModel
+from .on_hand import OnHand, model_of, polled_hand
 
 # Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
 _NAMES = (
@@ -57,6 +57,11 @@ class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
 
     def execute(self, context):
         """Draw beta."""
+        try:
+            check_has_shapes(_shown_model(polled_hand(context)))
+        except LiveHandError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return _set_shape(context, np.random.default_rng(self.seed).normal(size=10) * self.strength)
 
 
@@ -83,19 +88,21 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
 
     def execute(self, context):
         """Fit beta."""
-        armature = polled_hand(context)
         try:
-            model = load_hand(armature.livehand.model_path).for_side(armature.livehand.side)
+            beta = fit_beta(_shown_model(polled_hand(context)), self.length_mm / 1e3, self.breadth_mm / 1e3)
         except LiveHandError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        beta = fit_beta(model, self.length_mm / 1e3, self.breadth_mm / 1e3)
         if np.abs(beta).max() > 3:
             self.report({"WARNING"}, "the shape lies far from the mean one; the trained look fits best near zero")
         return _set_shape(context, beta)
 
 
 CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_measurements)
+
+
+def _shown_model(armature: bpy.types.Object) -> HandModel:
+    return model_of(armature)[0].for_side(armature.livehand.side)
 
 
 def _set_shape(context: bpy.types.Context, beta: np.ndarray) -> set[str]:

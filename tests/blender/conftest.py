@@ -3,6 +3,7 @@
 import runpy
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import livehand
@@ -128,6 +129,15 @@ def hand_scene():
     return scene
 
 
+@pytest.fixture
+def shot_path(hand_scene, tmp_path):
+    """A saved shot of three frames."""
+    hand_scene.frame_start, hand_scene.frame_end = 1, 3
+    path = tmp_path / "wave.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
 @pytest.fixture(scope="session")
 def read_exr():
     """path -> {channel: [H, W]} of a zip-compressed EXR, by the file format's own description."""
@@ -158,3 +168,9 @@ def curves_of():
         return [curve for bag in bags for curve in bag.fcurves]
 
     return of
+
+
+@pytest.fixture(scope="session")
+def foreign(registered):
+    """The module that makes a rigged hand as others make them (foreign_hand.py)."""
+    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "foreign_hand.py")))

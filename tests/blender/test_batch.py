@@ -27,14 +27,6 @@ SIZE_PX = (48, 64)
 
 
 @pytest.fixture
-def shot_path(hand_scene, tmp_path):
-    hand_scene.frame_start, hand_scene.frame_end = 1, 3
-    path = tmp_path / "wave.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path
-
-
-@pytest.fixture
 def program(shot_path, tmp_path):
     """A function: start `livehand render` into `out`, with more arguments."""
     started = []

@@ -6,8 +6,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 
+TIPS = {3: "Index", 6: "Middle", 9: "Pinky", 12: "Ring", 15: "Thumb"}
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -27,8 +29,8 @@ def world_vertices(thing):
     return np.array([evaluated.matrix_world @ vertex.co for vertex in mesh.vertices])
 
 
-@pytest.mark.parametrize(("name", "build"), [("grasp", "build_grasp"), ("clasp", "build_clasp")])
-def test_the_file_is_what_its_script_makes(name, build):
+@pytest.mark.parametrize("name", ["grasp", "clasp", "edited", "follow"])
+def test_the_file_is_what_its_script_makes(name):
     def contents(scene):
         return {
             **{thing.name: world_vertices(thing) for thing in scene.objects if thing.type == "MESH"},
@@ -39,7 +41,7 @@ def test_the_file_is_what_its_script_makes(name, build):
     assert not bpy.data.texts
     assert not bpy.data.libraries
     bpy.ops.wm.read_homefile(use_empty=True)
-    made = contents(runpy.run_path(str(EXAMPLES / f"make_{name}.py"))[build]())
+    made = contents(runpy.run_path(str(EXAMPLES / f"make_{name}.py"))[f"build_{name}"]())
     assert saved.keys() == made.keys()
     for key, values in saved.items():
         np.testing.assert_allclose(made[key], values, atol=1e-6, err_msg=key)
@@ -102,3 +104,22 @@ def test_each_of_a_clasped_pair_hides_part_of_the_other(rendered):
     overlap = np.minimum(*alone) > 0.95
     assert overlap.sum() > 300
     np.testing.assert_allclose(both[overlap], 1, atol=0.05)
+
+
+def test_the_hand_follows_the_sticks():
+    """The ends of its fingers lie on the skin of ours, or nearly: bones of others' lengths cannot be met exactly."""
+    scene = open_example("follow")
+    (hand,) = find_hands(scene)
+    rig = scene.objects["Stick Figure"]
+    tips = {joint: f"mixamorig:RightHand{finger}4" for joint, finger in TIPS.items()}
+    model = load_default_hand()
+    errors_mm = []
+    for frame in range(1, 38, 4):
+        scene.frame_set(frame)
+        skin = world_vertices(mesh_of(hand))
+        for joint, bone in tips.items():
+            end = np.array(rig.matrix_world @ rig.pose.bones[bone].head)
+            own = skin[np.argmax(model.lbs_weights, 1) == joint]
+            errors_mm.append(1e3 * np.linalg.norm(own - end, axis=1).min())
+    assert np.mean(errors_mm) < 3
+    assert np.max(errors_mm) < 5

@@ -14,6 +14,7 @@ from livehand.backend.pose_files.motion import HandMotion
 from livehand.backend.pose_files.opening import open_pose_file
 from livehand.backend.pose_files.placing import TO_BLENDER
 from livehand.backend.rotation import axis_angle_to_matrix
+from livehand.livehand_blender.foreign_rig.importing import RIG_SUFFIXES
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
@@ -263,6 +264,7 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
 
     class Browser:
         draw, _detected, _paths = operator.draw, operator._detected, operator._paths
+        draw_settings = operator.draw_settings
         directory, files = "", ()
 
         def __init__(self, path):
@@ -287,9 +289,11 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
 
 
 def test_dropped_files_are_offered_to_the_import():
-    handlers = {name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks")}
+    handlers = {
+        name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks", "LIVEHAND_FH_rigs")
+    }
     suffixes = ";".join(handler.bl_file_extensions for handler in handlers.values()).split(";")
-    assert sorted(suffixes) == [".csv", ".json", ".npy", ".npz", ".pkl"]
+    assert sorted(suffixes) == sorted([".csv", ".json", ".npy", ".npz", ".pkl", *RIG_SUFFIXES])
     assert {handler.bl_import_operator for handler in handlers.values()} == {LIVEHAND_OT_import_motion.bl_idname}
 
 

@@ -9,7 +9,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender import dependencies
 from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
 from livehand.livehand_blender.rig.hand import add_hand, find_hands
-from livehand.livehand_blender.ui import compositing, panels, picker
+from livehand.livehand_blender.ui import avatars, compositing, panels, picker
 
 UI = bpy.types.UILayout.bl_rna.functions
 
@@ -27,6 +27,18 @@ class Layout:
     def row(self, **arguments):
         check_arguments("row", arguments)
         return Layout(self.drawn)
+
+    def grid_flow(self, **arguments):
+        check_arguments("grid_flow", arguments)
+        return Layout(self.drawn)
+
+    def template_icon(self, icon_value, **arguments):
+        check_arguments("template_icon", arguments)
+
+    def popover(self, panel, **arguments):
+        check_arguments("popover", arguments)
+        assert hasattr(bpy.types, panel)
+        self.drawn.append(panel)
 
     def box(self):
         return Layout(self.drawn)
@@ -71,7 +83,7 @@ def check_arguments(function, arguments):
 
 def draw(panel):
     drawn = []
-    panel.draw(SimpleNamespace(layout=Layout(drawn)), bpy.context)
+    panel.draw(SimpleNamespace(layout=Layout(drawn), bl_rna=panel.bl_rna), bpy.context)
     return drawn
 
 
@@ -80,9 +92,28 @@ def test_without_a_hand_the_tab_offers_to_add_one():
     assert not panels.LIVEHAND_PT_shape.poll(bpy.context)
 
 
-def test_a_hand_shows_its_avatar_and_ten_sliders():
+def test_a_hand_shows_its_avatar_and_a_choice():
+    hand = add_hand(bpy.context, load_default_hand())
+    drawn = draw(avatars.LIVEHAND_PT_avatar)
+    assert drawn[:2] == ["light", "Licence: GPL-3.0-or-later"]
+    assert drawn[-3:] == ["LIVEHAND_PT_choose_avatar", "skin", "avatar_path"]
+    offered = draw(avatars.LIVEHAND_PT_choose_avatar)
+    assert offered[:4:2] == ["livehand.wear_avatar"] * 2
+    assert [Path(path).name for path in offered[1:4:2]] == ["light.safetensors", "deep.safetensors"]
+    hand.livehand.model_sha256 = "ab" * 32
+    assert "of another hand: hand_default" in draw(avatars.LIVEHAND_PT_avatar)
+    assert not [word for word in draw(avatars.LIVEHAND_PT_choose_avatar) if word == "livehand.wear_avatar"]
+
+
+def test_a_missing_avatar_is_told_in_the_panel():
+    add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
+    drawn = draw(avatars.LIVEHAND_PT_avatar)
+    assert "/nowhere/a.safetensors" in "".join(drawn[:-3])
+    assert drawn[-1] == "avatar_path"
+
+
+def test_a_hand_shows_ten_sliders():
     add_hand(bpy.context, load_default_hand())
-    assert "avatar_path" in draw(panels.LIVEHAND_PT_hand)
     assert draw(panels.LIVEHAND_PT_shape)[:11] == ["beta"] * 10 + ["livehand.random_shape"]
 
 

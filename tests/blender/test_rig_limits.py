@@ -9,9 +9,9 @@ import pytest
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.rotation import axis_angle_to_matrix
-from livehand.livehand_blender.rig.bones import bone_name, target_name
+from livehand.livehand_blender.rig.bones import bone_name, rest_flexion_deg, target_name
 from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
-from livehand.livehand_blender.rig.limits import joint_limits_rad, rest_flexion_deg
+from livehand.livehand_blender.rig.limits import joint_limits_rad
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
 

@@ -23,15 +23,6 @@ FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
 
 
 @pytest.fixture
-def shot_path(hand_scene, tmp_path):
-    """A saved shot of three frames."""
-    hand_scene.frame_start, hand_scene.frame_end = 1, 3
-    path = tmp_path / "wave.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path
-
-
-@pytest.fixture
 def folder(tmp_path):
     return tmp_path / "frames"
 

@@ -1,0 +1,31 @@
+"""`livehand portrait`: gives an avatar's file the picture that it is chosen by; training does so by itself."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .command import Command
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("avatar", type=Path, help=".safetensors, whose picture is taken anew")
+    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    from .avatar import load_avatar, save_avatar
+    from .hand.model_file import load_default_hand, load_hand_model
+    from .portrait import with_portrait
+    from .renderer import Renderer
+
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    avatar = load_avatar(args.avatar)
+    Renderer(avatar, hand, args.device)  # refuses another hand's model
+    avatar = with_portrait(avatar, hand, args.device)
+    save_avatar(avatar, args.avatar)
+    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: portrait taken"}
+
+
+COMMAND = Command("portrait", "take the picture that an avatar is chosen by", _add_arguments, _run)

@@ -1,0 +1,105 @@
+"""The avatar picker: what it offers, what it says, and what choosing does."""
+
+import os
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.avatar import load_avatar, save_avatar
+from livehand.backend.avatar_card import read_card
+from livehand.backend.avatars import SKINS, shipped_avatar_path
+from livehand.livehand_blender import gallery as gallery_module
+from livehand.livehand_blender.gallery import Gallery
+from livehand.livehand_blender.scene.shot import hand_source
+from livehand.livehand_blender.ui.avatars import facts
+
+
+@pytest.fixture
+def gallery():
+    made = Gallery()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def right_hand():
+    bpy.ops.livehand.add_hand()
+    return bpy.context.object
+
+
+@pytest.fixture
+def my_folder(tmp_path, monkeypatch):
+    """The preferences' folder, with an avatar of the built-in hand, one of another hand, and no avatar."""
+    save_avatar(replace(load_avatar(), name="mine"), tmp_path / "mine.safetensors")
+    save_avatar(replace(load_avatar(), name="other", hand_sha256="ab" * 32), tmp_path / "other.safetensors")
+    (tmp_path / "broken.safetensors").write_text("no avatar")
+    monkeypatch.setattr(gallery_module, "avatar_folder", lambda context: tmp_path)
+    return tmp_path
+
+
+def test_avatars_of_the_same_hand_are_offered(gallery, right_hand, my_folder):
+    assert [card.name for card in gallery.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
+
+
+def test_the_worn_file_and_its_neighbours_are_offered_once(gallery, right_hand, tmp_path):
+    for name in ("a", "b"):
+        save_avatar(replace(load_avatar(), name=name), tmp_path / f"{name}.safetensors")
+    right_hand.livehand.avatar_path = str(tmp_path / "b.safetensors")
+    assert [card.name for card in gallery.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
+
+
+def test_a_changed_file_is_read_again(gallery, right_hand, my_folder):
+    gallery.offered(bpy.context, right_hand)
+    path = my_folder / "mine.safetensors"
+    stamp = path.stat().st_mtime_ns
+    save_avatar(replace(load_avatar(), name="changed"), path)
+    os.utime(path, ns=(stamp + 10**9, stamp + 10**9))
+    assert gallery.offered(bpy.context, right_hand)[-1].name == "changed"
+
+
+def test_icons_show_the_portrait(gallery):
+    path = shipped_avatar_path().resolve()
+    card = gallery.card(path)
+    for _ in range(2):  # made once; without a window it has no number
+        gallery.icon(card)
+    (preview,) = gallery._icons.values()
+    pixels = np.array(preview.image_pixels_float[:], np.float32).reshape(*tuple(preview.image_size)[::-1], 4)
+    straight = card.portrait / 255
+    expected = np.concatenate([straight[..., :3] * straight[..., 3:], straight[..., 3:]], -1)
+    np.testing.assert_allclose(pixels[::-1], expected, atol=1 / 255)
+
+
+def test_an_avatar_without_portrait_has_no_icon(gallery, tmp_path):
+    save_avatar(replace(load_avatar(), portrait=None), tmp_path / "plain.safetensors")
+    assert gallery.icon(gallery.card(tmp_path / "plain.safetensors")) == 0
+
+
+def test_choosing_a_shipped_one_is_choosing_its_skin(right_hand):
+    right_hand.livehand.avatar_path = "/somewhere/else.safetensors"
+    assert bpy.ops.livehand.wear_avatar(filepath=str(shipped_avatar_path("deep"))) == {"FINISHED"}
+    assert (right_hand.livehand.skin, right_hand.livehand.avatar_path) == ("deep", "")
+
+
+def test_choosing_another_file_wears_it(right_hand, my_folder):
+    path = my_folder / "mine.safetensors"
+    bpy.ops.livehand.wear_avatar(filepath=str(path))
+    assert hand_source(right_hand).avatar_path == path
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("other", "must be of the hand's own model"), ("broken", "must be a LiveHand avatar")]
+)
+def test_what_does_not_fit_is_refused_and_nothing_changes(right_hand, my_folder, name, message):
+    with pytest.raises(RuntimeError, match=message):
+        bpy.ops.livehand.wear_avatar(filepath=str(my_folder / f"{name}.safetensors"))
+    assert (right_hand.livehand.skin, right_hand.livehand.avatar_path) == ("light", "")
+
+
+def test_facts_are_told(my_folder):
+    card = read_card(shipped_avatar_path())
+    lines = facts(card)
+    assert lines[:2] == ("light", "Licence: GPL-3.0-or-later")
+    assert lines[2:5] == card.figures
+    unknown = facts(replace(card, licence="", figures=(), made_from=""))
+    assert unknown == ("light", "Licence: not stated", "not measured (livehand evaluate --record)")

@@ -1,0 +1,193 @@
+"""Import Motion reads BVH, FBX and glTF: known answers, and nothing of the file left behind."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.foreign_rig.shape_fit import rest_nodes
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from livehand.livehand_blender.foreign_rig.importing import _everything
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.keyframes import keyframe_theta
+from livehand.livehand_blender.rig.pose import read_hand_pose
+from mathutils import Matrix
+
+# Blender's BVH importer leaves its file to the garbage collector.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def bvh_name(joint, side):
+    title = side.title() + "Hand"
+    return title if joint == 0 else f"{title}{JOINT_NAMES[joint].title()}"
+
+
+def write_bvh(path, side, thetas, wrists_cm, fps, end_sites=True):
+    """Our hand in BVH: centimetres, Y up, its own rest pose, the wrist's rotation and place in the file's world."""
+    nodes = 100 * rest_nodes(load_default_hand().for_side(side), np.zeros(10))
+    joints = nodes[[0, *(4 * f + k for f in range(5) for k in (1, 2, 3))]]
+    lines = ["HIERARCHY"]
+
+    def write(joint, depth):
+        pad = "  " * depth
+        offset = np.zeros(3) if joint == 0 else joints[joint] - joints[PARENTS[joint]]
+        channels = "Zrotation Xrotation Yrotation"
+        lines.append(f"{pad}{'JOINT' if joint else 'ROOT'} {bvh_name(joint, side)}")
+        lines.append(f"{pad}{{\n{pad}  OFFSET {offset[0]:.7f} {offset[1]:.7f} {offset[2]:.7f}")
+        lines.append(f"{pad}  CHANNELS {'3' if joint else '6 Xposition Yposition Zposition'} {channels}")
+        below = [child for child in range(16) if PARENTS[child] == joint]
+        for child in below:
+            write(child, depth + 1)
+        if not below:
+            x, y, z = nodes[4 * ((joint - 1) // 3) + 4] - joints[joint]
+            lines.append(f"{pad}  End Site\n{pad}  {{\n{pad}    OFFSET {x:.7f} {y:.7f} {z:.7f}\n{pad}  }}")
+        lines.append(f"{pad}}}")
+
+    write(0, 0)
+    lines += ["MOTION", f"Frames: {len(thetas)}", f"Frame Time: {1 / fps:.8f}"]
+    for theta, wrist in zip(thetas, wrists_cm, strict=True):
+        numbers = [*wrist]
+        for joint in range(16):
+            turn = Matrix(axis_angle_to_matrix(theta[joint]).tolist())
+            angles = np.rad2deg(turn.to_euler("YXZ"))  # R = Rz Rx Ry, as the channels say
+            numbers += [angles[2], angles[0], angles[1]]
+        lines.append(" ".join(f"{number:.6f}" for number in numbers))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def some_thetas(side):
+    axes = FingerAxes.of_default_hand()
+    thetas = [
+        theta_of(GESTURES[name].angles_deg(), axes, np.array(root))
+        for name, root in (
+            ("rest", [0, 0, 0]),
+            ("fist", [0.2, 0.3, -0.4]),
+            ("point", [0, -0.6, 0]),
+            ("pinch", [0.5, 0, 0]),
+        )
+    ]
+    return np.array(thetas) * (1 if side == "right" else MIRROR_AXIS_ANGLE)
+
+
+def pose_at(hand, frame):
+    bpy.context.scene.frame_set(frame)
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
+
+
+def run(path, **options):
+    return bpy.ops.livehand.import_motion(filepath=str(path), start_frame=1, **options)
+
+
+@pytest.mark.parametrize("fps", [24, 30, 120])
+def test_a_bvh_with_known_answers(hand, model, tmp_path, fps):
+    thetas = some_thetas(model.side)
+    wrists_cm = np.array([[0, 100, 0], [10, 100, 0], [10, 110, 5], [0, 100, 0.0]])
+    before = _everything()
+    run(write_bvh(tmp_path / "m.bvh", model.side, thetas, wrists_cm, fps), match_fps=False)
+    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}  # the hand's own
+    nodes = rest_nodes(model, np.zeros(10))
+    for frame, (theta, wrist) in enumerate(zip(thetas, wrists_cm, strict=True), 1):
+        pose = pose_at(hand, frame)
+        np.testing.assert_allclose(pose.theta[1:], theta[1:], atol=2e-4)
+        root = matrix_to_axis_angle(Y_UP @ axis_angle_to_matrix(theta[0]))
+        np.testing.assert_allclose(pose.theta[0], root, atol=2e-4)
+        np.testing.assert_allclose(pose.transl + nodes[0], Y_UP @ wrist / 100, atol=1e-4)
+    assert tuple(hand.livehand.beta) == (0.0,) * 10
+
+
+def test_the_frame_rate_is_converted(hand, model, tmp_path):
+    thetas = np.repeat(some_thetas(model.side)[:2], 30, 0)
+    path = write_bvh(tmp_path / "m.bvh", model.side, thetas, np.zeros((60, 3)), 60)
+    bpy.context.scene.render.fps = 30
+    run(path)
+    assert tuple(hand.animation_data.action.frame_range) == (1, 30)
+    np.testing.assert_allclose(pose_at(hand, 29).theta[1:], thetas[-1, 1:], atol=2e-4)
+    assert bpy.context.scene.render.fps == 30
+    run(path, fps=30)
+    assert tuple(hand.animation_data.action.frame_range) == (1, 60)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "fbx"])
+def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, model, tmp_path, suffix):
+    made = foreign.make_foreign_hand(model.side)
+    frames = made.animate()
+    path = {"glb": foreign.write_glb, "fbx": foreign.write_fbx}[suffix](made, tmp_path / f"h.{suffix}")
+    ours = add_hand(bpy.context, model)
+    ours.location = (0.3, 0.2, 0.1)
+    bpy.context.view_layer.objects.active = ours
+    bpy.ops.object.mode_set(mode="POSE")
+    before = _everything()
+    assert run(path, set_shape=True) == {"FINISHED"}
+    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}
+    assert (bpy.context.mode, bpy.context.active_object) == ("POSE", ours)
+    rest = rest_nodes(model, np.zeros(10))
+    rows = [int(np.linalg.norm(model.v_template - rest[4 * f + 4], axis=1).argmin()) for f in range(5)]
+    errors = []
+    for frame in frames:
+        bpy.context.scene.frame_set(frame)
+        mesh = ours.livehand.mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        tips = np.array([mesh.matrix_world @ mesh.data.vertices[row].co for row in rows])
+        errors.append(np.linalg.norm(tips - made.fingertips(), axis=1))
+    assert np.max(errors) < 0.005
+
+
+def test_the_other_hand_of_a_file_is_refused_or_mirrored(hand, model, tmp_path):
+    other = "left" if model.side == "right" else "right"
+    thetas = some_thetas(other)
+    path = write_bvh(tmp_path / "m.bvh", other, thetas, np.zeros((4, 3)), 24)
+    before = _everything(), tuple(hand.scale)
+    with pytest.raises(RuntimeError, match="turn on Mirror"):
+        run(path, set_shape=True)
+    with pytest.raises(RuntimeError, match=f"whole {model.side} hand"):
+        run(path, side=model.side)
+    assert (_everything(), tuple(hand.scale)) == before
+    run(path, mirror=True)
+    np.testing.assert_allclose(pose_at(hand, 2).theta[1:], thetas[1, 1:] * MIRROR_AXIS_ANGLE, atol=2e-4)
+
+
+def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
+    keyframe_theta(hand, np.zeros((1, 16, 3)), [1])
+    (tmp_path / "no.bvh").write_text("nothing at all")
+    for suffix in ("fbx", "glb", "gltf"):
+        (tmp_path / f"no.{suffix}").write_bytes(b"nothing at all" * 10)
+    cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
+    bpy.context.scene.collection.objects.link(cube)
+    hand.select_set(False)
+    cube.select_set(True)
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
+    bpy.context.view_layer.objects.active = hand
+    before = _everything()
+    for name, message in {
+        "no.bvh": "must be a BVH file",
+        "no.fbx": "importer failed",
+        "no.glb": "importer failed",
+        "no.gltf": "importer failed",
+        "cube.glb": "must hold an armature",
+        "gone.fbx": "no file at",
+    }.items():
+        with pytest.raises(RuntimeError, match=message):
+            run(tmp_path / name)
+        assert _everything() == before, name
+    assert tuple(hand.animation_data.action.frame_range) == (1, 1)
+    assert bpy.context.scene.name == "Scene"
+
+
+def test_an_importer_that_is_not_enabled_is_asked_for(hand, model, tmp_path, monkeypatch):
+    from livehand.livehand_blender.foreign_rig import importing
+
+    monkeypatch.setattr(importing, "_importer", lambda suffix: None)
+    path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
+    with pytest.raises(RuntimeError, match=r"BioVision Motion Capture \(BVH\) format'"):
+        run(path)
+
+
+def test_it_prints_nothing_but_reports(hand, model, tmp_path, capfd):
+    path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
+    run(path)
+    assert [line for line in capfd.readouterr().out.splitlines() if not line.startswith("Info:")] == []

@@ -1,0 +1,138 @@
+"""The panel Other Rig: its fields are guessed, its buttons do what the functions do, and errors change nothing."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.model import JOINT_NAMES
+from livehand.livehand_blender.foreign_rig.follow import is_following
+from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.ui.foreign_rig import LIVEHAND_PT_other_rig, LIVEHAND_PT_other_rig_bones
+
+
+@pytest.fixture
+def chosen(foreign, model):
+    """A moving foreign hand that is chosen on ours."""
+    made = foreign.make_foreign_hand(model.side)
+    made.animate()
+    ours = add_hand(bpy.context, model)
+    ours.livehand.other_rig.armature = made.armature
+    return made, ours
+
+
+def theta(hand, frame):
+    bpy.context.scene.frame_set(frame)
+    return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+
+
+def test_following_and_baking_agree(chosen):
+    made, ours = chosen
+    bpy.ops.livehand.guess_bones()
+    assert tuple(getattr(ours.livehand.other_rig, joint) for joint in JOINT_NAMES) == made.joint_map.bones
+    assert ours.livehand.other_rig.pinky_tip == "pinky-finger-tip"
+    assert not bpy.ops.livehand.stop_following.poll()
+    bpy.ops.livehand.follow_rig()
+    live = [theta(ours, frame) for frame in (1, 8, 21)]
+    bpy.ops.livehand.bake_rig()
+    assert not is_following(ours)
+    for frame, seen in zip((1, 8, 21), live, strict=True):
+        np.testing.assert_allclose(theta(ours, frame), seen, atol=2e-4)
+    assert tuple(ours.animation_data.action.frame_range) == (1, 21)
+
+
+def test_stopping_keeps_the_pose(chosen):
+    _, ours = chosen
+    bpy.ops.livehand.guess_bones()
+    bpy.ops.livehand.follow_rig()
+    seen = theta(ours, 6)
+    bpy.ops.livehand.stop_following()
+    np.testing.assert_allclose(theta(ours, 6), seen, atol=1e-5)
+
+
+def test_it_works_in_pose_mode_and_is_one_step_of_undo(chosen):
+    _, ours = chosen
+    name = ours.name
+    bpy.ops.livehand.guess_bones()
+    bpy.ops.object.mode_set(mode="POSE")
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.livehand.follow_rig("EXEC_DEFAULT", True)
+    assert ours.mode == "POSE"
+    assert bpy.context.selected_objects == [ours]
+    bpy.ops.ed.undo()
+    assert not is_following(bpy.data.objects[name])
+
+
+def test_fields_that_are_missing_or_doubled_are_told(chosen):
+    _, ours = chosen
+    with pytest.raises(RuntimeError, match="none is chosen for wrist, index1"):
+        bpy.ops.livehand.follow_rig()
+    bpy.ops.livehand.guess_bones()
+    ours.livehand.other_rig.thumb1 = "wrist"
+    with pytest.raises(RuntimeError, match="chosen more than once: wrist"):
+        bpy.ops.livehand.bake_rig()
+    ours.livehand.other_rig.thumb1 = "nothing"
+    with pytest.raises(RuntimeError, match="must have a bone 'nothing'"):
+        bpy.ops.livehand.follow_rig()
+    assert not is_following(ours)
+    assert ours.animation_data.action is None
+
+
+def test_a_side_that_is_not_there_is_told(chosen):
+    made, ours = chosen
+    ours.livehand.other_rig.side = "left" if made.side == "right" else "right"
+    bpy.ops.livehand.guess_bones()
+    assert ours.livehand.other_rig.wrist == ""
+
+
+def test_nothing_is_offered_without_a_rig(hand):
+    assert not bpy.ops.livehand.guess_bones.poll()
+    assert not bpy.ops.livehand.follow_rig.poll()
+    assert not LIVEHAND_PT_other_rig_bones.poll(bpy.context)
+
+
+class Layout:
+    """Records what is drawn."""
+
+    def __init__(self, drawn):
+        self.drawn = drawn
+
+    def row(self, align=False):
+        return self
+
+    column = row
+
+    def prop(self, owner, name, **_):
+        assert name in owner.bl_rna.properties
+        self.drawn.append(name)
+
+    def prop_search(self, owner, name, data, collection):
+        assert hasattr(data, collection)
+        self.prop(owner, name)
+
+    def operator(self, name, **_):
+        self.drawn.append(name)
+
+
+def test_what_the_panel_shows(chosen):
+    def drawn(panel):
+        layout = Layout([])
+        panel.draw(type("Self", (), {"layout": layout})(), bpy.context)
+        return layout.drawn
+
+    assert "livehand.stop_following" not in drawn(LIVEHAND_PT_other_rig)
+    assert len(set(drawn(LIVEHAND_PT_other_rig_bones))) == 21
+    bpy.ops.livehand.guess_bones()
+    bpy.ops.livehand.follow_rig()
+    assert {"livehand.stop_following", "follow"} <= set(drawn(LIVEHAND_PT_other_rig))
+
+
+def test_a_following_hand_that_cannot_be_let_go_is_not_keyed_either(chosen):
+    _, ours = chosen
+    bpy.ops.livehand.guess_bones()
+    bpy.ops.livehand.follow_rig()
+    ours.hide_viewport = True
+    bpy.context.view_layer.objects.active = ours
+    with pytest.raises(RuntimeError, match="must be visible"):
+        bpy.ops.livehand.bake_rig()
+    assert is_following(ours)
+    assert ours.animation_data.action is None
