@@ -52,6 +52,7 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
     """The avatar that the active hand wears."""
 
     bl_label = "Avatar"
+    bl_options = {"DEFAULT_CLOSED"}
 
     gallery: ClassVar[Gallery]
 
@@ -73,7 +74,6 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
             _draw_card(layout, LIVEHAND_PT_avatar.gallery.card(hand_source(armature).avatar_path), armature)
         except LiveHandError as error:
             draw_wrapped(context, layout, str(error), icon="ERROR")
-        layout.popover("LIVEHAND_PT_choose_avatar", text="Choose Avatar", icon="IMAGE_DATA")
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()
@@ -110,6 +110,18 @@ def _draw_card(layout: bpy.types.UILayout, card: AvatarCard, armature: bpy.types
         column.label(text=line)
     if card.hand_sha256 != armature.livehand.model_sha256:
         column.label(text=f"of another hand: {card.hand_name}", icon="ERROR")
+
+
+def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
+    """A button with the worn avatar's name, which opens the choice."""
+    try:
+        name = LIVEHAND_PT_avatar.gallery.card(hand_source(armature).avatar_path).name
+    except LiveHandError:
+        name = "Choose Avatar"
+    split = layout.split(factor=0.4)
+    split.alignment = "RIGHT"
+    split.label(text="Avatar")
+    split.popover("LIVEHAND_PT_choose_avatar", text=name, icon="IMAGE_DATA")
 
 
 def facts(card: AvatarCard) -> tuple[str, ...]:

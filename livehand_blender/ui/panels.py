@@ -5,6 +5,7 @@ import bpy
 from ..dependencies import missing_requirements
 from ..preferences import draw_install_help
 from ..scene.settings import ENGINE
+from .avatars import draw_choice
 from .on_hand import HandTab, Tab, active_hand, polled_hand
 from .shape import shape_names
 
@@ -27,6 +28,7 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         hand = armature.livehand
         layout.label(text=f"{armature.name} ({hand.side})", icon="VIEW_PAN")
         layout.label(text=f"Model: {hand.model_path or 'built-in'}")
+        draw_choice(layout, armature)
         layout.prop(hand, "mesh")
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 

@@ -28,6 +28,10 @@ class Layout:
         check_arguments("row", arguments)
         return Layout(self.drawn)
 
+    def split(self, **arguments):
+        check_arguments("split", arguments)
+        return Layout(self.drawn)
+
     def grid_flow(self, **arguments):
         check_arguments("grid_flow", arguments)
         return Layout(self.drawn)
@@ -96,7 +100,8 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     hand = add_hand(bpy.context, load_default_hand())
     drawn = draw(avatars.LIVEHAND_PT_avatar)
     assert drawn[:2] == ["light", "Licence: GPL-3.0-or-later"]
-    assert drawn[-3:] == ["LIVEHAND_PT_choose_avatar", "skin", "avatar_path"]
+    assert drawn[-2:] == ["skin", "avatar_path"]
+    assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)
     assert offered[:4:2] == ["livehand.wear_avatar"] * 2
     assert [Path(path).name for path in offered[1:4:2]] == ["light.safetensors", "deep.safetensors"]
@@ -108,7 +113,8 @@ def test_a_hand_shows_its_avatar_and_a_choice():
 def test_a_missing_avatar_is_told_in_the_panel():
     add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
     drawn = draw(avatars.LIVEHAND_PT_avatar)
-    assert "/nowhere/a.safetensors" in "".join(drawn[:-3])
+    assert "/nowhere/a.safetensors" in "".join(drawn[:-2])
+    assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
     assert drawn[-1] == "avatar_path"
 
 

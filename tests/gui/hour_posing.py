@@ -9,7 +9,7 @@ from user import click, drag, over_view, place_of, press, region_of, write
 SLOT_PX = 77.4  # from picture to picture in the asset shelf
 FIRST_SLOT = (36, 40)
 # Of buttons in the LiveHand tab, from the corner of its region.
-AVATAR_HEADER, ADD_LIBRARY, WRIST = (35, 208), (130, 265), (130, 443)
+AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 291), (130, 469)
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and by how many degrees the wrist is turned there
 
 
@@ -20,9 +20,8 @@ def open_the_shelf(report):
     yield from press("ctrl+KP_6", times=3)  # out from under the sidebar
     report.check(bpy.context.mode == "POSE", "not in pose mode")
     yield from show_tab()
-    x, y, *_ = region_of("UI")
-    yield from click(x + AVATAR_HEADER[0], y + AVATAR_HEADER[1])  # folded up, for what is below
     picture("05_tab", "660x692+398+28")
+    x, y, *_ = region_of("UI")
     yield from click(x + ADD_LIBRARY[0], y + ADD_LIBRARY[1])
     yield 4  # the shelf loads its pictures
     libraries = [library.name for library in bpy.context.preferences.filepaths.asset_libraries]
