@@ -11,7 +11,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 from hour_hands import add_both_hands
 from hour_motion import drop_the_take, import_the_take
-from hour_posing import blend_poses, key_a_wave, open_the_shelf, pose_the_hands
+from hour_posing import blend_poses, choose_an_avatar, key_a_wave, open_the_shelf, pose_the_hands
 from hour_rendering import aim_the_camera, render_the_film, render_the_still, see_it_rendered
 from stage import Report, tell
 
@@ -24,6 +24,7 @@ def story(report):
     yield from add_both_hands(report)
     yield from open_the_shelf(report)
     yield from pose_the_hands(report)
+    yield from choose_an_avatar(report)
     yield from blend_poses(report)
     yield from key_a_wave(report)
     yield from drop_the_take(report)

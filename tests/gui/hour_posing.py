@@ -9,7 +9,8 @@ from user import click, drag, over_view, place_of, press, region_of, write
 SLOT_PX = 77.4  # from picture to picture in the asset shelf
 FIRST_SLOT = (36, 40)
 # Of buttons in the LiveHand tab, from the corner of its region.
-AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 291), (130, 469)
+AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 291), (130, 461)
+DEEP = (268, 244)  # in what the button Avatar opens
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and by how many degrees the wrist is turned there
 
 
@@ -46,6 +47,18 @@ def pose_the_hands(report):
     yield from press("ctrl+Tab")
     yield from over_view()
     expect_pose("right", "Spread", report)
+
+
+def choose_an_avatar(report):
+    """The right hand gets another skin, by its picture."""
+    x, y, *_ = region_of("UI")
+    yield from click(x + AVATAR[0], y + AVATAR[1])
+    yield 1
+    picture("06_avatar", "560x400+640+28")
+    yield from click(x + DEEP[0], y + DEEP[1])
+    yield from over_view()
+    yield 1
+    report.check(hand_of("right").livehand.skin == "deep", "the right hand does not wear the avatar deep")
 
 
 def blend_poses(report):
