@@ -18,6 +18,10 @@ def _is_armature(_, thing: bpy.types.Object) -> bool:
     return thing.type == "ARMATURE"
 
 
+# Blender 4.2 as a module crashes at exit once any property has had a function; there, any object is offered.
+_ARMATURES = {"poll": _is_armature} if bpy.app.version >= (4, 5) else {}
+
+
 class LIVEHAND_PG_other_rig(bpy.types.PropertyGroup):
     """An armature made elsewhere."""
 
@@ -25,8 +29,8 @@ class LIVEHAND_PG_other_rig(bpy.types.PropertyGroup):
         name="Armature",
         description="The rig that this hand follows: any armature with a hand, alone or on a character",
         type=bpy.types.Object,
-        poll=_is_armature,
         override=_OVERRIDE,
+        **_ARMATURES,
     )
     side: EnumProperty(name="Hand", description="Which of its hands", items=_SIDES, override=_OVERRIDE)
     fits_shape: BoolProperty(

@@ -18,6 +18,12 @@ from .on_hand import HandTab, OnHand, active_hand, model_of, polled_hand
 _SHOWN_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 
+def _has_rig(hand: bpy.types.Object) -> bool:
+    """Whether an armature is chosen; scripts, and the field in Blender 4.2, take any object."""
+    source = hand.livehand.other_rig.armature
+    return source is not None and source.type == "ARMATURE"
+
+
 class _OnRig(OnHand):
     bl_options = {"REGISTER", "UNDO"}
 
@@ -26,7 +32,7 @@ class _OnRig(OnHand):
         """Only on a hand for which an armature is chosen."""
         if not super().poll(context):
             return False
-        if polled_hand(context).livehand.other_rig.armature is None:
+        if not _has_rig(polled_hand(context)):
             cls.poll_message_set("choose the other rig's armature first")
             return False
         return True
@@ -170,7 +176,7 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
     def poll(cls, context):
         """Only where an armature is chosen."""
         armature = active_hand(context)
-        return armature is not None and armature.livehand.other_rig.armature is not None
+        return armature is not None and _has_rig(armature)
 
     def draw(self, context):
         """A field for every joint and every fingertip."""

@@ -136,3 +136,14 @@ def test_a_following_hand_that_cannot_be_let_go_is_not_keyed_either(chosen):
         bpy.ops.livehand.bake_rig()
     assert is_following(ours)
     assert ours.animation_data.action is None
+
+
+def test_only_an_armature_is_a_rig(chosen):
+    _, ours = chosen
+    assert bpy.ops.livehand.guess_bones.poll()
+    ours.livehand.other_rig.armature = ours.livehand.mesh  # as scripts may, and Blender 4.2's field
+    for button in ("guess_bones", "follow_rig", "bake_rig"):
+        assert not getattr(bpy.ops.livehand, button).poll()
+    assert not LIVEHAND_PT_other_rig_bones.poll(bpy.context)
+    ours.livehand.other_rig.armature = None
+    assert not bpy.ops.livehand.guess_bones.poll()
