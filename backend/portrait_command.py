@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from .command import Command
@@ -17,14 +18,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from .avatar import load_avatar, save_avatar
     from .hand.model_file import load_default_hand, load_hand_model
-    from .portrait import with_portrait
+    from .portrait import portrait
     from .renderer import Renderer
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     avatar = load_avatar(args.avatar)
-    Renderer(avatar, hand, args.device)  # refuses another hand's model
-    avatar = with_portrait(avatar, hand, args.device)
-    save_avatar(avatar, args.avatar)
+    save_avatar(replace(avatar, portrait=portrait(Renderer(avatar, hand, args.device))), args.avatar)
     return {"avatar": str(args.avatar), "summary": f"{args.avatar}: portrait taken"}
 
 

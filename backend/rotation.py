@@ -20,6 +20,13 @@ def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
 
 
+def turn_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """[..., 3, 3] the rotation that brings points [..., N, 3] nearest to others (Kabsch), both from one centre each."""
+    u, _, vh = np.linalg.svd(np.swapaxes(others, -1, -2) @ points)
+    u[..., -1] *= np.sign(np.linalg.det(u @ vh))[..., None]
+    return u @ vh
+
+
 def axis_angle_to_quaternion(axis_angle: np.ndarray) -> np.ndarray:
     """Unit quaternions; smooth at zero."""
     axis_angle = np.asarray(axis_angle, np.float64)

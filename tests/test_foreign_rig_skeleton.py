@@ -14,6 +14,7 @@ def test_bones_are_found_by_name_and_parent():
     )
     assert skeleton.index("b") == 2
     assert skeleton.children(0) == [1, 2]
+    assert (skeleton.ancestors(2), skeleton.ancestors(0)) == ([0], [])
     with pytest.raises(LiveHandError, match="bone 'c'"):
         skeleton.index("c")
 

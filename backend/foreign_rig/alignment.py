@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import LiveHandError
 from ..hand.model import MIRROR_POINT, HandModel
 from ..pose_files.landmarks.skeleton import Skeleton
-from ..rotation import axis_angle_to_matrix
+from ..rotation import axis_angle_to_matrix, turn_between
 from .shape_fit import HandShape, fit_shape, rest_nodes
 from .skeleton import JointMap, RestSkeleton
 
@@ -101,10 +101,8 @@ def source_nodes(skeleton: RestSkeleton, joint_map: JointMap) -> np.ndarray:
 
 
 def _turn_between(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """[3, 3] that brings our points [N, 3], in any place, nearest to theirs (Kabsch)."""
-    own, other = (points - points.mean(0) for points in (ours, theirs))
-    u, _, vh = np.linalg.svd(other.T @ own)
-    return u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vh))]) @ vh
+    """[3, 3] that brings our points [N, 3], in any place, nearest to theirs."""
+    return turn_between(ours - ours.mean(0), theirs - theirs.mean(0))
 
 
 def _same_shape(model: HandModel, theirs: np.ndarray) -> HandShape | None:

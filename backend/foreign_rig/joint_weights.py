@@ -49,13 +49,6 @@ def joint_weights(weights: np.ndarray, joint_of: np.ndarray) -> tuple[np.ndarray
 def _wrists(skeleton: RestSkeleton, bones: list[int]) -> list[int]:
     """The fingers' ancestors that begin where the wrist does: the wrist by other names."""
     size_m = np.linalg.norm(skeleton.heads[bones] - skeleton.heads[bones[0]], axis=1).max()
-    above = {ancestor for bone in bones[1:] for ancestor in _ancestors(skeleton, bone)}
+    above = {ancestor for bone in bones[1:] for ancestor in skeleton.ancestors(bone)}
     near = np.linalg.norm(skeleton.heads - skeleton.heads[bones[0]], axis=1) < _ONE_PLACE * size_m
     return [bone for bone in sorted(above) if near[bone]]
-
-
-def _ancestors(skeleton: RestSkeleton, bone: int) -> list[int]:
-    found = []
-    while (bone := skeleton.parents[bone]) >= 0:
-        found.append(bone)
-    return found

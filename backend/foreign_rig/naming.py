@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LiveHandError
+from ..hand.gestures import FINGERS
 from ..hand.model import JOINT_NAMES
 from ..shot import SIDES, Side
 from .bone_words import METACARPAL, TIP, BoneWords, read_words
@@ -14,7 +15,6 @@ from .chains import Joints, joints_of_chain
 from .hierarchy import FoundHand, find_hands, side_of
 from .skeleton import JointMap, RestSkeleton
 
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
 _LAYERS = ("def", "", "org")  # Rigify's deform bones do what controls and constraints together say
 
 
@@ -159,7 +159,7 @@ def _wrist(skeleton: RestSkeleton, words: dict[int, BoneWords], fingers: list[li
     if not fingers:
         return min(hands, key=lambda bone: len(skeleton.names[bone]), default=None)
     firsts = [bones[0] for bones in fingers]
-    above = [_ancestors(skeleton, bone) for bone in firsts]
+    above = [skeleton.ancestors(bone) for bone in firsts]
     shared = [bone for bone in above[0] if all(bone in others for others in above)]
     named = [bone for bone in shared if bone in hands]
     if named:
@@ -171,16 +171,9 @@ def _wrist(skeleton: RestSkeleton, words: dict[int, BoneWords], fingers: list[li
     return next((bone for bone in shared if bone not in own and len(fingers) > 2), None)
 
 
-def _ancestors(skeleton: RestSkeleton, bone: int) -> list[int]:
-    above = []
-    while (bone := skeleton.parents[bone]) >= 0:
-        above.append(bone)
-    return above
-
-
 def _side_at(skeleton: RestSkeleton, hand: FoundHand) -> Side | None:
     """What the names of the bones above a hand say, or else its shape."""
-    for bone in (hand.wrist, *_ancestors(skeleton, hand.wrist)):
+    for bone in (hand.wrist, *skeleton.ancestors(hand.wrist)):
         said = read_words(skeleton.names[bone])
         if said and said.side:
             return said.side

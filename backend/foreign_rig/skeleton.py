@@ -43,6 +43,13 @@ class RestSkeleton:
         """The bones right below one."""
         return [child for child, parent in enumerate(self.parents) if parent == bone]
 
+    def ancestors(self, bone: int) -> list[int]:
+        """The bones above one, the nearest first."""
+        above = []
+        while (bone := self.parents[bone]) >= 0:
+            above.append(bone)
+        return above
+
 
 @dataclass(frozen=True)
 class JointMap:

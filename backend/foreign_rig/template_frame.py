@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import LiveHandError
 from ..hand.model import MIRROR_POINT
 from ..hand.model_file import load_default_hand
+from ..rotation import turn_between
 from ..shot import Side
 
 _KNUCKLES = [1, 4, 7, 10]
@@ -28,9 +29,7 @@ def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
     builtin = load_default_hand().joints * (1 if side == "right" else MIRROR_POINT)
     check_size(joints)
     seen, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
-    u, _, vh = np.linalg.svd(wanted.T @ seen)
-    u[:, -1] *= np.sign(np.linalg.det(u @ vh))
-    rotation = u @ vh
+    rotation = turn_between(seen, wanted)
     _check_side((joints - joints[0]) @ rotation.T, side)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, builtin[0] - rotation @ joints[0]

@@ -3,9 +3,9 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, PointerProperty, StringProperty
 
+from ...backend.foreign_rig.naming import FINGERS
 from ...backend.hand.model import JOINT_NAMES
 
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 _SIDES = (
     ("OWN", "The Hand's Own", "The same hand as this one"),

@@ -13,9 +13,8 @@ from ..foreign_rig.bake import bake
 from ..foreign_rig.follow import check_editable, follow, is_following, stop_following
 from ..foreign_rig.properties import FINGERS, tip_property
 from ..foreign_rig.skeleton import read_skeleton
+from ..rig.bones import FINGERS as SHOWN_FINGERS
 from .on_hand import HandTab, OnHand, active_hand, model_of, polled_hand
-
-_SHOWN_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 
 def _has_rig(hand: bpy.types.Object) -> bool:
@@ -184,7 +183,7 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
         self.layout.use_property_decorate = False
         rig = polled_hand(context).livehand.other_rig
         _draw_bones(self.layout, rig, ["wrist"])
-        for finger in _SHOWN_FINGERS:
+        for finger in SHOWN_FINGERS:
             _draw_bones(self.layout, rig, [*(f"{finger}{k}" for k in (1, 2, 3)), tip_property(finger)])
 
 
