@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from livehand.livehand_blender.render.frame_file import check_frame, read_exr_header
+from livehand.backend.batch.frame_file import check_frame, read_exr_header
 
 FRAMES = "1-40"
 SIZE = "251x384"

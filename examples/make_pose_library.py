@@ -12,18 +12,18 @@ from pathlib import Path
 import bpy
 import livehand
 import numpy as np
-from livehand.backend.avatar import load_avatar
-from livehand.backend.develop import straight_srgb
-from livehand.backend.framing import fitting_camera
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.geometry.framing import fitting_camera
+from livehand.backend.geometry.rotation import matrix_to_axis_angle
+from livehand.backend.hand.bones import bone_name
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES, LibraryPose
-from livehand.backend.renderer import Renderer
-from livehand.backend.rotation import matrix_to_axis_angle
-from livehand.backend.shot import HandPose, Shot
-from livehand.livehand_blender.rig.bones import bone_name
+from livehand.backend.records.shot import HandPose, Shot
+from livehand.backend.rendering.decode import straight_srgb
+from livehand.backend.rendering.renderer import Renderer
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import bone_quaternions
 

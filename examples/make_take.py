@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model import MIRROR_POINT, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
-from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
-from livehand.backend.rotation import axis_angle_to_matrix
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
 
 COUNT = 24
 FPS = 12

@@ -12,10 +12,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 from example_file import write_example
+from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 
 FRAMES = range(1, 25)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..backend.command import Command, run_commands
+from ..backend.runtime.command import Command, run_commands
 from .render import command as render
 
 _RENDER = Command(

@@ -14,16 +14,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from ..backend.cli import COMMANDS as BACKEND_COMMANDS
-from ..backend.command import Command, run_commands
-from ..backend.errors import LiveHandError
-from ..backend.pose_files import render_command as render_poses
-from ..backend.pose_files.document import SUFFIXES as POSE_FILES
+from ..backend.avatars.thumbnail_command import COMMAND as THUMBNAIL
+from ..backend.captures.importers.interhand_command import COMMAND as IMPORT_INTERHAND
+from ..backend.captures.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
+from ..backend.captures.masks.mask_command import COMMAND as MASK
+from ..backend.commands import render_motion as render_poses
+from ..backend.commands.inspect import COMMAND as INSPECT
+from ..backend.evaluation.command import COMMAND as EVALUATE
+from ..backend.evaluation.sheet_command import COMMAND as SHEET
+from ..backend.motion.document import SUFFIXES as POSE_FILES
+from ..backend.records.errors import LiveHandError
+from ..backend.runtime.command import Command, run_commands
+from ..backend.runtime.stdout import blender_silenced
+from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
-from .foreign_rig import command as make_hand
 from .render import command as render
-from .stdout import blender_silenced
+from .retarget import command as make_hand
 
 ABOUT = "Photoreal frames of hands posed in Blender."
 
@@ -96,8 +103,20 @@ COMMANDS: dict[str, Command] = {
         capture.add_arguments,
         _in_blender(_silenced(capture.run)),
     ),
-    **BACKEND_COMMANDS,
-    BENCHMARK.name: BENCHMARK,
+    **{
+        command.name: command
+        for command in (
+            TRAIN,
+            EVALUATE,
+            BENCHMARK,
+            SHEET,
+            INSPECT,
+            THUMBNAIL,
+            IMPORT_INTERHAND,
+            IMPORT_TRANSFORMS,
+            MASK,
+        )
+    },
 }
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import bpy
 
-from . import preferences, properties
 from .blender_command import BlenderCommand
 from .render import engine, memory
+from .rig import properties
 from .ui import (
     avatars,
     compositing,
-    foreign_rig,
     hand_model,
     keying_set,
     motion,
@@ -20,8 +19,10 @@ from .ui import (
     picker,
     pose_library,
     posing,
+    preferences,
     shape,
 )
+from .ui import retarget as foreign_rig
 
 CLASSES = (
     *properties.CLASSES,

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.camera import Camera, look_at
-from livehand.backend.capture import Capture, CaptureView, save_capture_index
-from livehand.backend.field.conditions import FrameConditions
+from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rays import view_of
-from livehand.backend.shot import HandPose
+from livehand.backend.nerf.conditions import FrameConditions
+from livehand.backend.nerf.rays import view_of
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.shot import HandPose
 from PIL import Image
 
 SIZE = (24, 32)
@@ -133,7 +133,7 @@ def road(request, monkeypatch):
     """Both roads on the CPU, one after the other: with kernels, and as where numba is not installed."""
     if request.param == "kernels" and find_spec("numba") is None:
         pytest.skip("numba is not installed")
-    for module in ("tracing", "renderer", "geometry.visibility"):
+    for module in ("nerf.trace", "rendering.renderer", "geometry.visibility"):
         monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: request.param == "kernels")
     return request.param
 

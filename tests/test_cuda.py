@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 import torch
-from livehand.backend.avatar import load_avatar
+from livehand.backend.avatars.file import load_avatar
 from livehand.backend.benchmark.motion import MovingHand
-from livehand.backend.cli import COMMANDS
-from livehand.backend.command import run_commands
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.renderer import Renderer
+from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.runtime.command import run_commands
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
+from livehand.backend.training.setup import Task
 from livehand.backend.training.step import Machine
-from livehand.backend.training.task import Task
+from livehand.livehand_blender.cli import COMMANDS
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 
@@ -35,7 +35,7 @@ def shot():
 @pytest.fixture
 def torch_alone(monkeypatch):
     """No kernels on the CPU either: they stop a ray a little earlier."""
-    for module in ("tracing", "renderer", "shading", "field.encoding", "geometry.visibility"):
+    for module in ("nerf.trace", "rendering.renderer", "nerf.shade", "nerf.encoding", "geometry.visibility"):
         monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: False)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.pose_files.opening import open_motion_file
+from livehand.backend.motion.opening import open_motion_file
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from PIL import Image
 
-from ..avatar import PRESETS, Avatar, load_avatar, new_avatar
-from ..colour import linear_to_srgb
-from ..errors import LiveHandError
+from ..avatars.file import load_avatar
 from ..hand.model import HandModel
-from ..renderer import Precision, Renderer, Stage
-from ..shot import Frame, Shot
+from ..nerf.avatar import PRESETS, Avatar, new_avatar
+from ..records.errors import LiveHandError
+from ..records.shot import Frame, Shot
+from ..rendering.renderer import Precision, Renderer, Stage
+from ..rendering.srgb import linear_to_srgb
 from .published import PublishedRenderer
 from .stopwatch import Cost, Stages, Stopwatch, total
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..avatars import AVATAR_HELP, avatar_path
-from ..command import Command, parse_size_px, say
-from ..errors import LiveHandError
+from ..avatars.library import AVATAR_HELP, avatar_path
+from ..records.errors import LiveHandError
+from ..runtime.command import Command, parse_size_px, say
 
 if TYPE_CHECKING:
     from .machine import Peaks
@@ -52,8 +52,8 @@ def run(
     args: argparse.Namespace, make_cycles: Callable[[argparse.Namespace], CyclesRender] | None = None
 ) -> dict[str, Any]:
     """Measure; returns the figures. `make_cycles` gives the renderer that needs Blender, None where there is none."""
-    from ..device import torch_device
     from ..hand.model_file import load_default_hand
+    from ..rendering.device import torch_device
     from .cases import load_configurations
     from .machine import describe, set_threads
     from .measure import Bench

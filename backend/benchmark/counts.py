@@ -17,13 +17,13 @@ import torch
 from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from ..avatar import Avatar
-from ..camera import Camera
-from ..field.field import CHANNELS, PlaneField
 from ..hand.model import HandModel
-from ..sampler import SamplerConfig
-from ..shot import Shot
-from ..window import MARGIN_PX
+from ..nerf.avatar import Avatar
+from ..nerf.crop import MARGIN_PX
+from ..nerf.field import CHANNELS, PlaneField
+from ..nerf.sampler import SamplerConfig
+from ..records.camera import Camera
+from ..records.shot import Shot
 from .motion import silhouette_px
 
 Unit = Literal["fp32", "network"]

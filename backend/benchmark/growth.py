@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..shot import Frame
+from ..records.shot import Frame
 from .cases import Configuration, timed_frame
 from .measure import Bench, BenchmarkPlan, Size
 from .motion import Moment, MovingHand

@@ -15,12 +15,12 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw
 
-from ..camera import Camera, look_at
+from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..hand.gestures import GESTURES, FingerAxes, theta_of
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import UPRIGHT, HandModel
-from ..rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from ..shot import HandPose, Shot
+from ..records.camera import Camera, look_at
+from ..records.shot import HandPose, Shot
 
 # One turn of the loop, evenly in time.
 _GESTURES = ("open", "pinch", "point", "fist")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 
 _PANEL_PX = (440, 360)
 _MARGIN_PX = (70, 48, 24, 56)  # left, top, right, bottom

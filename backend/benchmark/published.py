@@ -19,20 +19,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..avatar import Avatar
-from ..develop import develop
-from ..field.conditions import FieldInputs
 from ..geometry.closest_point import closest_on_triangles
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
-from ..image import low_resolution_maps
-from ..rays import View, project, ray_directions, ray_origin, view_of
-from ..renderer import Stage
-from ..shot import Frame, Shot
-from ..volume import Composite, Steps
-from ..window import Window
+from ..nerf.avatar import Avatar
+from ..nerf.conditions import FieldInputs
+from ..nerf.crop import Window
+from ..nerf.maps import low_resolution_maps
+from ..nerf.rays import View, project, ray_directions, ray_origin, view_of
+from ..nerf.volume import Composite, Steps
+from ..records.shot import Frame, Shot
+from ..rendering.decode import develop
+from ..rendering.renderer import Stage
 from .brute_force import nearest_faces
 
 _RAYS_AT_ONCE = 1024

@@ -8,14 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..avatars import AVATAR_HELP, avatar_path, shipped_avatar_path
-from ..command import Command, parse_count
+from ..avatars.library import AVATAR_HELP, avatar_path, shipped_avatar_path
+from ..runtime.command import Command, parse_count
 
 if TYPE_CHECKING:
     import torch
 
-    from ..avatar import Avatar
-    from ..capture import Capture, CaptureView
+    from ..captures.capture import Capture, CaptureView
+    from ..nerf.avatar import Avatar
     from .distances import Distance
     from .evaluate import ViewScore
     from .summary import Summary
@@ -66,10 +66,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..avatar import load_avatar
-    from ..capture import load_capture
+    from ..avatars.file import load_avatar
+    from ..captures.capture import load_capture
     from ..hand.model_file import load_default_hand, load_hand_model
-    from ..renderer import Renderer
+    from ..rendering.renderer import Renderer
     from .evaluate import check_any, scored_views
     from .pictures import ShownViews
     from .report import summary_tables
@@ -95,7 +95,7 @@ def _run(args: argparse.Namespace) -> dict:
 
 
 def _record(avatar: Avatar, by_split: dict[str, Summary], path: Path) -> None:
-    from ..avatar import save_avatar
+    from ..avatars.file import save_avatar
 
     save_avatar(replace(avatar, metrics={**avatar.metrics, **by_split}), path)
 

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..perceptual.lpips import load_lpips
-from ..perceptual.vgg import load_vgg_distance
 from .metrics import Similarity
+from .perceptual.lpips import load_lpips
+from .perceptual.vgg import load_vgg_distance
 
 _MARGIN_PX = 16
 

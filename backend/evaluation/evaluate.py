@@ -9,18 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..avatar import Avatar
-from ..capture import Capture, CaptureView, Split
-from ..develop import straight_srgb
-from ..errors import LiveHandError
+from ..captures.capture import Capture, CaptureView, Split
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..renderer import Precision, Renderer
-from ..shot import Frame, Shot
-from .camera_gap import camera_gaps_deg
+from ..nerf.avatar import Avatar
+from ..records.errors import LiveHandError
+from ..records.shot import Frame, Shot
+from ..rendering.decode import straight_srgb
+from ..rendering.renderer import Precision, Renderer
 from .distances import Distance
 from .figures import view_figures
 from .posed_hands import PosedHands
+from .train_view_angle import camera_gaps_deg
 
 
 @dataclass(frozen=True)

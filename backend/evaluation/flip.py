@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .metrics import difference_box
 
 # More than twice the reach of FLIP's filters (10 px): where the pictures agree so far around, it is 0.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .contact_sheet import comparison_sheet, save_sheet
 from .evaluate import ScoredView
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..capture import CaptureView
+from ..captures.capture import CaptureView
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import HandModel
-from ..rays import view_of
-from ..shot import Side
+from ..nerf.rays import view_of
+from ..records.shot import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
 
 

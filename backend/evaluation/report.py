@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .breakdown import CAUSES, REGIONS
 from .evaluate import ViewScore
 from .summary import Summary, gain_db

@@ -10,7 +10,7 @@ from torch import Tensor
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
 from ..geometry.visibility import DIRECTIONS, direction_frames, visibility_transfer
-from ..rays import View, project
+from ..nerf.rays import View, project
 
 _MIN_COSINES = 1e-3  # a vertex without a normal faces no direction; all others reach about 8
 

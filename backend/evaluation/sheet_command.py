@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..command import Command, parse_count
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
+from ..runtime.command import Command, parse_count
 from .contact_sheet import on_ground, save_sheet, tile
 
 SHEET_NAME = "contact_sheet.png"

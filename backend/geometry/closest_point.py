@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..kernels.tolerances import MIN_DETERMINANT
+from .tolerances import MIN_DETERMINANT
 
 
 def closest_on_triangles(

@@ -13,9 +13,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..hand.model import MIRROR_POINT, HandModel
-from ..kernels.tolerances import LANES
-from ..shot import Side
+from ..records.shot import Side
 from .local_rotation import LocalFrames
+from .tolerances import LANES
 
 
 class Topology(NamedTuple):

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..kernels.tolerances import MIN_AREA_PX2, NEAR_M
+from .tolerances import MIN_AREA_PX2, NEAR_M
 
 
 class Fragments(NamedTuple):

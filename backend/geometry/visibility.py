@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..device import has_kernels
+from ..rendering.device import has_kernels
 from .mesh import PosedMesh, Topology
 from .rasterise import rasterise
 
@@ -87,8 +87,8 @@ def _lit_share(
 def _lit_share_by_kernel(
     positions: Float[Tensor, "K V 3"], lifted: Float[Tensor, "K V 3"], bias: Float[Tensor, ""], topology: Topology
 ) -> Float[Tensor, "K V"]:
-    from ..kernels.compiled import in_parallel
-    from ..kernels.shadow import lit_share
+    from ..fast.kernels.compiled import in_parallel
+    from ..fast.kernels.shadow import lit_share
 
     inputs = [values.numpy() for values in (_map_px(positions), _depth(positions), _map_px(lifted), _depth(lifted))]
     inputs += [np.float32(bias), topology.faces.numpy(), _MAP_PX]

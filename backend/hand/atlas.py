@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .cap import flat_cap
 
 if TYPE_CHECKING:

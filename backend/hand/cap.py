@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 
 
 def capped(v_template: np.ndarray, f: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
 _ROW = {name: 3 * k for k, name in enumerate(FINGERS)}  # first joint of each finger among the 15

@@ -13,8 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..geometry.rotation import axis_angle_to_matrix
-from ..shot import HandPose
+from ..geometry.torch_rotation import axis_angle_to_matrix
+from ..records.shot import HandPose
 from .model import HandModel
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .pickled_arrays import Array, ArrayKind, Dtype, Stub, require
 
 # What is handed on; the file also holds strings.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 from .model import HandModel
 
 _MIDDLE, _KNUCKLES = (4, 5, 6), (1, 4, 10, 7)

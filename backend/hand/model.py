@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..shot import Side
+from ..records.shot import Side
 
 JOINT_NAMES = (
     "wrist",

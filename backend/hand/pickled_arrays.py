@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 
 _NUMBER_CODE = re.compile(r"[biuf][1248]")  # numpy's codes of booleans, integers and floats: no objects, no records
 

@@ -16,10 +16,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..avatar import Avatar
-from ..capture import Capture
-from ..errors import LiveHandError
-from ..superres import build_superres
+from ..captures.capture import Capture
+from ..nerf.avatar import Avatar
+from ..nerf.superres import build_superres
+from ..records.errors import LiveHandError
 
 LEARNING_RATE = 5e-4
 """Of gains and biases, beside the networks' 2e-3: tints are few and seen in every image of their camera."""

@@ -9,19 +9,19 @@ from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..avatars import avatar_path
-from ..command import Command, parse_count
-from ..errors import LiveHandError
+from ..avatars.library import avatar_path
+from ..records.errors import LiveHandError
+from ..runtime.command import Command, parse_count
 from .config import ReportConfig, TrainConfig
 
 if TYPE_CHECKING:
     import torch
 
-    from ..capture import Capture
+    from ..captures.capture import Capture
     from ..hand.model import HandModel
     from .parts import Correction
     from .processes import Processes
-    from .task import Outcome, Task
+    from .setup import Outcome, Task
 
 _CONFIGS = ("default", "poseless", "paper")  # the names of `avatar.PRESETS`, which needs torch
 _SURFACE_DEVIATION_M = 0.001  # of --refine-surface
@@ -131,13 +131,13 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
 
 
 def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
-    from ..avatar import PRESETS
-    from ..capture import load_capture
-    from ..capture_check import check_capture
+    from ..captures.capture import load_capture
+    from ..captures.check import check_capture
     from ..hand.model_file import load_default_hand, load_hand_model
+    from ..nerf.avatar import PRESETS
     from .origin import load_origin
     from .perceptual import load_perceptual_loss
-    from .task import Task
+    from .setup import Task
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import torch
 
-from ..avatar import Avatar
-from ..capture import Capture
+from ..captures.capture import Capture
 from ..hand.model import HandModel
+from ..nerf.avatar import Avatar
 from .colour_calibration import LEARNING_RATE, ColourCalibration, training_cameras
 from .parts import Correction, Rendered
 from .refined_capture import save_refined_capture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 
 _NAMED = 5
 

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ..errors import LiveHandError
+from ..records.errors import LiveHandError
 
 
 @runtime_checkable

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ..avatar import Avatar, save_avatar
-from ..errors import LiveHandError
-from ..portrait import with_portrait
+from ..avatars.file import save_avatar
+from ..avatars.thumbnail import with_portrait
+from ..nerf.avatar import Avatar
+from ..records.errors import LiveHandError
 from .average import WeightAverage
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from .clock import Clock, Every
@@ -18,8 +19,8 @@ from .parts import TrainedParts, optimiser_of
 from .preview import Preview
 from .report import Report
 from .schedule import Schedule
+from .setup import Outcome, Task, provenance_of, run_identity
 from .step import Machine, Stepper, StepResult
-from .task import Outcome, Task, provenance_of, run_identity
 from .views import TrainingViews
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..avatar import Avatar, AvatarConfig, load_avatar, new_avatar
-from ..errors import LiveHandError
+from ..avatars.file import load_avatar
 from ..hand.model import HandModel
+from ..nerf.avatar import Avatar, AvatarConfig, new_avatar
+from ..records.errors import LiveHandError
 
 
 @dataclass(frozen=True)

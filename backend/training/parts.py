@@ -9,9 +9,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ..avatar import Avatar
-from ..capture import CaptureView
-from ..field.encoding import FeaturePlane
+from ..captures.capture import CaptureView
+from ..nerf.avatar import Avatar
+from ..nerf.encoding import FeaturePlane
 from .config import TrainConfig
 from .schedule import Moment
 from .views import TrainingView, TrainingViews

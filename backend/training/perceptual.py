@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..perceptual.lpips import LpipsDistance, RangeMode, load_lpips
-from ..perceptual.vgg import PerceptualLoss, load_vgg_distance
+from ..evaluation.perceptual.lpips import LpipsDistance, RangeMode, load_lpips
+from ..evaluation.perceptual.vgg import PerceptualLoss, load_vgg_distance
 from .config import LossConfig
 
 PerceptualDistance = PerceptualLoss | LpipsDistance

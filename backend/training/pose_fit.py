@@ -10,9 +10,9 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from ..avatar import Avatar
-from ..capture import Capture, Split
+from ..captures.capture import Capture, Split
 from ..hand.model import HandModel
+from ..nerf.avatar import Avatar
 from .config import LossConfig
 from .losses import window_loss
 from .refinement import Refinement, RefinementConfig

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..capture import Capture
+from ..captures.capture import Capture
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..shot import HandPose
+from ..records.shot import HandPose
 
 
 class PoseError(NamedTuple):

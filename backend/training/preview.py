@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ..avatar import Avatar
-from ..capture import Capture, CaptureView, Split
+from ..captures.capture import Capture, CaptureView, Split
 from ..evaluation.contact_sheet import comparison_sheet, save_sheet
 from ..evaluation.evaluate import encoded_on_black
 from ..evaluation.metrics import psnr_db
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..renderer import Renderer
-from ..shot import Shot
+from ..nerf.avatar import Avatar
+from ..records.shot import Shot
+from ..rendering.renderer import Renderer
 
 # The hardest first; a capture without held-out views is previewed by its training views.
 _SPLITS: tuple[Split, ...] = ("test", "novel_pose", "novel_camera", "train")

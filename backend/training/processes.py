@@ -16,7 +16,7 @@ import torch.distributed as dist
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..device import torch_device
+from ..rendering.device import torch_device
 
 Item = TypeVar("Item")
 

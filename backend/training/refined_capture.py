@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture import Capture, save_capture_index
+from ..captures.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
 from .refinement import Refinement

@@ -23,14 +23,14 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from ..capture import Capture, Split
-from ..field.conditions import FrameConditions
+from ..captures.capture import Capture, Split
 from ..geometry.mesh import Topology, posed_mesh, vertex_normals
 from ..geometry.reprojection import reproject
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
-from ..rays import ray_origin
-from ..shot import HandPose, Side
+from ..nerf.conditions import FrameConditions
+from ..nerf.rays import ray_origin
+from ..records.shot import HandPose, Side
 from .views import TrainingView, TrainingViews
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..avatar import Avatar
+from ..nerf.avatar import Avatar
 from .clock import Clock, Every
 from .config import ReportConfig
 from .journal import Journal, LogFile, TensorBoard

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..avatar import Avatar
-from ..capture import CaptureView
-from ..image import image_of, low_resolution_maps
-from ..rays import HandInView
-from ..renderer import Precision
-from ..shading import shade
+from ..captures.capture import CaptureView
+from ..nerf.avatar import Avatar
+from ..nerf.maps import image_of, low_resolution_maps
+from ..nerf.rays import HandInView
+from ..nerf.shade import shade
+from ..rendering.renderer import Precision
 from .clock import Clock
 from .config import TrainConfig
 from .losses import window_loss

@@ -14,19 +14,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..capture import Capture, CaptureView
-from ..errors import LiveHandError
-from ..field.conditions import FrameConditions
+from ..captures.capture import Capture, CaptureView
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
-from ..rays import HandInView, SurfaceRays, View, ray_directions, view_of
-from ..renderer import window_of
-from ..sampler import SamplerConfig
-from ..tracing import trace
-from ..window import Window
-from .window_store import WindowStore
+from ..nerf.conditions import FrameConditions
+from ..nerf.crop import Window
+from ..nerf.rays import HandInView, SurfaceRays, View, ray_directions, view_of
+from ..nerf.sampler import SamplerConfig
+from ..nerf.trace import trace
+from ..records.errors import LiveHandError
+from ..rendering.renderer import window_of
+from .crop_store import WindowStore
 
 
 class TrainingView(NamedTuple):

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from ...backend.benchmark import command as benchmark
-from ...backend.command import say
+from ...backend.runtime.command import say
 
 if TYPE_CHECKING:
     from ...backend.benchmark.measure import CyclesRender

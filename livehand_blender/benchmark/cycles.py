@@ -19,11 +19,11 @@ from ...backend.benchmark.motion import Moment
 from ...backend.benchmark.stopwatch import Stages, Stopwatch
 from ...backend.hand.builtin.beauty import detailed_surface
 from ...backend.hand.model_file import load_default_hand
+from ...backend.runtime.stdout import blender_silenced
 from ..capture.bake import bake_skin
 from ..capture.scene import capture_scene, set_camera
 from ..capture.skin import SkinTone, baked_material
 from ..capture.surface import SkinSurface
-from ..stdout import blender_silenced
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...backend.command import parse_size_px
-from ...backend.errors import LiveHandError
-from .plan import CapturePlan
+from ...backend.captures.plan import CapturePlan
+from ...backend.records.errors import LiveHandError
+from ...backend.runtime.command import parse_size_px
 
 if TYPE_CHECKING:
     from .render import DressedHand

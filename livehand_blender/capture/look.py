@@ -6,8 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
+from ...backend.records.errors import LiveHandError
 
 MODEL_KEY = "livehand_model_sha256"
 """The property of a look's mesh that says which hand model it is the look of."""

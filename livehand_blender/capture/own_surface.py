@@ -10,7 +10,7 @@ import numpy as np
 
 from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
-from ...backend.shot import HandPose
+from ...backend.records.shot import HandPose
 from .look import append_look
 from .node_graph import NodeGraph
 from .skin import SkinTone

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
 
 _TARGET_FACES = 1500
 _SEED = 3

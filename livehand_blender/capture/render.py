@@ -11,15 +11,15 @@ import bpy
 from PIL import Image
 from tqdm import tqdm
 
-from ...backend.capture import Capture, CaptureView, index_document, save_capture_index
-from ...backend.errors import LiveHandError
+from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
+from ...backend.captures.plan import CapturePlan
 from ...backend.hand.builtin.beauty import DetailedSurface, detailed_surface
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
-from ...backend.shot import HandPose
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import HandPose
 from .bake import bake_skin
 from .own_surface import OwnSurface
-from .plan import CapturePlan
 from .scene import capture_scene, set_camera
 from .skin import SKIN_TONES, SkinTone, baked_material
 from .surface import SkinSurface

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...backend.camera import Camera
+from ...backend.records.camera import Camera
 from .light import dome_world
 
 _SENSOR_MM = 36.0

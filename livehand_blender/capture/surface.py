@@ -9,12 +9,12 @@ import bpy
 import numpy as np
 import torch
 
-from ...backend.geometry.rotation import axis_angle_to_matrix
+from ...backend.geometry.torch_rotation import axis_angle_to_matrix
 from ...backend.hand.builtin.beauty import DetailedSurface
 from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, joint_transforms
 from ...backend.hand.model import HandModel
-from ...backend.shot import HandPose
+from ...backend.records.shot import HandPose
 from .skin import MASKS, UV_LAYER
 
 FULL_FLEX_RAD = np.deg2rad(65)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
 from .block import Block
 from .picture_files import PictureFiles
 from .tree import compositor_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
 from ..scene.camera import output_size_px
 from .block import Block
 from .tree import MATH, compositor_of

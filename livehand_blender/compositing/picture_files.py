@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
 
 _NUMBERED = re.compile(r"(.*?)(\d+)(\.[^.]+)")
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
-from ...backend.pose_files.motion import HandMotion, mirrored, motion_of
-from ...backend.pose_files.placing import Space, moved, rest_wrists, to_blender
-from ...backend.pose_files.timing import at_fps
+from ...backend.motion.motion import HandMotion, mirrored, motion_of
+from ...backend.motion.placing import Space, moved, rest_wrists, to_blender
+from ...backend.motion.timing import at_fps
+from ...backend.records.errors import LiveHandError
 from ..rig.keyframes import keyframe_theta, keyframe_transl
 from ..rig.pose import hand_side, read_hand_pose
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...backend.errors import LiveHandError
+from ...backend.batch.progress import Failed
+from ...backend.batch.report import Report
+from ...backend.records.errors import LiveHandError
 from .plan import SequencePlan
-from .progress import Failed
-from .report import Report
 from .sequence import write_sequence
 
 

@@ -10,12 +10,12 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from ...backend.avatars import SKINS, avatar_path
-from ...backend.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
-from .chunk import ALL, Chunk
-from .folders import folders_of, writable_folder
-from .report import Report
-from .workers import run_workers, stop_with_parent
+from ...backend.avatars.library import SKINS, avatar_path
+from ...backend.batch.chunk import ALL, Chunk
+from ...backend.batch.folders import folders_of, writable_folder
+from ...backend.batch.report import Report
+from ...backend.batch.workers import run_workers, stop_with_parent
+from ...backend.runtime.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
 
 FORMATS = ("exr", "png")
 _FRAME_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")

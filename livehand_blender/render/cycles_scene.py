@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import bpy
 import numpy as np
 
-from ...backend.composition import Layer
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
+from ...backend.rendering.composition import Layer
 from .passes import read_pass
 
 

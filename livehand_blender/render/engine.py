@@ -18,36 +18,29 @@ from typing import ClassVar
 import bpy
 import numpy as np
 
-from ...backend.camera import Camera
-from ...backend.errors import LiveHandError
+from ...backend.avatars.session import Session
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
+from ...backend.rendering.cryptomatte import crypto_metadata
+from ...backend.rendering.frame_queue import FrameQueue
+from ...backend.rendering.frame_task import FrameTask, Moment
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.exposure import Lens, read_lens
 from ..scene.look import in_scene_colours
 from ..scene.proxy import hidden_from_camera, hide_from_camera
 from ..scene.settings import ENGINE
-from ..viewport.studio import Studio
-from ..viewport.viewport import viewport_of
-from .cryptomatte import crypto_metadata
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, read_scene, scene_layer
-from .frame_queue import FrameQueue
+from .frame_setup import Stage, set_stage
 from .layer import Output, Pending
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .passes import (
-    CRYPTOMATTE,
-    SURFACE_PASSES,
-    ScenePasses,
-    cryptomatte_passes,
-    drawn_passes,
-    fill_pass,
-    wanted_passes,
-)
+from .passes import CRYPTOMATTE, SURFACE_PASSES, ScenePasses, cryptomatte_passes, drawn_passes, fill_pass, wanted_passes
 from .picture import Picture, draw_picture
-from .session import Session
-from .stage import Stage, set_stage
-from .task import FrameTask, Moment
+from .renderer_loading import load_renderer_in_blender
+from .viewport.studio import Studio
+from .viewport.viewport import viewport_of
 
 LOGGER = logging.getLogger(__name__)
 
@@ -66,7 +59,7 @@ class LiveHandRender(CyclesEngine):
     @classmethod
     def register(cls):
         """Called by Blender with the class."""
-        cls.hands_session = Session()
+        cls.hands_session = Session(load_renderer_in_blender)
         cls.studio = Studio(cls.hands_session)
 
     @classmethod
@@ -188,7 +181,9 @@ class LiveHandRender(CyclesEngine):
 
     def _run(self, task: FrameTask) -> tuple[Moment, ...] | None:
         """The task's frames; None where the user has stopped the render."""
-        from ...backend.renderer import RenderStopped  # brings torch with it, which a renderer has loaded already
+        from ...backend.rendering.renderer import (
+            RenderStopped,  # brings torch with it, which a renderer has loaded already
+        )
 
         try:
             with self.required_session().rendering:

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.errors import LiveHandError
+from ...backend.avatars.session import Session
+from ...backend.batch.frame_paths import FrameParts, FramePaths, not_written
+from ...backend.batch.interruption import Interruption
+from ...backend.batch.leases import Claim, Claims
+from ...backend.batch.provenance import HandRecord, frame_record, save_record
+from ...backend.records.errors import LiveHandError
+from ...backend.rendering.frame_queue import FrameQueue
+from ...backend.rendering.frame_task import Task
+from ...backend.runtime.stdout import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
-from ..stdout import blender_silenced
-from .claims import Claim, Claims
-from .frame_paths import FrameParts, FramePaths, not_written
-from .frame_queue import FrameQueue
-from .interruption import Interruption
 from .output import OutputSettings, literal_path
 from .plan import blender_message
-from .provenance import HandRecord, frame_record, save_record
-from .session import Session
-from .task import Task
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import bpy
 
+from ...backend.rendering.frame_task import Moment
 from ..scene.camera import render_region
 from .cycles_scene import is_in_scene
+from .frame_setup import Stage
 from .passes import Pass, cryptomatte_passes, wanted_passes
-from .stage import Stage
-from .task import Moment
 
 
 class Pending(NamedTuple):

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...backend.shot import DEPTH_BACKGROUND, Frame
-from .cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
+from ...backend.records.shot import DEPTH_BACKGROUND, Frame
+from ...backend.rendering.cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
 from .picture import Picture
 
 ScenePasses = Mapping[str, np.ndarray]

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...backend.composition import Layer, joined, mean_frame, over, visible_parts
-from ...backend.shot import Frame, empty_frame
+from ...backend.records.shot import Frame, empty_frame
+from ...backend.rendering.composition import Layer, joined, mean_frame, over, visible_parts
+from ...backend.rendering.frame_task import Moment
 from ..scene.grade import graded
-from .stage import Stage
-from .task import Moment
+from .frame_setup import Stage
 
 if TYPE_CHECKING:
-    from ...backend.surface_maps import SurfaceMaps
+    from ...backend.rendering.surface_maps import SurfaceMaps
 
 _SOLID_ALPHA = 0.5
 
@@ -93,7 +93,10 @@ def _coverage(stage: Stage, shown: Sequence[Sequence[Frame]]) -> dict[str, np.nd
 
 def _surface(stage: Stage) -> SurfaceMaps:
     """At the moment nearest to the frame itself: mean normals or places lie nowhere."""
-    from ...backend.surface_maps import nearest_maps, surface_maps  # bring torch, which may be missing until a render
+    from ...backend.rendering.surface_maps import (  # bring torch, which may be missing until a render
+        nearest_maps,
+        surface_maps,
+    )
 
     shots = (task.shot for task in stage.task.moments[0])
     return nearest_maps([surface_maps(shot, actor.model) for shot, actor in zip(shots, stage.actors, strict=True)])

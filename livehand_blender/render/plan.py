@@ -8,10 +8,10 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.errors import LiveHandError
+from ...backend.batch.chunk import ALL, Chunk
+from ...backend.records.errors import LiveHandError
 from ..rig.hand import find_hands
 from ..scene.settings import ENGINE
-from .chunk import ALL, Chunk
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,18 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from ...backend.batch.folders import writable_folder
+from ...backend.batch.frame_paths import FramePaths, frames_with_leftovers
+from ...backend.batch.interruption import Interruption
+from ...backend.batch.leases import Claim, Claims
+from ...backend.batch.progress import FrameProgress, FrameState, ShotOpened, Tell, Warned
+from ...backend.runtime.stdout import blender_silenced
 from ..scene.camera import output_size_px
 from ..scene.images import unreadable_images
-from ..stdout import blender_silenced
-from .claims import Claim, Claims
 from .engine import LiveHandRender
-from .folders import writable_folder
-from .frame_paths import FramePaths, frames_with_leftovers
 from .frame_writer import FrameWriter
-from .interruption import Interruption
 from .output import OutputSettings
 from .plan import SequencePlan, apply_plan, open_shot
-from .progress import FrameProgress, FrameState, ShotOpened, Tell, Warned
 
 
 def write_sequence(plan: SequencePlan, tell: Tell) -> None:

@@ -12,11 +12,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
-from ...backend.hand.model import PARENTS, HandModel
-from ...backend.shot import Side
-from .axes import joint_frames
-from .bones import (
+from ...backend.hand.bones import (
     FINGERS,
     RestBones,
     bone_name,
@@ -27,6 +23,10 @@ from .bones import (
     root_name,
     target_name,
 )
+from ...backend.hand.joint_axes import joint_frames
+from ...backend.hand.model import PARENTS, HandModel
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import Side
 from .drivers import drive_by_beta
 
 TARGET_M = 0.01  # length of a fingertip target's bone

@@ -9,11 +9,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ...backend.hand.bones import FINGERS, bone_name, control_name
 from ...backend.hand.gestures import Gesture
+from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
 from ...backend.hand.poses import POSES
-from .axes import euler_rad
-from .bones import FINGERS, bone_name, control_name
 from .drivers import drive_by_properties
 
 _FIST = POSES["Fist"].gesture

@@ -11,10 +11,10 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ...backend.rotation import axis_angle_to_matrix, matrix_to_quaternion
-from ...backend.shot import Side
+from ...backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
+from ...backend.hand.bones import FINGERS, bone_name, control_name, finger_joints, root_name, target_name
+from ...backend.records.shot import Side
 from .armature import rest_frames
-from .bones import FINGERS, bone_name, control_name, finger_joints, root_name, target_name
 from .drivers import drive_by_properties
 from .pose import hand_side, read_theta, set_rotation
 

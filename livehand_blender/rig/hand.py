@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel
+from ...backend.records.errors import LiveHandError
 from .armature import build_armature, drive_joints
 from .controls import add_controls
 from .fingertips import add_fingertip_targets

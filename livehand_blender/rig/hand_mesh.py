@@ -8,10 +8,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ...backend.hand.bones import bone_name, deform_name
+from ...backend.hand.corrective_keys import factor_correctives, quaternion_form
 from ...backend.hand.model import HandModel
 from .armature import rest_frames
-from .bones import bone_name, deform_name
-from .correctives import factor_correctives, quaternion_form
 from .drivers import drive_by_beta, drive_by_rotation
 
 # Blender's own limit: a key's value is clamped to its slider's range, drivers included.

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
-from ...backend.rotation import continuous
-from .bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.geometry.rotation import continuous
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.records.errors import LiveHandError
 from .controls import clear_controls
 from .pose import bone_quaternions, hand_side, wrist_locations
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, rest_flexion_deg
+from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
-from .axes import euler_rad
-from .bones import FINGERS, bone_name, finger_joints, rest_flexion_deg
 from .drivers import drive_by_properties
 
 LIMIT = "Joint Limits"

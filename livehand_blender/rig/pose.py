@@ -13,12 +13,12 @@ import bpy
 import mathutils
 import numpy as np
 
-from ...backend.errors import LiveHandError
+from ...backend.geometry.rotation import axis_angle_to_quaternion, matrix_to_axis_angle, quaternion_to_axis_angle
+from ...backend.hand.bones import bone_name, root_name
 from ...backend.hand.model import PARENTS
-from ...backend.rotation import axis_angle_to_quaternion, matrix_to_axis_angle, quaternion_to_axis_angle
-from ...backend.shot import HandPose, Side
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import HandPose, Side
 from .armature import rest_frames
-from .bones import bone_name, root_name
 from .controls import clear_controls
 
 

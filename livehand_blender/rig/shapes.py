@@ -8,8 +8,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.shot import Side
-from .bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.records.shot import Side
 
 _RING, _DIAMOND = "LiveHand Ring", "LiveHand Diamond"
 _RING_CORNERS = 24

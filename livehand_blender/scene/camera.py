@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...backend.camera import Camera
-from ...backend.errors import LiveHandError
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
 
 _BLENDER_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...backend.camera import Camera
+from ...backend.records.camera import Camera
 
 # Turns by this angle, and the square root of the share as radius, spread points evenly over a disc (Vogel 1979).
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...backend.shot import Frame
+from ...backend.records.shot import Frame
 
 
 @dataclass(frozen=True)

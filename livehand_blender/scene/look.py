@@ -19,8 +19,8 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...backend.errors import LiveHandError
-from ...backend.shot import Frame
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import Frame
 from .colour import in_working_space, rec709_to_working_space
 
 _GRID_SIZE = 33

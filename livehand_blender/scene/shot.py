@@ -8,10 +8,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.avatars import shipped_avatar_path
-from ...backend.camera import Camera
-from ...backend.errors import LiveHandError
-from ...backend.shot import Shot
+from ...backend.avatars.library import shipped_avatar_path
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import Shot
 from ..rig.hand import find_hands, mesh_of
 from ..rig.pose import read_hand_pose
 

@@ -8,13 +8,13 @@ from typing import ClassVar
 import bpy
 from bpy.props import StringProperty
 
-from ...backend.avatar_card import AvatarCard
-from ...backend.avatars import SKINS, shipped_avatar_path
-from ...backend.errors import LiveHandError
-from ..gallery import Gallery
+from ...backend.avatars.library import SKINS, shipped_avatar_path
+from ...backend.avatars.metadata import AvatarCard
+from ...backend.records.errors import LiveHandError
 from ..scene.shot import hand_source
-from .on_hand import HandTab, OnHand, Tab, polled_hand
-from .wrapped import draw_wrapped
+from .active_hand import HandTab, OnHand, Tab, polled_hand
+from .avatar_library import Gallery
+from .wrapped_text import draw_wrapped
 
 _PICTURE, _THUMBNAIL = 7.0, 5.0  # scales of icons
 _COLUMNS = 3

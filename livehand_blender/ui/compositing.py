@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.errors import LiveHandError
+from ...backend.records.errors import LiveHandError
 from ..compositing.hand_over_plate import Plate, hand_over_plate
 from ..compositing.hand_over_scene import hand_over_scene
 from ..compositing.picture_files import PictureFiles

@@ -8,10 +8,10 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...backend.errors import LiveHandError
-from ..foreign_rig.character_file import joint_map_of
-from ..foreign_rig.own_hand import make_own_hand
-from .on_hand import Tab
+from ...backend.records.errors import LiveHandError
+from ..retarget.character_file import joint_map_of
+from ..retarget.hand_from_mesh import make_own_hand
+from .active_hand import Tab
 
 _SIDES = (
     ("auto", "As the Bones Tell", "The hand that more bones are found of"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..rig.keyframes import hand_channels
-from .on_hand import active_hand
+from .active_hand import active_hand
 from .posing import has_controls
 
 

@@ -11,15 +11,15 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.errors import LiveHandError
-from ...backend.pose_files.describe import describe
-from ..foreign_rig.importing import RIG_SUFFIXES
-from ..foreign_rig.take import TakeRequest, key_take
+from ...backend.motion.describe import describe
+from ...backend.motion.request import Changes, changed, motion_from, open_files
+from ...backend.records.errors import LiveHandError
 from ..motion.keying import Placement, key_motion
-from ..motion.request import Changes, changed, motion_from, open_files
+from ..retarget.importing import RIG_SUFFIXES
+from ..retarget.take import TakeRequest, key_take
 from . import motion_export, motion_files
+from .active_hand import HandTab, OnHand, model_of, polled_hand
 from .motion_settings import MotionSettings
-from .on_hand import HandTab, OnHand, model_of, polled_hand
 
 _LINE_CHARACTERS = 40  # what the side panel of the file browser shows without cutting it
 _LARGEST_SHOWN_BYTES = 64 << 20  # what the file browser reads by itself; larger files are read when they are imported

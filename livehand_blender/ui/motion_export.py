@@ -8,10 +8,10 @@ import bpy
 from bpy.props import BoolProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...backend.errors import LiveHandError
-from ...backend.pose_files.formats.own import write_motion
+from ...backend.motion.formats.own import write_motion
+from ...backend.records.errors import LiveHandError
 from ..motion.keying import sample_motion
-from .on_hand import OnHand, active_hand
+from .active_hand import OnHand, active_hand
 
 
 class LIVEHAND_OT_export_motion(OnHand, bpy.types.Operator, ExportHelper):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .on_hand import active_hand
+from .active_hand import active_hand
 
 _POSES, _LANDMARKS, _RIGS = ".npz;.npy;.pkl", ".json;.csv", ".bvh;.fbx;.glb;.gltf"
 PATTERN = ";".join(f"*{suffix}" for suffix in ";".join((_POSES, _LANDMARKS, _RIGS)).split(";"))

@@ -5,15 +5,16 @@ import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from mathutils import Matrix
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.model import HandModel, upright
 from ...backend.hand.model_file import load_default_hand, load_hand_model
-from ..dependencies import install_command, missing_requirements
+from ...backend.records.errors import LiveHandError
+from ...backend.runtime.dependencies import install_command, missing_requirements
 from ..render.memory import free_memory
+from ..render.renderer_loading import packages_folder
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
-from .on_hand import OnHand, active_hand
+from .active_hand import OnHand, active_hand
 
 
 def load_hand(path: str) -> HandModel:
@@ -110,7 +111,7 @@ class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
 
     def execute(self, context):
         """Put the command on the clipboard, and show it."""
-        command = install_command(missing_requirements())
+        command = install_command(missing_requirements(), packages_folder())
         context.window_manager.clipboard = command
         self.report({"INFO"}, f"Copied: {command}")
         return {"FINISHED"}

@@ -2,11 +2,11 @@
 
 import bpy
 
-from ..dependencies import missing_requirements
-from ..preferences import draw_install_help
+from ...backend.runtime.dependencies import missing_requirements
 from ..scene.settings import ENGINE
+from .active_hand import HandTab, Tab, active_hand, polled_hand
 from .avatars import draw_choice
-from .on_hand import HandTab, Tab, active_hand, polled_hand
+from .preferences import draw_install_help
 from .shape import shape_names
 
 

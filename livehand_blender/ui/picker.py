@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
-from .on_hand import HandTab, polled_hand
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from .active_hand import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
-from ...backend.errors import LiveHandError
-from ..rig.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.keyframes import key_finger
-from .on_hand import active_hand, polled_hand
+from .active_hand import active_hand, polled_hand
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
 _FINGER_ITEMS = tuple(

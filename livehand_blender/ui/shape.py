@@ -6,10 +6,10 @@ import bpy
 import numpy as np
 from bpy.props import FloatProperty, IntProperty
 
-from ...backend.errors import LiveHandError
 from ...backend.hand.measurements import check_has_shapes, fit_beta
 from ...backend.hand.model import HandModel
-from .on_hand import OnHand, model_of, polled_hand
+from ...backend.records.errors import LiveHandError
+from .active_hand import OnHand, model_of, polled_hand
 
 # Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
 _NAMES = (

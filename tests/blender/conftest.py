@@ -12,7 +12,7 @@ import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.shot import HandPose
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.hand import add_hand
 
 
@@ -96,8 +96,8 @@ def fake_renderer():
 @pytest.fixture
 def fake_session(registered, fake_renderer, monkeypatch):
     """The engine's session, with the fake renderer; its `made` lists the renderers it has asked for."""
+    from livehand.backend.avatars.session import Session
     from livehand.livehand_blender.render.engine import LiveHandRender
-    from livehand.livehand_blender.render.session import Session
 
     made = []
 

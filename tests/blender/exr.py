@@ -4,7 +4,7 @@ import struct
 import zlib
 
 import numpy as np
-from livehand.livehand_blender.render.frame_file import read_exr_header
+from livehand.backend.batch.frame_file import read_exr_header
 
 ROWS_PER_CHUNK = 16
 

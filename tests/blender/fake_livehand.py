@@ -9,7 +9,7 @@ import time
 from types import SimpleNamespace
 
 import numpy as np
-from livehand.backend.shot import DEPTH_BACKGROUND, Frame
+from livehand.backend.records.shot import DEPTH_BACKGROUND, Frame
 
 
 class FakeRenderer:
@@ -39,9 +39,9 @@ class FakeRenderer:
 
 def main(argv):
     import livehand
+    from livehand.backend.avatars.session import Session
     from livehand.livehand_blender.cli import main
     from livehand.livehand_blender.render.engine import LiveHandRender
-    from livehand.livehand_blender.render.session import Session
 
     livehand.register()
     LiveHandRender.hands_session = Session(FakeRenderer)

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from livehand.backend.foreign_rig.skeleton import JointMap
+from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_quaternion
+from livehand.backend.retarget.skeleton import JointMap
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 

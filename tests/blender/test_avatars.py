@@ -6,12 +6,12 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.avatar import load_avatar, save_avatar
-from livehand.backend.avatar_card import read_card
-from livehand.backend.avatars import SKINS, shipped_avatar_path
-from livehand.livehand_blender import gallery as gallery_module
-from livehand.livehand_blender.gallery import Gallery
+from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.avatars.library import SKINS, shipped_avatar_path
+from livehand.backend.avatars.metadata import read_card
 from livehand.livehand_blender.scene.shot import hand_source
+from livehand.livehand_blender.ui import avatar_library as gallery_module
+from livehand.livehand_blender.ui.avatar_library import Gallery
 from livehand.livehand_blender.ui.avatars import facts
 
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import bpy
 import pytest
-from livehand.backend.errors import LiveHandError
+from livehand.backend.batch.folders import folders_of
+from livehand.backend.batch.frame_file import is_finished
+from livehand.backend.batch.leases import process_space
+from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender import cli
-from livehand.livehand_blender.render.claims import process_space
 from livehand.livehand_blender.render.command import parse_chunk
-from livehand.livehand_blender.render.folders import folders_of
-from livehand.livehand_blender.render.frame_file import is_finished
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
 KILL_TEST = Path(__file__).parents[2] / "examples" / "kill_test.py"
@@ -170,7 +170,7 @@ def test_what_kills_left_is_removed_and_what_lives_is_not(shot_path, tmp_path, f
 
 
 def test_a_frame_that_is_taken_over_meanwhile_is_dropped(shot_path, tmp_path, fake_session, capsys, monkeypatch):
-    monkeypatch.setattr("livehand.livehand_blender.render.claims.Claims.holds", lambda self, claim: claim.frame != 2)
+    monkeypatch.setattr("livehand.backend.batch.leases.Claims.holds", lambda self, claim: claim.frame != 2)
     assert render(shot_path, "-o", tmp_path / "out") == 0
     assert "1 left to other processes" in capsys.readouterr().out
     assert len(list((tmp_path / "out").glob("*.exr"))) == 2

@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.benchmark.motion import Moment
-from livehand.backend.camera import Camera, look_at
-from livehand.backend.shot import HandPose
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.benchmark import command
 from livehand.livehand_blender.benchmark.cycles import CyclesHand
 from livehand.livehand_blender.capture.scene import capture_scene

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from livehand.backend.errors import LiveHandError
+from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.scene.camera import image_size_px, output_size_px, read_camera, render_region
 from mathutils import Euler, Matrix, Vector
 

@@ -10,19 +10,19 @@ import bpy
 import numpy as np
 import pytest
 import torch
-from livehand.backend.camera import Camera, look_at
-from livehand.backend.capture import index_document, load_capture
-from livehand.backend.errors import LiveHandError
+from livehand.backend.captures.capture import index_document, load_capture
+from livehand.backend.captures.plan import UPRIGHT, CapturePlan
 from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.builtin.beauty import detailed_surface
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.shot import HandPose
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
-from livehand.livehand_blender.capture.plan import UPRIGHT, CapturePlan
 from livehand.livehand_blender.capture.render import is_whole, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SKIN_TONES

@@ -9,9 +9,9 @@ import time
 from collections import Counter
 
 import pytest
-from livehand.backend.errors import LiveHandError
-from livehand.livehand_blender.render import claims as claims_module
-from livehand.livehand_blender.render.claims import STALE_S, UNSIGNED_S, Claims, process_space
+from livehand.backend.batch import leases as claims_module
+from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, Claims, process_space
+from livehand.backend.records.errors import LiveHandError
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.avatar import PRESETS, new_avatar, save_avatar
+from livehand.backend.avatars.file import save_avatar
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.livehand_blender import cli
 from livehand.livehand_blender.render.command import parse_formats, parse_frames, parse_size_px
 from PIL import Image
@@ -238,7 +239,7 @@ def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
 
 CHATTER = """
 import ctypes
-from livehand.livehand_blender.stdout import blender_silenced
+from livehand.backend.runtime.stdout import blender_silenced
 print("before")
 with blender_silenced():
     print("python")

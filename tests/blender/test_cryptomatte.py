@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from livehand.livehand_blender.render.cryptomatte import (
+from livehand.backend.rendering.cryptomatte import (
     crypto_hash,
     crypto_id,
     crypto_metadata,
@@ -44,7 +44,7 @@ def test_ids_are_those_of_the_specifications_own_program(name, expected):
 
 
 def test_every_id_is_a_normal_float(monkeypatch):
-    module = "livehand.livehand_blender.render.cryptomatte.murmur3_32"
+    module = "livehand.backend.rendering.cryptomatte.murmur3_32"
     for bits in (0x00000001, 0x7F800000, 0xFF800001, 0x807FFFFF):
         monkeypatch.setattr(module, lambda data, bits=bits: bits)
         assert np.isfinite(crypto_id("x"))

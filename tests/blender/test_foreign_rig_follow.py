@@ -3,16 +3,16 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
-from livehand.backend.foreign_rig.naming import guess_joints
-from livehand.backend.foreign_rig.shape_fit import rest_nodes
+from livehand.backend.hand.bones import bone_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.foreign_rig.bake import bake
-from livehand.livehand_blender.foreign_rig.follow import follow, is_following, stop_following
-from livehand.livehand_blender.foreign_rig.skeleton import read_skeleton
-from livehand.livehand_blender.rig.bones import bone_name
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.retarget.naming import guess_joints
+from livehand.backend.retarget.shape_fit import rest_nodes
+from livehand.livehand_blender.retarget.bake import bake
+from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following
+from livehand.livehand_blender.retarget.skeleton import read_skeleton
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 

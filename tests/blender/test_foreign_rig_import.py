@@ -3,12 +3,12 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.foreign_rig.shape_fit import rest_nodes
+from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from livehand.livehand_blender.foreign_rig.importing import _everything
+from livehand.backend.retarget.shape_fit import rest_nodes
+from livehand.livehand_blender.retarget.importing import _everything
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
@@ -179,7 +179,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
 
 
 def test_an_importer_that_is_not_enabled_is_asked_for(hand, model, tmp_path, monkeypatch):
-    from livehand.livehand_blender.foreign_rig import importing
+    from livehand.livehand_blender.retarget import importing
 
     monkeypatch.setattr(importing, "_importer", lambda suffix: None)
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)

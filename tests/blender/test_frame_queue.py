@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from livehand.backend.camera import Camera
-from livehand.backend.errors import LiveHandError
-from livehand.backend.shot import HandPose, Shot, empty_frame
-from livehand.livehand_blender.render.frame_queue import FrameQueue
-from livehand.livehand_blender.render.task import Task
+from livehand.backend.records.camera import Camera
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose, Shot, empty_frame
+from livehand.backend.rendering.frame_queue import FrameQueue
+from livehand.backend.rendering.frame_task import Task
 
 SECONDS = 10  # no test waits that long unless it fails
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.shot import Frame
+from livehand.backend.records.shot import Frame
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.scene.grade import Grade, graded
 

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.render.cryptomatte import crypto_id
+from livehand.backend.rendering.cryptomatte import crypto_id
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from mathutils import Matrix
 from PIL import Image

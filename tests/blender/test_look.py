@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
-from livehand.backend.shot import Frame
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import Frame
 from livehand.livehand_blender.scene import look
 from livehand.livehand_blender.scene.look import frame_with_kept_look, kept_look
 from PIL import Image

@@ -5,16 +5,16 @@ import time
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.pose_files.formats.own import write_motion
-from livehand.backend.pose_files.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
-from livehand.backend.pose_files.motion import HandMotion
-from livehand.backend.pose_files.opening import open_pose_file
-from livehand.backend.pose_files.placing import TO_BLENDER
-from livehand.backend.rotation import axis_angle_to_matrix
-from livehand.livehand_blender.foreign_rig.importing import RIG_SUFFIXES
+from livehand.backend.motion.formats.own import write_motion
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
+from livehand.backend.motion.motion import HandMotion
+from livehand.backend.motion.opening import open_pose_file
+from livehand.backend.motion.placing import TO_BLENDER
+from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose

@@ -5,8 +5,9 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.shot import HandPose
-from livehand.livehand_blender import dependencies
+from livehand.backend.records.shot import HandPose
+from livehand.backend.runtime import dependencies
+from livehand.livehand_blender.render import renderer_loading
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.scene.settings import use_livehand
@@ -124,11 +125,13 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     assert fake in dependencies.missing_requirements()
     command = dependencies.install_command((fake,))
     assert command == f'"{sys.executable}" -m pip install "fake>=1" "numpy=={np.__version__}"'
+    assert renderer_loading.packages_folder() is None
     monkeypatch.setattr(
-        dependencies, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
+        renderer_loading, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
     )
     target = bpy.utils.user_resource("SCRIPTS", path="modules")
-    assert f'pip install --target "{target}" "fake>=1"' in dependencies.install_command((fake,))
+    command = dependencies.install_command((fake,), renderer_loading.packages_folder())
+    assert f'pip install --target "{target}" "fake>=1"' in command
 
 
 def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):

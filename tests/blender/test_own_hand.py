@@ -9,28 +9,28 @@ import bpy
 import numpy as np
 import pytest
 import torch
-from livehand.backend.avatar import load_avatar
-from livehand.backend.capture import load_capture
-from livehand.backend.errors import LiveHandError
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.plan import CapturePlan
+from livehand.backend.commands.inspect import inspect
 from livehand.backend.evaluation.metrics import alpha_iou
-from livehand.backend.foreign_rig.hand_model import make_hand_model
+from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import PARENTS
 from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
-from livehand.backend.inspect_command import inspect
-from livehand.backend.pose_files.formats.own import write_motion
-from livehand.backend.pose_files.motion import HandMotion
-from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_quaternion
-from livehand.backend.shot import HandPose
+from livehand.backend.motion.formats.own import write_motion
+from livehand.backend.motion.motion import HandMotion
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
+from livehand.backend.retarget.hand_from_mesh.hand_model import make_hand_model
 from livehand.livehand_blender.capture.own_surface import OwnSurface
-from livehand.livehand_blender.capture.plan import CapturePlan
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
-from livehand.livehand_blender.foreign_rig.follow import follow
-from livehand.livehand_blender.foreign_rig.own_hand import make_own_hand, mesh_skinned_to
-from livehand.livehand_blender.foreign_rig.rest_mesh import read_rest_mesh
-from livehand.livehand_blender.foreign_rig.skeleton import read_skeleton
+from livehand.livehand_blender.retarget.follow import follow
+from livehand.livehand_blender.retarget.hand_from_mesh import make_own_hand, mesh_skinned_to
+from livehand.livehand_blender.retarget.rest_mesh import read_rest_mesh
+from livehand.livehand_blender.retarget.skeleton import read_skeleton
 from livehand.livehand_blender.rig.hand import add_hand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
 from livehand.livehand_blender.scene.settings import use_livehand

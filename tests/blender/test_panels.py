@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender import dependencies
-from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
+from livehand.backend.runtime import dependencies
 from livehand.livehand_blender.rig.hand import add_hand, find_hands
 from livehand.livehand_blender.ui import avatars, compositing, panels, picker
+from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
 UI = bpy.types.UILayout.bl_rna.functions
 
@@ -172,7 +172,7 @@ def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatc
     assert "livehand.copy_install_command" not in draw(panel)
     fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
     monkeypatch.setattr(dependencies, "REQUIREMENTS", (fake,))
-    monkeypatch.setattr("livehand.livehand_blender.preferences.REQUIREMENTS", (fake,))
+    monkeypatch.setattr("livehand.livehand_blender.ui.preferences.REQUIREMENTS", (fake,))
     assert "livehand.copy_install_command" in draw(panel)
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.hand.bones import FINGERS, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.rig.bones import FINGERS, target_name
 from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 

@@ -52,7 +52,7 @@ def test_unregister_leaves_nothing_and_register_works_again():
 
 
 def test_preferences_belong_to_the_installed_package():
-    from livehand.livehand_blender.preferences import LIVEHAND_AP_preferences
+    from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
     assert LIVEHAND_AP_preferences.bl_idname == "livehand"
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.shot import HandPose
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from livehand.backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from livehand.backend.shot import HandPose
-from livehand.livehand_blender.rig.bones import FINGERS, bone_name, finger_joints, target_name
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.fingertips import move_bones_to_ik, move_targets_to_fingertips
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose

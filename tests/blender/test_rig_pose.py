@@ -3,12 +3,12 @@ import math
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
+from livehand.backend.hand.bones import bone_name, rest_bones
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.shot import HandPose
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig import pose as rig_pose
-from livehand.livehand_blender.rig.bones import bone_name, rest_bones
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta

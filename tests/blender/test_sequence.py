@@ -10,11 +10,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
-from livehand.livehand_blender.render import frame_paths
-from livehand.livehand_blender.render.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
+from livehand.backend.batch import frame_paths
+from livehand.backend.batch.frame_file import BrokenFrameError, check_frame, is_finished, read_exr_header
+from livehand.backend.batch.progress import FrameProgress, ShotTally
+from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.plan import SequencePlan
-from livehand.livehand_blender.render.progress import FrameProgress, ShotTally
 from livehand.livehand_blender.render.sequence import write_sequence
 from PIL import Image
 

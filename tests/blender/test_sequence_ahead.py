@@ -7,13 +7,13 @@ import time
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
-from livehand.backend.renderer import RenderStopped
-from livehand.livehand_blender.render import frame_paths
+from livehand.backend.batch import frame_paths
+from livehand.backend.batch.frame_file import check_frame
+from livehand.backend.batch.progress import ShotTally
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.rendering.renderer import RenderStopped
 from livehand.livehand_blender.render.engine import LiveHandRender
-from livehand.livehand_blender.render.frame_file import check_frame
 from livehand.livehand_blender.render.plan import SequencePlan
-from livehand.livehand_blender.render.progress import ShotTally
 from livehand.livehand_blender.render.sequence import write_sequence
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 

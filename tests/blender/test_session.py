@@ -3,9 +3,9 @@
 import sys
 
 import pytest
-from livehand.backend.errors import LiveHandError
+from livehand.backend.avatars.session import Device, Session, load_renderer
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.render.session import Device, Session, load_renderer
+from livehand.backend.records.errors import LiveHandError
 
 
 class Made:
@@ -54,7 +54,7 @@ def test_a_missing_file_is_named(session, tmp_path):
 
 
 def test_a_missing_package_is_named_with_its_remedy(monkeypatch):
-    monkeypatch.setitem(sys.modules, "livehand.backend.avatar", None)
+    monkeypatch.setitem(sys.modules, "livehand.backend.avatars.file", None)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(LiveHandError, match=r"lacks: torch; install them with: .*pip install"):
         load_renderer(None, load_default_hand(), Device())

@@ -7,13 +7,13 @@ import bpy
 import gpu
 import numpy as np
 import pytest
+from livehand.livehand_blender.render.viewport import viewport as viewport_module
+from livehand.livehand_blender.render.viewport.draw import PictureTexture, draw_message
+from livehand.livehand_blender.render.viewport.picture import Picture
+from livehand.livehand_blender.render.viewport.studio import Studio
+from livehand.livehand_blender.render.viewport.view import Rectangle
+from livehand.livehand_blender.render.viewport.viewport import Viewport
 from livehand.livehand_blender.rig.hand import find_hands
-from livehand.livehand_blender.viewport import viewport as viewport_module
-from livehand.livehand_blender.viewport.draw import PictureTexture, draw_message
-from livehand.livehand_blender.viewport.picture import Picture
-from livehand.livehand_blender.viewport.studio import Studio
-from livehand.livehand_blender.viewport.view import Rectangle
-from livehand.livehand_blender.viewport.viewport import Viewport
 from mathutils import Matrix
 
 SIZE_PX = (160, 120)

@@ -3,13 +3,13 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.camera import Camera
-from livehand.backend.shot import empty_frame
-from livehand.livehand_blender.render.session import Session
+from livehand.backend.avatars.session import Session
+from livehand.backend.records.camera import Camera
+from livehand.backend.records.shot import empty_frame
+from livehand.livehand_blender.render.viewport.picture import Order, picture_of
+from livehand.livehand_blender.render.viewport.subject import read_subjects
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.viewport.picture import Order, picture_of
-from livehand.livehand_blender.viewport.subject import read_subjects
 
 
 def view_space():

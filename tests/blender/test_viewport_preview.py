@@ -4,7 +4,7 @@ import threading
 import time
 
 import pytest
-from livehand.livehand_blender.viewport.preview import Preview
+from livehand.backend.rendering.preview_scheduler import Preview
 
 PATIENCE_S = 5
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.errors import LiveHandError
+from livehand.backend.records.errors import LiveHandError
+from livehand.livehand_blender.render.viewport.view import read_view, region_camera
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.viewport.view import read_view, region_camera
 from mathutils import Matrix
 
 REGION_PX = (300, 200)

@@ -78,7 +78,7 @@ def expect_the_take(wrist_before, report):
     frames = key_frames("left")
     report.check(frames == list(range(1, TAKE_FRAMES + 1)), f"the take's keys are at {frames[:3]}...{frames[-3:]}")
     points = np.array(
-        module("backend.pose_files.document").load_document(EXAMPLES / "take.json").content["world_landmarks"]
+        module("backend.motion.document").load_document(EXAMPLES / "take.json").content["world_landmarks"]
     )
     worst = 0.0
     for index in (0, 7, 12, 18, 23):

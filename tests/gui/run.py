@@ -22,9 +22,11 @@ BLENDER_SECONDS = 600
 
 PRINT_INSTALL_COMMAND = """
 import importlib, json
-dependencies = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.dependencies")
+dependencies = importlib.import_module("bl_ext.user_default.livehand.backend.runtime.dependencies")
+loading = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.render.renderer_loading")
 missing = dependencies.missing_requirements()
-print("MISSING " + json.dumps([[each.module for each in missing], dependencies.install_command(missing)]))
+command = dependencies.install_command(missing, loading.packages_folder())
+print("MISSING " + json.dumps([[each.module for each in missing], command]))
 """
 
 

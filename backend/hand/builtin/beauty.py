@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import LiveHandError
+from ...records.errors import LiveHandError
 from ..model import HandModel
 from .asset import read_extras
 from .dependencies import needs

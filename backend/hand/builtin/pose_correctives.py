@@ -11,7 +11,7 @@ import numpy as np
 import torch
 import trimesh
 
-from ...geometry.rotation import axis_angle_to_matrix
+from ...geometry.torch_rotation import axis_angle_to_matrix
 from ..lbs import joint_transforms
 from ..model import PARENTS
 from .anatomy import DIGITS

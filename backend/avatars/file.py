@@ -1,0 +1,149 @@
+"""An avatar: the trained field and super-resolution of one hand, and its file (`.safetensors`, never a pickle).
+
+The header's one entry `livehand` is JSON: format version, the hand model it was trained on, configuration, provenance,
+metrics, and a checksum over everything else, so that an altered file is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from ..nerf.avatar import Avatar, AvatarConfig
+from ..nerf.field import FieldConfig, build_field
+from ..nerf.sampler import SamplerConfig
+from ..nerf.superres import SuperResConfig, build_superres
+from ..records.errors import LiveHandError
+from .library import shipped_avatar_path
+
+FORMAT_VERSION = 1
+_HEADER_KEY = "livehand"
+_PORTRAIT = "portrait"  # among the tensors
+
+
+def save_avatar(avatar: Avatar, path: Path) -> None:
+    """Write the avatar, weights in half precision, to a temporary name and then in place."""
+    tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
+    if avatar.portrait is not None:
+        tensors[_PORTRAIT] = torch.from_numpy(avatar.portrait)
+    header = {
+        "format_version": FORMAT_VERSION,
+        "name": avatar.name,
+        "hand_name": avatar.hand_name,
+        "hand_sha256": avatar.hand_sha256,
+        "config": asdict(avatar.config),
+        "provenance": avatar.provenance,
+        "metrics": avatar.metrics,
+    }
+    header["checksum"] = _checksum(header, tensors)
+    partial = path.with_suffix(".partial")
+    partial.write_bytes(save(tensors, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)}))
+    partial.replace(path)
+
+
+def load_avatar(path: Path | str | None = None) -> Avatar:
+    """Read an avatar; None reads the first of the shipped ones.
+
+    Raises:
+        LiveHandError: no such file, not an avatar, truncated, altered, or of a newer version.
+    """
+    path = Path(path) if path is not None else shipped_avatar_path()
+    header, tensors = _read(path)
+    config = _config_of(header["config"], path)
+    avatar = Avatar(
+        name=header["name"],
+        hand_name=header["hand_name"],
+        hand_sha256=header["hand_sha256"],
+        config=config,
+        field=build_field(config.field),
+        superres=build_superres(config.superres),
+        provenance=header["provenance"],
+        metrics=header["metrics"],
+        portrait=tensors.pop(_PORTRAIT).numpy() if _PORTRAIT in tensors else None,
+    )
+    try:
+        _load_state(avatar, {key: value.float() for key, value in tensors.items()})
+    except RuntimeError as error:
+        raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
+    return avatar
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """The avatar's header alone, checked."""
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    if not path.is_file():
+        raise LiveHandError(f"no avatar at {path}; give the path of an avatar's .safetensors file")
+    try:
+        with safe_open(path, framework="pt") as archive:
+            metadata = archive.metadata() or {}
+            tensors = {key: archive.get_tensor(key) for key in archive.keys()}
+    except (SafetensorError, OSError) as error:
+        raise LiveHandError(
+            f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}"
+        ) from error
+    if _HEADER_KEY not in metadata:
+        raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
+    header = _parsed(metadata[_HEADER_KEY], path)
+    if header.get("format_version") != FORMAT_VERSION:
+        raise LiveHandError(
+            f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
+        )
+    if header.pop("checksum", None) != _checksum(header, tensors):
+        raise LiveHandError(_damaged(path))
+    return header, tensors
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        header = json.loads(text)
+    except ValueError as error:
+        raise LiveHandError(_damaged(path)) from error
+    if not isinstance(header, dict):
+        raise LiveHandError(_damaged(path))
+    return header
+
+
+def _damaged(path: Path) -> str:
+    return f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again"
+
+
+def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
+    for key in sorted(tensors):
+        digest.update(key.encode())
+        digest.update(tensors[key].numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _state(avatar: Avatar) -> dict[str, Tensor]:
+    parts = (("field.", avatar.field), ("superres.", avatar.superres))
+    return {prefix + key: value for prefix, module in parts for key, value in module.state_dict().items()}
+
+
+def _load_state(avatar: Avatar, tensors: dict[str, Tensor]) -> None:
+    for prefix, module in (("field.", avatar.field), ("superres.", avatar.superres)):
+        module.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+
+
+def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
+    try:
+        planes = tuple(tuple(plane) for plane in values["field"]["planes"])
+        superres: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["superres"].items()}
+        return AvatarConfig(
+            FieldConfig(**{**values["field"], "planes": planes}),
+            SuperResConfig(**superres),
+            SamplerConfig(**values["sampler"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise LiveHandError(f"{path}: the avatar's configuration must be this version's, got {error}") from error

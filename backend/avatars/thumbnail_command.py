@@ -1,0 +1,30 @@
+"""`livehand portrait`: gives an avatar's file the picture that it is chosen by; training does so by itself."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from ..runtime.command import Command
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("avatar", type=Path, help=".safetensors, whose picture is taken anew")
+    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..rendering.renderer import Renderer
+    from .file import load_avatar, save_avatar
+    from .thumbnail import portrait
+
+    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    avatar = load_avatar(args.avatar)
+    save_avatar(replace(avatar, portrait=portrait(Renderer(avatar, hand, args.device))), args.avatar)
+    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: portrait taken"}
+
+
+COMMAND = Command("portrait", "take the picture that an avatar is chosen by", _add_arguments, _run)

@@ -1,0 +1,1 @@
+"""Many frames on disk, by many processes: leases, frame files, progress, provenance, workers."""

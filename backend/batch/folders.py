@@ -1,0 +1,57 @@
+"""The folders that frames are written to."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ..records.errors import LiveHandError
+
+
+@contextlib.contextmanager
+def writable_folder(folder: Path) -> Iterator[int]:
+    """Make the folder and see that it takes files; one that was made for nothing is removed again.
+
+    Yields:
+        What the clock that dates the folder's files says now, ns.
+
+    Raises:
+        LiveHandError: it cannot be made or written to.
+    """
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            now_ns = os.fstat(file.fileno()).st_mtime_ns
+    except OSError as error:
+        raise LiveHandError(
+            f"the output folder {folder} must be writable ({error.strerror}); choose another"
+        ) from error
+    try:
+        yield now_ns
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):  # it holds frames, or another process uses it
+                folder.rmdir()
+
+
+def folders_of(shots: Sequence[Path], output: Path) -> dict[Path, Path]:
+    """Where each shot's frames go: all into `output` if there is one shot, or else into a folder of its name.
+
+    Raises:
+        LiveHandError: two shots have the same name.
+    """
+    if len(shots) == 1:
+        return {shots[0]: output}
+    by_name: dict[str, Path] = {}
+    for shot in shots:
+        other = by_name.setdefault(shot.stem.casefold(), shot)
+        if other is not shot:
+            raise LiveHandError(
+                f"shots must differ in name, each has a folder of its own; got {other} and {shot}; "
+                "rename one, or render it into another folder"
+            )
+    return {shot: output / shot.stem for shot in shots}

@@ -1,0 +1,79 @@
+"""What `livehand render` prints: progress while it goes on, what failed at once, and the result."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from ..runtime.command import say
+from .progress import Event, Failed, FrameProgress, ShotTally, Tell, Warned, to_record
+
+
+class Report:
+    """The events of all shots, printed as text or one JSON object a line, and added up.
+
+    Args:
+        folders: shot -> where its frames go.
+        output: the folder of all.
+        as_json: print JSON.
+        is_quiet: do not repeat warnings and errors on stderr, as whoever reads the JSON does.
+    """
+
+    def __init__(self, folders: Mapping[Path, Path], output: Path, as_json: bool, is_quiet: bool = False):
+        self.tallies = {shot: ShotTally(folder) for shot, folder in folders.items()}
+        self._output, self._as_json, self._is_quiet = output, as_json, is_quiet
+
+    def of(self, shot: Path) -> Tell:
+        """Where one shot's events go."""
+        return partial(self.tell, shot)
+
+    def tell(self, shot: Path, event: Event) -> None:
+        """Add an event up, and print it if it is news."""
+        if self.tallies[shot].add(event):
+            self._show(shot, event)
+
+    def _show(self, shot: Path, event: Event) -> None:
+        if self._as_json:
+            say(json.dumps(to_record(shot, event)))
+        elif isinstance(event, FrameProgress):
+            say(f"{shot.stem} {event}" if len(self.tallies) > 1 else str(event))
+        if isinstance(event, Warned | Failed) and not self._is_quiet:
+            kind = "warning: " if isinstance(event, Warned) else ""
+            sys.stderr.write(f"livehand render: {shot}: {kind}{event.message}\n")
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether any shot has."""
+        return any(tally.errors for tally in self.tallies.values())
+
+    def result(self) -> dict[str, Any]:
+        """Totals, and each shot's own."""
+        files = [tally.result(shot) for shot, tally in self.tallies.items()]
+        seconds = [file["seconds_per_frame"] for file in files if file["written"]]
+        totals = {key: sum(file[key] for file in files) for key in ("frames", "written", "skipped", "left")}
+        return {
+            "folder": str(self._output),
+            **totals,
+            "seconds_per_frame": median(seconds) if seconds else 0.0,
+            "files": files,
+            "summary": self._summary(files),
+        }
+
+    def _summary(self, files: list[dict[str, Any]]) -> str:
+        lines = [_line(file) for file in files if len(files) > 1 or file["written"] or not file["error"]]
+        failed = [file["file"] for file in files if file["error"]]
+        if failed and len(files) > 1:
+            lines.append(f"failed: {', '.join(failed)}")
+        return "\n".join(lines)
+
+
+def _line(file: Mapping[str, Any]) -> str:
+    left = f", {file['left']} left to other processes" if file["left"] else ""
+    frames = file["written"] + file["skipped"] + file["left"]
+    done = f"{frames} frames ({file['written']} written, {file['skipped']} already there{left})"
+    return f"{file['folder']}: {done}, {file['seconds_per_frame']:.2f} s/frame" + (", failed" if file["error"] else "")

@@ -1,0 +1,132 @@
+"""`--jobs N`: the same command in N processes, which share the frames among themselves by claims.
+
+A worker prints JSON events, which are merged here. Its standard input is a pipe that nobody writes to: when that ends,
+because Ctrl-C was pressed here or this process was killed, the worker stops as at Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from queue import SimpleQueue
+
+from ..runtime.command import FAILED, OK
+from .progress import Failed, FrameProgress, from_record
+from .report import Report
+
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: Report) -> None:
+    """Run the command that this process was given in several others, until all have ended.
+
+    Args:
+        argv: all that the program was given.
+        jobs: how many.
+        began_ns: see `SequencePlan`.
+        report: told what they tell.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the workers have stopped.
+    """
+    command = [*_this_program(argv), *argv, "--json", "--worker", str(began_ns)]
+    workers = [
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=_environment(jobs))
+        for _ in range(jobs)
+    ]
+    try:
+        _merge(workers, report)
+    except KeyboardInterrupt:
+        _stop(workers)
+        raise
+    _tell_what_is_missing(workers, report)
+
+
+def stop_with_parent() -> None:
+    """In a worker: end as at Ctrl-C when the standard input ends."""
+
+    def wait() -> None:
+        os.read(sys.stdin.fileno(), 1)  # a buffered read that waits would abort Python's exit
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, name="livehand parent", daemon=True).start()
+
+
+def _this_program(argv: Sequence[str]) -> list[str]:
+    """The command line up to the program's own arguments: Python and a script or module, or Blender and `--command`."""
+    bpy = sys.modules.get("bpy")
+    executable = (bpy and bpy.app.binary_path) or sys.executable
+    if argv and sys.orig_argv[-len(argv) :] == list(argv):
+        return [executable, *sys.orig_argv[1 : -len(argv)]]
+    return [sys.executable, "-m", f"{str(__package__).removesuffix('.backend.batch')}.livehand_blender.cli"]
+
+
+def _environment(jobs: int) -> dict[str, str]:
+    """The workers share the cores, unless the user has said how."""
+    threads = str(max(1, (os.cpu_count() or 1) // jobs))
+    return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ
+
+
+def _merge(workers: Sequence[subprocess.Popen[str]], report: Report) -> None:
+    """Pass on what is news. That a frame is there, or left, may be told before its writer tells: that waits."""
+    not_written: list[tuple] = []
+    for record in _records(workers):
+        shot, event = from_record(record)
+        if not isinstance(event, FrameProgress) or event.state == "written":
+            report.tell(shot, event)
+        else:
+            not_written.append((shot, event))
+    for shot, event in sorted(not_written, key=lambda told: told[1].state != "skipped"):
+        report.tell(shot, event)
+
+
+def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
+    """The workers' events as they come, until all have ended."""
+    lines: SimpleQueue[str | None] = SimpleQueue()
+
+    def read(worker: subprocess.Popen[str]) -> None:
+        assert worker.stdout is not None
+        for line in worker.stdout:
+            lines.put(line)
+        worker.wait()  # at once: until then the process exists, and what it had claimed is not taken over
+        lines.put(None)
+
+    for worker in workers:
+        threading.Thread(target=read, args=(worker,), daemon=True).start()
+    running = len(workers)
+    while running:
+        line = lines.get()
+        running -= line is None
+        if line and line.startswith('{"event"'):
+            yield json.loads(line)
+
+
+def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
+    """Ask all to stop, and wait; at a second Ctrl-C kill them."""
+    for worker in workers:
+        if worker.stdin:
+            worker.stdin.close()
+    try:
+        for worker in workers:
+            worker.wait()
+    except KeyboardInterrupt:
+        for worker in workers:
+            worker.kill()
+
+
+def _tell_what_is_missing(workers: Sequence[subprocess.Popen[str]], report: Report) -> None:
+    """Every shot must be complete or have an error, even if a worker was lost; what was left to that one is missing."""
+    codes = sorted({worker.returncode for worker in workers} - {OK})
+    is_lost = any(code != FAILED for code in codes)
+    ends = ", ".join(f"signal {-code}" if code < 0 else f"exit code {code}" for code in codes)
+    for shot, tally in report.tallies.items():
+        missing = tally.missing(with_left=is_lost)
+        if missing and not tally.errors:
+            report.tell(
+                shot, Failed(f"{missing} missing: a worker process failed ({ends}); run the same command again")
+            )

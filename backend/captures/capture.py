@@ -1,0 +1,214 @@
+"""The one on-disk multi-view format, written by `livehand capture`, by importers, and by users.
+
+A folder with
+- `transforms.json`: provenance, and per image its file, K (px), cam2world (OpenCV axes, m), size, camera index, pose
+  index, split, and its mask's file where it has one;
+- `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side;
+- images: RGBA, sRGB-encoded, straight (not premultiplied) alpha, as any PNG; or any picture, and beside it a mask:
+  a grey picture of its size, white where the hand is.
+
+docs/capture.md says the same for those who write one.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..records.camera import Camera
+from ..records.errors import LiveHandError
+from ..records.shot import HandPose, Side
+from .picture import ALPHA_MODES, no_alpha, read_mask, read_picture
+
+FORMAT = "livehand-capture"
+VERSION = 1
+
+Split = Literal["train", "novel_pose", "novel_camera", "test"]
+"""Held-out pose seen by a training camera, training pose seen by a held-out camera, `test`: both held out."""
+
+
+@dataclass(frozen=True)
+class CaptureView:
+    """One image of a capture; `mask` is the file of its alpha, None where the image carries its own."""
+
+    file: str
+    camera: Camera
+    camera_index: int
+    pose_index: int
+    split: Split
+    mask: str | None = None
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A capture folder, read and checked; images stay on disk until asked for."""
+
+    folder: Path
+    hand_sha256: str
+    provenance: dict
+    poses: tuple[HandPose, ...]
+    views: tuple[CaptureView, ...]
+
+    def of_split(self, split: Split) -> tuple[CaptureView, ...]:
+        """The views of one split, in file order."""
+        return tuple(view for view in self.views if view.split == split)
+
+    def read_image(self, view: CaptureView) -> np.ndarray:
+        """[H, W, 4] float32: sRGB-encoded colour times alpha (the image on black), and alpha.
+
+        Raises:
+            LiveHandError: the image is missing, unreadable, not RGBA, or not of the view's size.
+        """
+        pixels = self.read_pixels(view).astype(np.float32) / 255
+        return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
+
+    def read_pixels(self, view: CaptureView) -> np.ndarray:
+        """[H, W, 4] uint8: sRGB-encoded colour as it was photographed, and alpha.
+
+        Raises:
+            LiveHandError: as `read_image`, of the image or of its mask.
+        """
+        mode, pixels = read_picture(self.folder / view.file, "RGBA", view.camera.size_px)
+        if view.mask is not None:
+            alpha = read_mask(self.folder / view.mask, view.camera.size_px)
+            return np.concatenate([pixels[..., :3], alpha[..., None]], -1)
+        if mode not in ALPHA_MODES:
+            raise LiveHandError(no_alpha(self.folder / view.file, mode))
+        return pixels
+
+
+def load_capture(folder: Path | str) -> Capture:
+    """Read and check a capture folder's index and poses; `capture_check` looks at the images too.
+
+    Raises:
+        LiveHandError: naming the file and its faults.
+    """
+    folder = Path(folder)
+    document = _read_json(folder / "transforms.json")
+    if document.get("format") != FORMAT or document.get("version") != VERSION:
+        raise LiveHandError(
+            f"{folder / 'transforms.json'} must say format {FORMAT} version {VERSION}, "
+            f"got {document.get('format')!r} {document.get('version')!r}"
+        )
+    poses = _read_poses(folder / "poses.npz")
+    frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
+    if not isinstance(frames, list) or not isinstance(hand_sha256, str):
+        raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
+    views = _all_of(folder, ((_read_view, entry, len(poses)) for entry in frames))
+    return Capture(folder, hand_sha256, document.get("provenance", {}), poses, views)
+
+
+def save_capture_index(capture: Capture) -> None:
+    """Write `poses.npz` and `transforms.json`, each whole or not at all; the images are the writer's own business."""
+    arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
+    partial = capture.folder / "poses.partial"
+    with partial.open("wb") as file:
+        np.savez_compressed(file, side=np.array([pose.side for pose in capture.poses]), **arrays)
+    partial.replace(capture.folder / "poses.npz")
+    partial = capture.folder / "transforms.partial"
+    partial.write_text(index_document(capture))
+    partial.replace(capture.folder / "transforms.json")
+
+
+def index_document(capture: Capture) -> str:
+    """What `transforms.json` says of the capture."""
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "hand_sha256": capture.hand_sha256,
+        "provenance": capture.provenance,
+        "frames": [_view_entry(view) for view in capture.views],
+    }
+    return json.dumps(document, indent=1) + "\n"
+
+
+def _view_entry(view: CaptureView) -> dict:
+    mask = {} if view.mask is None else {"mask_path": view.mask}
+    return {
+        "file_path": view.file,
+        **mask,
+        "split": view.split,
+        "camera_index": view.camera_index,
+        "pose_index": view.pose_index,
+        "size_px": list(view.camera.size_px),
+        "K": view.camera.K.tolist(),
+        "cam2world": view.camera.cam2world.tolist(),
+    }
+
+
+def _all_of(subject: Path, readings: Iterable[tuple]) -> tuple:
+    """What each (function, *arguments) returns.
+
+    Raises:
+        LiveHandError: with all of their faults.
+    """
+    results, faults = [], []
+    for function, *arguments in readings:
+        try:
+            results.append(function(*arguments))
+        except LiveHandError as error:
+            faults.append(str(error))
+    if faults:
+        raise LiveHandError.of_faults(str(subject), faults)
+    return tuple(results)
+
+
+def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
+    if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
+        raise LiveHandError(f"every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
+    name, split, mask = entry["file_path"], entry.get("split"), entry.get("mask_path")
+    if split not in get_args(Split):
+        raise LiveHandError(f"{name}: split must be one of {get_args(Split)}, got {split!r}")
+    if not isinstance(mask, str | None):
+        raise LiveHandError(f"{name}: mask_path must be a file's name, got {mask!r}")
+    try:
+        width, height = (int(n) for n in entry["size_px"])
+        camera = Camera(np.array(entry["K"], float), np.array(entry["cam2world"], float), (width, height))
+        view = CaptureView(name, camera, int(entry["camera_index"]), int(entry["pose_index"]), entry["split"], mask)
+    except KeyError as error:
+        raise LiveHandError(f"{name} must have a {error} in transforms.json, got none") from error
+    except (ValueError, TypeError, OverflowError, LiveHandError) as error:
+        raise LiveHandError(f"{name}: {error}") from error
+    if not 0 <= view.pose_index < pose_count:
+        raise LiveHandError(f"{name} must name one of {pose_count} poses, got {view.pose_index}")
+    return view
+
+
+def _read_poses(path: Path) -> tuple[HandPose, ...]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
+        rows = list(zip(*columns, strict=True))
+    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
+        raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
+    return _all_of(path, ((_read_pose, index, *row) for index, row in enumerate(rows)))
+
+
+def _read_pose(index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object) -> HandPose:
+    try:
+        return HandPose(theta, beta, transl, _side(str(side)))
+    except (LiveHandError, TypeError) as error:
+        raise LiveHandError(f"pose {index}: {error}") from error
+
+
+def _side(name: str) -> Side:
+    if name not in get_args(Side):
+        raise LiveHandError(f"side must be 'right' or 'left', got {name!r}")
+    return name  # type: ignore[return-value]
+
+
+def _read_json(path: Path) -> dict:
+    try:
+        document = json.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise LiveHandError(
+            f"{path} must be a capture's index ({error}); is {path.parent} a capture folder?"
+        ) from error
+    return document if isinstance(document, dict) else {}

@@ -1,0 +1,67 @@
+"""Puts a capture on disk so that it appears whole or not at all.
+
+It grows in `NAME.partial` beside its place and is renamed at the end; the same import goes on with what lies there.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ...records.errors import LiveHandError
+from ..capture import Capture, index_document, load_capture, save_capture_index
+
+
+def check_place(folder: Path) -> None:
+    """Raise LiveHandError where a new capture would lie on something."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise LiveHandError(f"a new capture needs an empty place, got {folder} with something in it; choose another")
+
+
+def write_capture(capture: Capture, files: Mapping[str, Path], texts: Mapping[str, str] | None = None) -> None:
+    """Copy the files (name in the capture -> source) and texts (name -> text), and write the index.
+
+    Raises:
+        LiveHandError: the place is taken, or by an unfinished import of something else; a file cannot be copied.
+    """
+    check_place(capture.folder)
+    partial = capture.folder.with_name(capture.folder.name + ".partial")
+    try:
+        _claim(partial, capture)
+        for name, source in tqdm(files.items(), unit="file", desc="copy"):
+            _copy(source, partial / name)
+        for name, text in (texts or {}).items():
+            (partial / name).write_text(text)
+        if capture.folder.exists():
+            capture.folder.rmdir()  # empty
+        partial.rename(capture.folder)
+    except OSError as error:
+        raise LiveHandError(f"{capture.folder} must be writable and its sources readable ({error})") from error
+
+
+def _claim(partial: Path, capture: Capture) -> None:
+    """Write the index, or see that it is this capture's own."""
+    (partial / "images").mkdir(parents=True, exist_ok=True)
+    if not (partial / "transforms.json").exists():
+        save_capture_index(Capture(partial, capture.hand_sha256, capture.provenance, capture.poses, capture.views))
+        return
+    previous = load_capture(partial)
+    is_same = index_document(previous) == index_document(capture) and all(
+        (getattr(one, name) == getattr(other, name)).all()
+        for one, other in zip(previous.poses, capture.poses, strict=True)
+        for name in ("theta", "beta", "transl")
+    )
+    if not is_same:
+        raise LiveHandError(f"{partial} must be of the same import, got another unfinished one; delete it")
+
+
+def _copy(source: Path, target: Path) -> None:
+    if target.exists():
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(target.name + ".part")
+    shutil.copyfile(source, unfinished)
+    unfinished.replace(target)

@@ -1,0 +1,173 @@
+"""A nerfstudio-style `transforms.json` and a file of poses as our records.
+
+The file gives K as fl_x, fl_y, cx, cy, w, h (or camera_angle_x), for all images or for each, and each image's camera as
+a camera-to-world `transform_matrix` with OpenGL's axes: x right, y up, z backward. Lens distortion is refused. Which
+pose an image shows is told by its `pose_index`, or by its `time` where the poses have times, or there is but one.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import tan
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ...records.camera import Camera
+from ...records.errors import LiveHandError
+from ...records.shot import HandPose, Side
+from ..picture import read_header
+
+_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV")  # the last of these without distortion is one
+_SUFFIXES = (".png", ".jpg", ".jpeg")
+_SAME_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Poses, and the time of each where the file has any."""
+
+    poses: tuple[HandPose, ...]
+    times: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class TransformsFrame:
+    """One image: where it and its mask lie, its camera, and which pose it shows."""
+
+    image: Path
+    mask: Path | None
+    camera: Camera
+    pose_index: int
+
+
+def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTable:
+    """A .npz with theta [P, 16, 3] or [P, 48], transl [P, 3], beta [P, 10] or [10], side and perhaps time [P].
+
+    `hands_mean` [15, 3] is added to the fingers where the poses count from it. Without `side` the hand is a right one.
+
+    Raises:
+        LiveHandError: unreadable, or malformed.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        theta = np.array(arrays["theta"], float).reshape(-1, 16, 3)
+        beta = np.broadcast_to(np.array(arrays["beta"], float), (len(theta), 10))
+        transl = np.array(arrays["transl"], float).reshape(len(theta), 3)
+        sides = np.broadcast_to(arrays.get("side", np.array("right")), len(theta))
+        times = np.array(arrays["time"], float).reshape(len(theta)) if "time" in arrays else None
+    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
+        raise LiveHandError(f"{path} must hold theta, beta and transl of every pose ({error})") from error
+    if hands_mean is not None:
+        theta[:, 1:] += hands_mean
+    return PoseTable(tuple(_pose(path, *row) for row in enumerate(zip(theta, beta, transl, sides, strict=True))), times)
+
+
+def _pose(path: Path, index: int, values: tuple) -> HandPose:
+    theta, beta, transl, side = values
+    known: dict[str, Side] = {"right": "right", "left": "left"}
+    try:
+        return HandPose(theta, beta, transl, known[str(side)])
+    except KeyError as error:
+        raise LiveHandError(f"{path}: pose {index}: side must be 'right' or 'left', got {side!r}") from error
+    except LiveHandError as error:
+        raise LiveHandError(f"{path}: pose {index}: {error}") from error
+
+
+def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> list[TransformsFrame]:
+    """The images of a `transforms.json`, in its order.
+
+    Raises:
+        LiveHandError: naming the file and its faults.
+    """
+    try:
+        document = json.loads(path.read_text())
+        entries = list(document["frames"])
+    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise LiveHandError(f"{path} must hold JSON with a list of frames ({type(error).__name__}: {error})") from error
+    frames, faults = [], []
+    for number, entry in enumerate(entries):
+        try:
+            frames.append(_read_frame({**document, **entry}, path.parent, poses, metres_per_unit))
+        except (KeyError, TypeError, ValueError, LiveHandError) as error:
+            name = entry.get("file_path", number) if isinstance(entry, dict) else number
+            what = f"{error} is missing" if isinstance(error, KeyError) else error
+            faults.append(f"frame {name}: {what}")
+    if faults or not frames:
+        raise LiveHandError.of_faults(str(path), faults or ["frames must not be empty"])
+    return frames
+
+
+def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres_per_unit: float) -> TransformsFrame:
+    """`entry`: the document's values, overridden by the frame's own."""
+    _refuse_distortion(entry)
+    image = _existing(folder / entry["file_path"])
+    size_px = read_header(image)[1]
+    if "w" in entry and "h" in entry and (int(entry["w"]), int(entry["h"])) != size_px:
+        raise LiveHandError(f"{image} must be w x h = {entry['w']} x {entry['h']} px, got {size_px}")
+    cam2world = np.array(entry["transform_matrix"], float)
+    if cam2world.shape == (3, 4):
+        cam2world = np.vstack([cam2world, [0.0, 0.0, 0.0, 1.0]])
+    if cam2world.shape == (4, 4):
+        cam2world = cam2world @ _OPENGL_TO_OPENCV
+        cam2world[:3, 3] *= metres_per_unit
+    mask = folder / entry["mask_path"] if "mask_path" in entry else None
+    return TransformsFrame(image, mask, Camera(_intrinsics(entry, size_px), cam2world, size_px), _pose_of(entry, poses))
+
+
+def _refuse_distortion(entry: Mapping[str, Any]) -> None:
+    model = str(entry.get("camera_model", "PINHOLE"))
+    distortion = {name: entry[name] for name in _DISTORTION if float(entry.get(name, 0))}
+    if distortion or model not in _PINHOLES:
+        raise LiveHandError(
+            f"images must come from a pinhole camera, got {model} {distortion}; "
+            "undistort them first (COLMAP's image_undistorter, OpenCV's undistort)"
+        )
+
+
+def _existing(path: Path) -> Path:
+    """The file, or the one with a picture's suffix where the name has none."""
+    for place in (path, *(path.with_name(path.name + suffix) for suffix in _SUFFIXES)):
+        if place.is_file():
+            return place
+    raise LiveHandError(f"no image at {path}")
+
+
+def _intrinsics(entry: Mapping[str, Any], size_px: tuple[int, int]) -> np.ndarray:
+    width, height = size_px
+    fl_x = float(entry["fl_x"]) if "fl_x" in entry else _focal_px(float(entry["camera_angle_x"]), width)
+    if "fl_y" in entry:
+        fl_y = float(entry["fl_y"])
+    else:
+        fl_y = _focal_px(float(entry["camera_angle_y"]), height) if "camera_angle_y" in entry else fl_x
+    cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
+    return np.array([[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1.0]])
+
+
+def _focal_px(angle_rad: float, side_px: int) -> float:
+    return side_px / 2 / tan(angle_rad / 2)
+
+
+def _pose_of(entry: Mapping[str, Any], poses: PoseTable) -> int:
+    count = len(poses.poses)
+    if "pose_index" in entry:
+        index = int(entry["pose_index"])
+        if not 0 <= index < count:
+            raise LiveHandError(f"pose_index must name one of {count} poses, got {index}")
+        return index
+    if "time" in entry and poses.times is not None:
+        nearest = int(np.abs(poses.times - float(entry["time"])).argmin())
+        if abs(poses.times[nearest] - float(entry["time"])) > _SAME_TIME:
+            raise LiveHandError(f"time must be one of the poses', got {entry['time']}, nearest {poses.times[nearest]}")
+        return nearest
+    if count == 1:
+        return 0
+    raise LiveHandError(f"the frame must have a pose_index, or a time as the poses have, to choose among {count} poses")

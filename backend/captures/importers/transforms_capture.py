@@ -1,0 +1,78 @@
+"""A capture from a nerfstudio-style `transforms.json`: the main road of `livehand import-transforms`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...hand.model import HandModel
+from ...records.camera import Camera
+from ...records.errors import LiveHandError
+from ..capture import Capture, CaptureView
+from .split import split_of
+from .staging import check_place, write_capture
+from .transforms import PoseTable, TransformsFrame, read_transforms
+
+CAMERA_STEP = 8
+"""Every eighth camera is held out, from the first eighth on."""
+POSE_SHARE = 10
+"""The last tenth of the poses is held out."""
+
+
+def import_transforms(
+    path: Path,
+    poses: PoseTable,
+    hand: HandModel,
+    output: Path,
+    metres_per_unit: float = 1.0,
+    held_out_poses: Sequence[int] | None = None,
+    held_out_cameras: Sequence[int] | None = None,
+) -> Capture:
+    """Write a capture; which poses and cameras (counted from 0) are held out is given, or the last tenth and eighths.
+
+    Raises:
+        LiveHandError: naming the file and its faults; nothing is written then.
+    """
+    check_place(output)
+    frames = read_transforms(path, poses, metres_per_unit)
+    camera_index = _camera_indices([frame.camera for frame in frames])
+    poses_out = _checked(held_out_poses, len(poses.poses), "poses", _last_tenth(len(poses.poses)))
+    cameras = max(camera_index) + 1
+    cameras_out = _checked(held_out_cameras, cameras, "cameras", set(range(CAMERA_STEP - 1, cameras, CAMERA_STEP)))
+    files: dict[str, Path] = {}
+    views = []
+    for frame, camera in zip(frames, camera_index, strict=True):
+        image, mask = _names(len(views), frame)
+        files[image] = frame.image
+        if mask is not None and frame.mask is not None:
+            files[mask] = frame.mask
+        split = split_of(frame.pose_index in poses_out, camera in cameras_out)
+        views.append(CaptureView(image, frame.camera, camera, frame.pose_index, split, mask))
+    provenance = {"made_by": "livehand import-transforms", "source": path.name}
+    capture = Capture(output, hand.sha256, provenance, poses.poses, tuple(views))
+    write_capture(capture, files)
+    return capture
+
+
+def _camera_indices(cameras: list[Camera]) -> list[int]:
+    """Equal cameras are one; counted in the order of their first images."""
+    seen: dict[bytes, int] = {}
+    return [seen.setdefault(camera.K.tobytes() + camera.cam2world.tobytes(), len(seen)) for camera in cameras]
+
+
+def _last_tenth(count: int) -> set[int]:
+    return set(range(count - count // POSE_SHARE, count))
+
+
+def _checked(chosen: Sequence[int] | None, count: int, what: str, default: set[int]) -> set[int]:
+    """Which are held out."""
+    held_out = default if chosen is None else set(chosen)
+    if not held_out <= set(range(count)) or len(held_out) == count:
+        raise LiveHandError(f"held-out {what} must be some, not all, of 0 to {count - 1}, got {sorted(held_out)}")
+    return held_out
+
+
+def _names(number: int, frame: TransformsFrame) -> tuple[str, str | None]:
+    """Of the image and its mask in the capture: numbered, since sources may share names across folders."""
+    image = f"images/{number:06d}_{frame.image.name}"
+    return image, None if frame.mask is None else f"masks/{number:06d}_{frame.mask.name}"

@@ -1,0 +1,1 @@
+"""Masks of photographed hands: the posed mesh and GrabCut."""

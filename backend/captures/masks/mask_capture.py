@@ -1,0 +1,132 @@
+"""Gives every image of a capture that shows more than the hand a mask: the main road of `livehand mask`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from ...hand.lbs import posed_arrays
+from ...hand.model import HandModel
+from ...records.errors import LiveHandError
+from ..capture import Capture, CaptureView, load_capture, save_capture_index
+from ..picture import ALPHA_MODES, read_header, read_mask, read_picture
+from .mask import MaskConfig, grabcut_mask, hand_regions, load_opencv
+
+FOLDER = "masks"
+
+
+@dataclass(frozen=True)
+class MaskedView:
+    """A view with its mask, and how well that agrees with the posed mesh (intersection over union)."""
+
+    view: CaptureView
+    overlap: float
+
+
+def mask_capture(
+    folder: Path, hand: HandModel, config: MaskConfig, given: Path | None = None, redo: bool = False
+) -> list[MaskedView]:
+    """Write masks and name them in the capture's index; those that are there are kept, also after a kill.
+
+    Args:
+        folder: the capture's.
+        hand: that the capture's poses are of.
+        config: of the masks that are made.
+        given: a folder of masks, named as the images are, to take instead of making them.
+        redo: for images that have a mask or alpha too.
+
+    Raises:
+        LiveHandError: naming the file and the fault; the index is as it was then.
+    """
+    load_opencv()
+    capture = load_capture(folder)
+    if capture.hand_sha256 != hand.sha256:
+        raise LiveHandError(f"capture {folder} must be of hand '{hand.name}', got one of another hand; give its --hand")
+    wanted = [view for view in capture.views if redo or _needs_mask(capture, view)]
+    names = _mask_names(folder, wanted)
+    jobs = [partial(_mask_view, capture, replace(view, mask=names[view.file]), hand, config, given) for view in wanted]
+    done = _in_parallel([partial(job, redo) for job in jobs])
+    masked = {view.view.file: view.view for view in done}
+    views = tuple(masked.get(view.file, view) for view in capture.views)
+    save_capture_index(replace(capture, views=views))
+    return done
+
+
+def _needs_mask(capture: Capture, view: CaptureView) -> bool:
+    return view.mask is None and read_header(capture.folder / view.file)[0] not in ALPHA_MODES
+
+
+def _mask_names(folder: Path, views: Iterable[CaptureView]) -> dict[str, str]:
+    """Image -> mask, in a tree like the images' own."""
+    image_of: dict[str, str] = {}
+    for view in views:
+        file = PurePosixPath(view.file)
+        if file.is_absolute() or ".." in file.parts:
+            raise LiveHandError(f"{folder}: images must lie in the capture's folder to be given masks, got {view.file}")
+        other = image_of.setdefault(str(FOLDER / file.with_suffix(".png")), view.file)
+        if other != view.file:
+            raise LiveHandError(f"{folder}: images must differ by more than their suffix, got {other} and {view.file}")
+    return {image: mask for mask, image in image_of.items()}
+
+
+def _mask_view(
+    capture: Capture, view: CaptureView, hand: HandModel, config: MaskConfig, given: Path | None, redo: bool
+) -> MaskedView:
+    assert view.mask is not None
+    path = capture.folder / view.mask
+    regions = hand_regions(*posed_arrays(hand, capture.poses[view.pose_index]), hand.f, view.camera, config)
+    if path.is_file() and not redo:
+        mask = read_mask(path, view.camera.size_px)
+    elif given is not None:
+        mask = read_mask(_given_mask(given, view), view.camera.size_px)
+    else:
+        _, image = read_picture(capture.folder / view.file, "RGB", view.camera.size_px)
+        mask = grabcut_mask(image, regions, config).astype(np.uint8) * 255
+    _write_mask(mask, path)
+    is_hand = mask > 127
+    union = (is_hand | regions.silhouette).sum()
+    return MaskedView(view, float((is_hand & regions.silhouette).sum() / union) if union else 1.0)
+
+
+def _given_mask(folder: Path, view: CaptureView) -> Path:
+    """The mask of an image `images/a/b.jpg`: `a/b.png`, `images/a/b.png`, or the same with the image's own suffix."""
+    file = PurePosixPath(view.file)
+    short = file.relative_to("images") if file.parts[0] == "images" else file
+    places = [folder / name for name in (short.with_suffix(".png"), file.with_suffix(".png"), short, file)]
+    for place in places:
+        if place.is_file():
+            return place
+    raise LiveHandError(f"{view.file} must have a mask at {places[0]}, got none")
+
+
+def _write_mask(mask: np.ndarray, path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_name(path.name + ".part")
+        Image.fromarray(mask).save(unfinished, "PNG")
+        unfinished.replace(path)
+    except OSError as error:
+        raise LiveHandError(f"mask {path} must be writable ({error})") from error
+
+
+def _in_parallel(jobs: list[Callable[[], MaskedView]]) -> list[MaskedView]:
+    """The results in order; all faults at once."""
+    results, faults = [], []
+    with ThreadPoolExecutor(os.cpu_count()) as workers:
+        futures = [workers.submit(job) for job in jobs]
+        for future in tqdm(futures, unit="image", desc="mask"):
+            try:
+                results.append(future.result())
+            except LiveHandError as error:
+                faults.append(str(error))
+    if faults:
+        raise LiveHandError.of_faults("the capture's masks", faults)
+    return results

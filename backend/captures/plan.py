@@ -1,0 +1,189 @@
+"""What a capture will hold: poses, cameras and splits, all drawn from one seed, before anything is rendered.
+
+World: Blender's, Z up; the light's front is -Y. Metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ..hand.bones import rest_flexion_deg
+from ..hand.gestures import sample_angles_deg, theta_of
+from ..hand.joint_axes import finger_axes
+from ..hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, UPRIGHT, HandModel
+from ..hand.model_file import load_default_hand
+from ..records.camera import Camera, look_at
+from ..records.shot import HandPose
+from .capture import Capture, CaptureView, Split
+
+DISTANCE_M = 0.75
+# Lengths at the built-in hand; another's are larger or smaller as it is.
+WHOLE_HAND_M = 0.25  # height of the field of view at the hand: the whole of it, in any pose
+CLOSE_UP_M = 0.14
+CLOSE_UP_JITTER_M = 0.02
+TILT_DEG = 25.0
+YAW_DEG = 55.0
+_KNUCKLES = (1, 4, 7, 10)
+
+
+@dataclass(frozen=True)
+class CapturePlan:
+    """The size of a capture. The same plan gives the same poses, cameras and light.
+
+    Attributes:
+        seed: of every random choice.
+        poses: how many; every 11th, counted from the 6th, is held out.
+        cameras: how many; every 5th, counted from the 4th, is held out, every 3rd, counted from the 3rd, is a close-up.
+        cameras_per_pose: how many of the training cameras, drawn anew for each pose, see it: more poses for the same
+            number of images.
+        tone: of the skin, a name in `skin.SKIN_TONES`.
+        size_px: (width, height) of an image.
+        samples: Cycles samples per pixel of training views.
+        eval_samples: of held-out views, high enough that render noise does not hide progress.
+        eval_views: how many views each held-out split gets at most.
+        first_poses: only these many of the poses are rendered; None: all. What is there stays the same when more of the
+            same plan are rendered another day.
+    """
+
+    seed: int = 0
+    poses: int = 99
+    cameras: int = 25
+    cameras_per_pose: int = 6
+    tone: str = "light"
+    size_px: tuple[int, int] = (334, 512)
+    samples: int = 8
+    eval_samples: int = 64
+    eval_views: int = 12
+    first_poses: int | None = None
+
+    def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
+        """The capture's index."""
+        rng = np.random.default_rng(self.seed)
+        poses = _sample_poses(rng, self.poses, model)
+        views = _spread_views(self, _sample_cameras(rng, self, _relative_size(model)))
+        last = self.poses if self.first_poses is None else self.first_poses
+        return Capture(folder, model.sha256, provenance, poses, tuple(v for v in views if v.pose_index < last))
+
+    def is_held_out_pose(self, index: int) -> bool:
+        """Whether no training view shows this pose."""
+        return index % 11 == 5
+
+    def is_held_out_camera(self, index: int) -> bool:
+        """Whether no training view comes from this camera."""
+        return index % 5 == 3
+
+
+def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tuple[HandPose, ...]:
+    """Poses whose middle (the knuckle of the middle finger) lies near the world's origin."""
+    right = model.for_side("right")
+    axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
+    poses = []
+    for angles in sample_angles_deg(rng, count):
+        angles[:, :2] += offset  # gestures count from the built-in hand's rest pose
+        root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
+        middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
+        transl = -middle + rng.normal(0, 0.006, 3)
+        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), np.zeros(10), transl, "right"))
+    return tuple(poses if model.side == "right" else map(_mirrored, poses))
+
+
+def _rest_deg(right: HandModel) -> np.ndarray:
+    """[15, 2] flexion and abduction in which a right hand's fingers rest; the thumb's abduction counts as none."""
+    abduction = np.zeros(15)
+    for first in _KNUCKLES:
+        along = right.joints[first + 1] - right.joints[first]
+        abduction[first - 1] = np.rad2deg(np.arctan2(along[2], -along[0]))  # of fingers -X towards the thumb, +Z
+    return np.stack([rest_flexion_deg(right), abduction], -1)
+
+
+def _mirrored(pose: HandPose) -> HandPose:
+    return HandPose(pose.theta * MIRROR_AXIS_ANGLE, pose.beta, pose.transl * MIRROR_POINT, "left")
+
+
+def _relative_size(model: HandModel) -> float:
+    """How far a hand reaches from the knuckle of its middle finger, the built-in hand's reach being 1."""
+    reach, builtin = (
+        float(np.linalg.norm(hand.v_template - hand.joints[4], axis=1).max()) for hand in (model, load_default_hand())
+    )
+    return reach / builtin
+
+
+def _random_tilt(rng: np.random.Generator) -> np.ndarray:
+    return axis_angle_to_matrix(np.deg2rad(rng.normal(0, TILT_DEG, 3)))
+
+
+def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float) -> list[Camera]:
+    """Cameras all around that look at a hand of relative size, every third one close up on a part of it."""
+    width, height = plan.size_px
+    cameras = []
+    for index, direction in enumerate(_camera_directions(rng, plan)):
+        is_close = index % 3 == 2
+        field_of_view_m = size * (CLOSE_UP_M if is_close else WHOLE_HAND_M)
+        target = size * rng.normal(0, CLOSE_UP_JITTER_M, 3) if is_close else np.zeros(3)
+        focal_px = max(plan.size_px) * DISTANCE_M / field_of_view_m
+        K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
+        up = np.array([0, 0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0, 1.0, 0])
+        cameras.append(Camera(K, look_at(target + DISTANCE_M * direction, target, up), plan.size_px))
+    return cameras
+
+
+def _camera_directions(rng: np.random.Generator, plan: CapturePlan) -> np.ndarray:
+    """[cameras, 3] unit vectors.
+
+    Training cameras lie on a Fibonacci sphere in a random orientation, each held-out one halfway between one of them
+    and its nearest neighbour.
+    """
+    held_out = np.array([plan.is_held_out_camera(index) for index in range(plan.cameras)])
+    training = _fibonacci_sphere(int((~held_out).sum())) @ axis_angle_to_matrix(rng.normal(0, 1, 3)).T
+    chosen = rng.permutation(len(training))[: held_out.sum()]
+    nearest = np.argsort(-training @ training.T, 1)[:, 1 % len(training)]
+    between = training[chosen] + training[nearest[chosen]]
+    directions = np.empty((plan.cameras, 3))
+    directions[~held_out] = training
+    directions[held_out] = between / np.linalg.norm(between, axis=1, keepdims=True)
+    return directions
+
+
+def _fibonacci_sphere(count: int) -> np.ndarray:
+    z = 1 - 2 * (np.arange(count) + 0.5) / count
+    longitude = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(longitude), radius * np.sin(longitude), z], -1)
+
+
+def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView, ...]:
+    """Every training pose from some training cameras; of each held-out split, `eval_views` spread evenly."""
+    by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
+    for pose in range(plan.poses):
+        seen_by = _cameras_of_pose(plan, pose)
+        for index, camera in enumerate(cameras):
+            split = _split(plan.is_held_out_pose(pose), plan.is_held_out_camera(index))
+            if split != "train" or index in seen_by:
+                view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
+                by_split[split].append(view)
+    held_out = [_spread(by_split[split], plan.eval_views) for split in ("novel_pose", "novel_camera", "test")]
+    chosen = sum(held_out, by_split["train"])
+    return tuple(sorted(chosen, key=lambda view: view.file))
+
+
+def _cameras_of_pose(plan: CapturePlan, pose: int) -> set[int]:
+    """The training cameras that see a training pose, drawn from (seed, pose)."""
+    training = [index for index in range(plan.cameras) if not plan.is_held_out_camera(index)]
+    return set(np.random.default_rng((plan.seed, pose)).permutation(training)[: plan.cameras_per_pose].tolist())
+
+
+def _split(pose_held_out: bool, camera_held_out: bool) -> Split:
+    if pose_held_out:
+        return "test" if camera_held_out else "novel_pose"
+    return "novel_camera" if camera_held_out else "train"
+
+
+def _spread(views: list[CaptureView], count: int) -> list[CaptureView]:
+    """At most `count` of the views; a stride prime to the number of cameras spreads them over poses and cameras."""
+    if len(views) <= count:
+        return views
+    return [views[k] for k in np.linspace(0, len(views) - 1, count).round().astype(int)]

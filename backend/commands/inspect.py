@@ -1,0 +1,141 @@
+"""`livehand inspect`: what a hand model, avatar, capture or pose file holds; its reader is imported when needed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import zlib
+from collections import Counter
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..records.errors import LiveHandError
+from ..runtime.command import Command
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, help="an avatar, hand model, pose or landmark file, or a folder")
+
+
+def _run(args: argparse.Namespace) -> dict:
+    facts = inspect(args.file)
+    width = max(map(len, facts))
+    return {**facts, "summary": "\n".join(f"{key:{width}s}  {value}" for key, value in facts.items())}
+
+
+def inspect(path: Path) -> dict:
+    """What the file holds, by its kind.
+
+    Raises:
+        LiveHandError: nothing there, or no kind of file we know.
+    """
+    if not path.exists():
+        raise LiveHandError(
+            f"nothing to inspect at {path}; give the path of an avatar, hand model, pose file or capture"
+        )
+    if path.is_dir():
+        return _capture_facts(path) if _is_capture(path) else _motion_facts(path)
+    if path.suffix == ".safetensors":
+        return _avatar_facts(path)
+    if path.suffix == ".npz":
+        arrays = _read_arrays(path)
+        return _hand_facts(path) if "v_template" in arrays else _pose_facts(path, arrays)
+    if path.suffix == ".pkl":
+        return _pickle_facts(path)
+    return _motion_facts(path)
+
+
+def _is_capture(folder: Path) -> bool:
+    return (folder / "transforms.json").exists() or not any(path.is_file() for path in folder.iterdir())
+
+
+def _pickle_facts(path: Path) -> dict:
+    """A hand's, or a pose file's; what neither reads is reported as the hand it most likely was meant to be."""
+    try:
+        return _hand_facts(path)
+    except LiveHandError as error:
+        try:
+            return _motion_facts(path)
+        except LiveHandError:
+            raise error from None
+
+
+def _motion_facts(path: Path) -> dict:
+    from ..motion.describe import describe
+    from ..motion.opening import open_motion_file
+
+    return {"kind": "motion", **describe(open_motion_file(path))}
+
+
+def _avatar_facts(path: Path) -> dict:
+    from ..avatars.file import read_header
+
+    return {"kind": "avatar", **read_header(path)}
+
+
+def _capture_facts(folder: Path) -> dict:
+    from ..captures.capture import load_capture
+
+    capture = load_capture(folder)
+    sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
+    return {
+        "kind": "capture",
+        "hand_sha256": capture.hand_sha256,
+        "poses": len(capture.poses),
+        "cameras": len({view.camera_index for view in capture.views}),
+        "images": len(capture.views),
+        "splits": dict(Counter(view.split for view in capture.views)),
+        "sizes_px": dict(sizes),
+        "provenance": capture.provenance,
+    }
+
+
+def _hand_facts(path: Path) -> dict:
+    from ..hand.model_file import load_hand_model
+
+    hand = load_hand_model(path)
+    extent_mm = (np.ptp(hand.v_template, axis=0) * 1000).round(1).tolist()
+    return {
+        "kind": "hand model",
+        "name": hand.name,
+        "side": hand.side,
+        "vertices": len(hand.v_template),
+        "faces": len(hand.f),
+        "atlas_vertices": len(hand.vt),
+        "extent_mm": extent_mm,
+        "sha256": hand.sha256,
+        **_hand_provenance(path),
+    }
+
+
+def _hand_provenance(path: Path) -> dict:
+    """Of a model of somebody's mesh, which says what it was made of."""
+    arrays = _read_arrays(path) if path.suffix == ".npz" else {}
+    return {"provenance": json.loads(str(arrays["provenance"]))} if "provenance" in arrays else {}
+
+
+def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
+    shapes = {key: list(array.shape) for key, array in arrays.items()}
+    if "theta" not in shapes:
+        return _motion_facts(path)
+    theta = arrays["theta"]
+    return {
+        "kind": "poses",
+        "frames": len(theta),
+        "arrays": shapes,
+        "is_finite": bool(np.isfinite(theta).all()),
+        "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
+    }
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error, TypeError) as error:
+        raise LiveHandError(f"{path} must be a readable .npz ({error})") from error
+
+
+COMMAND = Command("inspect", "tell what a hand model, avatar, capture or pose file holds", _add_arguments, _run)

@@ -1,1 +1,0 @@
-"""The road from mesh to low-resolution maps on the CPU, by the kernels."""

@@ -1,0 +1,113 @@
+"""LPIPS version 0.1 (Zhang et al. 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric").
+
+Backbone features, unit length over channels, squared differences weighted by the published linear heads, averaged over
+the image, summed over layers. Neither the backbone's weights nor the heads are ours to ship: users name files.
+
+The number is LPIPS only with torchvision's backbone, on which the heads were fitted, and the published heads.
+`LpipsDistance.is_lpips` says whether both are; where not, it is an uncalibrated perceptual distance, and named so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from ...records.errors import LiveHandError
+from .backbones import Backbone, Layout, layout_of
+from .weights import read_weights
+
+RangeMode = Literal["standard", "reference"]
+"""`standard`: images are taken to [-1, 1], which the heads were fitted on. `reference`: the paper's authors give [0, 1]
+where [-1, 1] is expected, that is half the contrast, about grey; only their published figures compare with it."""
+
+# Of [-1, 1] images; the published network's own rounding of ImageNet's mean and deviation.
+_SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
+# Under the root of a feature's squared length: a pixel without features has no direction, and finite gradients.
+_MIN_SQUARED = 1e-10
+# sha256, first eight digits, of the published heads' values in order, float32.
+_HEADS = {"vgg16": "9153a204", "alexnet": "718a8b40", "squeezenet1_1": "68f1b175"}
+_FILES = (
+    "torchvision's vgg16-397923af.pth, alexnet-owt-7be5be79.pth or squeezenet1_1-b8a52dc0.pth "
+    "(https://download.pytorch.org/models/)"
+)
+_HEAD_FILES = "the LPIPS v0.1 linear heads of the same network (vgg.pth, alex.pth or squeeze.pth of the lpips package)"
+
+
+class LpipsDistance(nn.Module):
+    """Distance of two images, differentiable in both."""
+
+    shift: Tensor
+    scale: Tensor
+
+    def __init__(self, backbone: Backbone, heads: list[Tensor], is_lpips: bool, range_mode: RangeMode = "standard"):
+        super().__init__()
+        self.backbone, self.is_lpips, self.range_mode = backbone, is_lpips, range_mode
+        for index, head in enumerate(heads):
+            self.register_buffer(f"head{index}", head.float().reshape(1, -1, 1, 1))
+        self.register_buffer("shift", torch.tensor(_SHIFT)[:, None, None])
+        self.register_buffer("scale", torch.tensor(_SCALE)[:, None, None])
+
+    def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
+        """Mean distance over the batch of sRGB-encoded images in [0, 1]."""
+        pairs = zip(self._features(image), self._features(target), strict=True)
+        heads = (getattr(self, f"head{index}") for index in range(len(self.backbone.compared)))
+        layers = [(head * (a - b) ** 2).sum(1).mean() for head, (a, b) in zip(heads, pairs, strict=True)]
+        return torch.stack(layers).sum()
+
+    def _features(self, image: Tensor) -> list[Tensor]:
+        ranged = 2 * image - 1 if self.range_mode == "standard" else image
+        return [_unit(values.float()) for values in self.backbone((ranged - self.shift) / self.scale)]
+
+
+def load_lpips(weights_path: Path | None, heads_path: Path | None, range_mode: RangeMode = "standard") -> LpipsDistance:
+    """The distance of the network that `weights_path` holds (VGG16, AlexNet, SqueezeNet 1.1), and its heads.
+
+    Raises:
+        LiveHandError: a file is not named, not there, or of another network.
+    """
+    if weights_path is None or heads_path is None:
+        raise LiveHandError(
+            f"LPIPS needs two files, got {weights_path} and {heads_path}; give {_FILES}, and {_HEAD_FILES}"
+        )
+    weights = read_weights(weights_path, _FILES)
+    layout = layout_of(weights)
+    if layout is None:
+        raise LiveHandError(f"LPIPS needs {_FILES}, got another network in {weights_path}")
+    heads = _read_heads(heads_path, layout)
+    is_lpips = _is_torchvisions(weights_path, layout) and _digest(heads) == _HEADS[_name(layout)]
+    return LpipsDistance(Backbone(layout, weights), heads, is_lpips, range_mode)
+
+
+def _read_heads(path: Path, layout: Layout) -> list[Tensor]:
+    """One weight per channel and compared layer: `lin0` or, as published, `lin0.model.1.weight`."""
+    tensors = {key.split(".")[0]: value for key, value in read_weights(path, _HEAD_FILES).items()}
+    heads = [tensors.get(f"lin{index}", torch.empty(0)).flatten() for index in range(len(layout.channels))]
+    sizes = tuple(len(head) for head in heads)
+    if sizes != layout.channels or len(tensors) != len(heads):
+        expected = f"{layout.channels} weights, as {_name(layout)} has channels"
+        raise LiveHandError(f"LPIPS heads {path} must hold {expected}, got {sizes}; give {_HEAD_FILES}")
+    return heads
+
+
+def _is_torchvisions(path: Path, layout: Layout) -> bool:
+    """Whether the file is the very one; torchvision names its files by their sha256."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return digest.startswith(Path(layout.file).stem.rsplit("-", 1)[1])
+
+
+def _digest(heads: list[Tensor]) -> str:
+    return hashlib.sha256(torch.cat(heads).float().numpy().tobytes()).hexdigest()[:8]
+
+
+def _name(layout: Layout) -> str:
+    return layout.file.split("-")[0]
+
+
+def _unit(features: Tensor) -> Tensor:
+    return features / ((features**2).sum(1, keepdim=True) + _MIN_SQUARED).sqrt()

@@ -1,0 +1,113 @@
+"""Equals `geometry.rasterise`: a mesh's layers per pixel, sorted by depth, and its nearest ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.tolerances import MIN_AREA_PX2, NEAR_M
+from .compiled import compiled
+
+_HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, NEAR_M, MIN_AREA_PX2))
+
+
+@compiled
+def surface_layers(
+    projected,  # (positions [V, 2] px, depths [V] m, faces [F, 3])
+    width,
+    first_row,
+    last_row,
+    layer_depth,  # [P, L] out, m; the first `count` of each row are written
+    layer_face,  # [P, L] out; a back face f is written as -1 - f
+    count,  # [P] out; zero at the start
+):
+    """Insert the fragments in rows [first_row, last_row) into their pixels' lists, nearest first; the last drop out."""
+    positions_px, depth, faces = projected
+    for face in range(faces.shape[0]):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        area = _area(positions_px, depth, a, b, c)
+        if abs(area) <= _MIN_AREA:
+            continue
+        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
+        mark = face if area < _0 else -1 - face
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                if z > _0:
+                    count[y * width + x] = _insert(
+                        layer_depth, layer_face, y * width + x, count[y * width + x], z, mark
+                    )
+
+
+@compiled
+def nearest_depth(projected, width, first_row, last_row, has_backs, nearest):
+    """Lower `nearest` [P], m, to the depth of the first face in rows [first_row, last_row); backs too, if asked."""
+    positions_px, depth, faces = projected
+    for face in range(faces.shape[0]):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        area = _area(positions_px, depth, a, b, c)
+        if abs(area) <= _MIN_AREA or (area > _0 and not has_backs):
+            continue
+        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                if z > _0:
+                    nearest[y * width + x] = min(nearest[y * width + x], z)
+
+
+@compiled
+def _area(positions_px, depth, a, b, c):
+    """Twice the signed area of a projected face, px^2; 0 where it is not drawn."""
+    if min(depth[a], depth[b], depth[c]) <= _NEAR_M:
+        return _0
+    abx, aby = positions_px[b, 0] - positions_px[a, 0], positions_px[b, 1] - positions_px[a, 1]
+    acx, acy = positions_px[c, 0] - positions_px[a, 0], positions_px[c, 1] - positions_px[a, 1]
+    return abx * acy - aby * acx
+
+
+@compiled
+def _bounds(positions_px, a, b, c, width, first_row, last_row):
+    """Columns [x0, x1) and rows [y0, y1) of the pixel centres in a face's bounding box."""
+    ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
+    ay, by, cy = positions_px[a, 1], positions_px[b, 1], positions_px[c, 1]
+    x0, x1 = _centres(min(ax, bx, cx), max(ax, bx, cx), 0, width)
+    y0, y1 = _centres(min(ay, by, cy), max(ay, by, cy), first_row, last_row)
+    return x0, x1, y0, y1
+
+
+@compiled
+def _centres(low, high, first, last):
+    """The pixels in [first, last) whose centres lie in [low, high], as a range."""
+    start = max(int(np.ceil(max(low - _HALF, np.float32(first)))), first)
+    end = min(int(np.floor(min(high - _HALF, np.float32(last)))) + 1, last)
+    return start, end
+
+
+@compiled
+def _fragment_depth(positions_px, depth, a, b, c, area, x, y):
+    """Depth of a face at a pixel's centre; 0 where it does not cover it. 1/z is linear on screen."""
+    px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
+    ax, ay = positions_px[a, 0], positions_px[a, 1]
+    bx, by = positions_px[b, 0], positions_px[b, 1]
+    cx, cy = positions_px[c, 0], positions_px[c, 1]
+    w0 = ((cx - bx) * (py - by) - (cy - by) * (px - bx)) / area
+    w1 = ((ax - cx) * (py - cy) - (ay - cy) * (px - cx)) / area
+    w2 = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / area
+    if w0 < _0 or w1 < _0 or w2 < _0:
+        return _0
+    return _1 / (w0 / depth[a] + w1 / depth[b] + w2 / depth[c])
+
+
+@compiled
+def _insert(depths, marks, pixel, count, depth, mark):
+    """Put a fragment in its place in a pixel's sorted list; returns the list's new length."""
+    if count == depths.shape[1]:
+        count -= 1
+        if depth >= depths[pixel, count]:
+            return count + 1
+    slot = count
+    while slot > 0 and depths[pixel, slot - 1] > depth:
+        depths[pixel, slot], marks[pixel, slot] = depths[pixel, slot - 1], marks[pixel, slot - 1]
+        slot -= 1
+    depths[pixel, slot], marks[pixel, slot] = depth, mark
+    return count + 1

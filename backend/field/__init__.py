@@ -1,1 +1,0 @@
-"""The radiance field over canonical surface coordinates."""

@@ -1,0 +1,141 @@
+"""Names of the bones, and their rest frames.
+
+A hand has 16 bones that an animator turns, named after MANO's joints (`index1.R`), five fingertip targets
+(`IK-index.R`), and 32 hidden helpers: one deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and one per
+finger joint that the finger controls turn (`MCH-index1.R`). docs/rig.md says why. The rest frame of a bone has Y along
+the bone, X as the axis of flexion (a positive turn closes the hand) and Z towards the palm.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..records.shot import Side
+from .model import JOINT_NAMES, HandModel
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # as they lie, which MANO's order is not
+
+_INDEX1, _MIDDLE1, _PINKY1, _THUMB1 = 1, 4, 7, 13
+# The thumb closes across the palm more than into it.
+_THUMB_PALMAR_SHARE = 0.5
+# A finger straighter than this tells nothing about the plane it bends in, sine of the angle.
+_MIN_BEND = 0.09
+_MIN_AGREEMENT = 0.7
+
+
+class RestBones(NamedTuple):
+    """Heads [16, 3] m, tails [16, 3] m, and frames [16, 3, 3] whose columns are a bone's X, Y and Z."""
+
+    heads: np.ndarray
+    tails: np.ndarray
+    frames: np.ndarray
+
+
+def bone_name(joint: int, side: Side) -> str:
+    """The bone an animator turns, as `index1.R`; Blender mirrors poses by the suffix."""
+    return f"{JOINT_NAMES[joint]}.{side[0].upper()}"
+
+
+def deform_name(joint: int, side: Side) -> str:
+    """The hidden bone that moves the mesh, and the vertex group of the same name."""
+    return f"DEF-{bone_name(joint, side)}"
+
+
+def root_name(side: Side) -> str:
+    """The hidden bone that carries the wrist to the shaped hand's wrist joint."""
+    return f"MCH-root.{side[0].upper()}"
+
+
+def control_name(joint: int, side: Side) -> str:
+    """The hidden bone that the finger controls turn, and that a finger's bone adds to its own rotation."""
+    return f"MCH-{bone_name(joint, side)}"
+
+
+def target_name(finger: str, side: Side) -> str:
+    """The bone that a fingertip reaches for."""
+    return f"IK-{finger}.{side[0].upper()}"
+
+
+def finger_joints(finger: str) -> tuple[int, int, int]:
+    """The three joints of a finger, from the knuckle to the tip."""
+    first = JOINT_NAMES.index(f"{finger}1")
+    return first, first + 1, first + 2
+
+
+def rest_bones(model: HandModel) -> RestBones:
+    """Bones of the mean shape, from the model's geometry alone."""
+    heads = model.joints
+    lengths = _bone_lengths(model)
+    along = _bone_directions(heads)
+    flexion = _flexion_axes(along, heads, model.side)
+    frames = np.stack([flexion, along, np.cross(flexion, along)], -1)
+    return RestBones(heads, heads + along * lengths[:, None], frames)
+
+
+def rest_flexion_deg(model: HandModel) -> np.ndarray:
+    """[15] how far joints 1..15 are bent in the rest pose, from the straight finger.
+
+    A finger's last bone goes on as the one before it, and where the thumb's saddle joint would be straight no one can
+    see: both count as straight.
+    """
+    rest = rest_bones(model)
+    along = rest.frames[..., 1]
+    above = np.roll(along, 1, 0)
+    above[[1, 4, 7, 10]] = rest.heads[[1, 4, 7, 10]] - rest.heads[0]
+    across = rest.frames[..., 0]
+    bend = np.arctan2((np.cross(above, along) * across).sum(-1), (above * along).sum(-1))
+    bend[13] = 0.0
+    return np.rad2deg(bend[1:])
+
+
+def _bone_directions(joints: np.ndarray) -> np.ndarray:
+    """[16, 3] unit, towards the next joint; a finger's last bone goes on as the one before it."""
+    along = np.empty((16, 3))
+    along[0] = joints[_MIDDLE1] - joints[0]
+    along[1:] = np.roll(joints[1:], -1, 0) - joints[1:]
+    along[3::3] = along[2::3]
+    return _unit(along)
+
+
+def _bone_lengths(model: HandModel) -> np.ndarray:
+    """[16] m; a finger's last bone reaches its tip."""
+    joints, along = model.joints, _bone_directions(model.joints)
+    lengths = np.linalg.norm(np.roll(joints[1:], -1, 0) - joints[1:], axis=-1)
+    lengths = np.r_[np.linalg.norm(joints[_MIDDLE1] - joints[0]), lengths]
+    for joint in range(3, 16, 3):
+        own = model.v_template[np.argmax(model.lbs_weights, 1) == joint]
+        lengths[joint] = ((own - joints[joint]) @ along[joint]).max(initial=lengths[joint - 1] / 2)
+    return lengths
+
+
+def _flexion_axes(along: np.ndarray, joints: np.ndarray, side: Side) -> np.ndarray:
+    """[16, 3] unit, across the bone: the axis about which a positive turn moves the bone towards the palm."""
+    palmar = _palmar(joints, side)
+    across = _unit(joints[_PINKY1] - joints[_INDEX1])
+    towards = np.tile(palmar, (16, 1))
+    towards[_THUMB1:] = across + _THUMB_PALMAR_SHARE * palmar
+    axes = _unit(np.cross(along, towards))
+    for first in (1, 4, 7, 10):
+        finger = slice(first, first + 3)
+        axes[finger] = _bend_axis(along[finger], joints[finger], axes[first])
+    return _unit(axes - (axes * along).sum(-1, keepdims=True) * along)
+
+
+def _palmar(joints: np.ndarray, side: Side) -> np.ndarray:
+    """[3] unit vector out of the palm, from the wrist and two knuckles."""
+    normal = np.cross(joints[_INDEX1] - joints[0], joints[_PINKY1] - joints[0])
+    return _unit(normal if side == "right" else -normal)
+
+
+def _bend_axis(along: np.ndarray, joints: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """[3] normal of the plane a resting finger is bent in, or the guess where it is straight or bends sideways."""
+    normal = np.cross(along[0], along[1])
+    bend = np.linalg.norm(normal)
+    axis = normal / max(bend, _MIN_BEND)
+    return axis if bend > _MIN_BEND and axis @ guess > _MIN_AGREEMENT else guess
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

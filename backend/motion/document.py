@@ -1,0 +1,151 @@
+"""A pose file's content, before anyone knows whose: arrays, lists and dictionaries, safely read and plainly checked."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..records.errors import LiveHandError
+from .plain_pickle import read_plain_pickle
+
+SUFFIXES = (".npz", ".npy", ".json", ".pkl", ".csv")
+_LARGEST_BYTES = 2 << 30  # unpacked; a zip of a few kilobytes can claim any size
+
+
+@dataclass(frozen=True)
+class Document:
+    """What one file holds.
+
+    Attributes:
+        path: where it was read.
+        content: a dictionary, list or array; all numbers still as the file has them.
+    """
+
+    path: Path
+    content: Any
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """The dictionary it is, or an empty one."""
+        return self.content if isinstance(self.content, dict) else {}
+
+    def numbers(self, value: Any, name: str, *shapes: Sequence[int | None]) -> np.ndarray:
+        """A value of the content as float64 of one of the shapes; None stands for any length.
+
+        Raises:
+            LiveHandError: no numbers, another shape, or not finite.
+        """
+        try:
+            array = np.asarray(value)
+        except ValueError as error:
+            raise LiveHandError(f"{self.path}: {name} must be an array, got rows of different lengths") from error
+        if array.dtype.kind not in "biuf":
+            raise LiveHandError(f"{self.path}: {name} must hold numbers, got {array.dtype}; export it again")
+        if shapes and not any(_fits(array.shape, shape) for shape in shapes):
+            wanted = " or ".join(str(["N" if n is None else n for n in shape]) for shape in shapes)
+            raise LiveHandError(f"{self.path}: {name} must be {wanted}, got {list(array.shape)}; export it again")
+        array = array.astype(np.float64)
+        if not np.isfinite(array).all():
+            raise LiveHandError(f"{self.path}: {name} must be finite, got NaN or infinity; repair or re-track the take")
+        return array
+
+
+def load_document(path: Path) -> Document:
+    """Read a file by its suffix. Pickles are read by `plain_pickle` only, arrays of objects not at all.
+
+    Raises:
+        LiveHandError: missing, of another suffix, damaged, too large, or a pickle that could run code.
+    """
+    if not path.is_file():
+        raise LiveHandError(f"no pose file at {path}; give the path of one of {', '.join(SUFFIXES)}")
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise LiveHandError(f"{path} must be a pose file ({', '.join(SUFFIXES)}), got '{path.suffix}'")
+    try:
+        return Document(path, _READERS[suffix](path))
+    except LiveHandError as error:
+        raise LiveHandError(f"{path}: {error}") from error
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, TypeError) as error:
+        raise LiveHandError(
+            f"{path} must be a readable {suffix} file, got {type(error).__name__}: {error}; export it again"
+        ) from error
+    except Exception as error:  # a damaged pickle can raise nearly anything
+        raise LiveHandError(
+            f"{path} must be plain data, got a damaged file ({type(error).__name__}: {error}); download it again"
+        ) from error
+
+
+def _read_npz(path: Path) -> dict[str, np.ndarray]:
+    with zipfile.ZipFile(path) as archive:
+        _check_size(sum(member.file_size for member in archive.infolist()))
+    with np.load(path, allow_pickle=False) as arrays:
+        return {key: _loaded(arrays, key) for key in arrays.files}
+
+
+def _loaded(arrays: Any, key: str) -> np.ndarray:
+    try:
+        return arrays[key]
+    except ValueError as error:
+        if "Object arrays" in str(error):
+            raise LiveHandError(
+                f"{key} is an array of Python objects, which could run code; save plain arrays of numbers instead"
+            ) from error
+        raise
+
+
+def _read_npy(path: Path) -> Any:
+    _check_size(path.stat().st_size)
+    raw = path.read_bytes()
+    file = io.BytesIO(raw)
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    if read_header(file)[2].hasobject:
+        return read_plain_pickle(raw[file.tell() :])
+    return np.load(io.BytesIO(raw), allow_pickle=False)
+
+
+def _read_pkl(path: Path) -> Any:
+    _check_size(path.stat().st_size)
+    return read_plain_pickle(path.read_bytes())
+
+
+def _read_json(path: Path) -> Any:
+    _check_size(path.stat().st_size)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _read_csv(path: Path) -> dict[str, np.ndarray]:
+    """A table of numbers, by the columns' names in lower case; an empty cell is NaN."""
+    _check_size(path.stat().st_size)
+    names, *rows = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    if not rows or any(len(row) != len(names) for row in rows):
+        raise LiveHandError("a table must have a line of names and as many cells in every line below it")
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    return {name.strip().strip('"').lower(): _column(cells) for name, cells in columns}
+
+
+def _column(cells: Sequence[str]) -> np.ndarray:
+    try:
+        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+    except ValueError:
+        return np.array([cell.strip().strip('"') for cell in cells])
+
+
+_READERS = {".npz": _read_npz, ".npy": _read_npy, ".pkl": _read_pkl, ".json": _read_json, ".csv": _read_csv}
+
+
+def _check_size(size_bytes: int) -> None:
+    if size_bytes > _LARGEST_BYTES:
+        raise LiveHandError(f"a pose file must hold at most {_LARGEST_BYTES >> 30} GiB, got {size_bytes >> 20} MiB")
+
+
+def _fits(shape: tuple[int, ...], wanted: Sequence[int | None]) -> bool:
+    return len(shape) == len(wanted) and all(n is None or n == m for m, n in zip(shape, wanted, strict=True))

@@ -1,0 +1,85 @@
+"""Hands on bodies: AMASS' SMPL-H and SMPL-X `.npz`, SMPL-X' own names, and ARCTIC's `.smplx.npy`.
+
+The wrist's rotation is the product along the body's chain from pelvis to wrist; where the wrist is would need the body
+model, and the shape is the body's, not the hand's: both are left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ...records.shot import SIDES, Side
+from ..document import Document
+from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from .format import Format
+
+# Joints of SMPL's body from the pelvis to each wrist.
+_CHAINS: dict[Side, tuple[int, ...]] = {"right": (0, 3, 6, 9, 14, 17, 19, 21), "left": (0, 3, 6, 9, 13, 16, 18, 20)}
+_NOTES = (
+    "the wrist turns as the body's chain says; its place would need the body model and is left out",
+    "the shape in the file is the body's and is left out",
+)
+# Of a whole pose vector: where each hand's 45 numbers begin, by the vector's length.
+_HANDS_IN_POSES: dict[int, dict[Side, int]] = {156: {"left": 66, "right": 111}, 165: {"left": 75, "right": 120}}
+_FPS = ("mocap_framerate", "mocap_frame_rate", "fps")
+
+
+def _is_amass(document: Document) -> bool:
+    poses = document.entries.get("poses")
+    return isinstance(poses, np.ndarray) and poses.ndim == 2 and poses.shape[1] in _HANDS_IN_POSES
+
+
+def _read_amass(document: Document) -> PoseFile:
+    poses = document.numbers(document.entries["poses"], "poses", (None, 156), (None, 165))
+    body = poses[:, :66].reshape(-1, 22, 3)
+    starts = _HANDS_IN_POSES[poses.shape[1]]
+    hands: dict[Side, RawHand] = {}
+    for side, start in starts.items():
+        hands[side] = _hand(body, side, poses[:, start : start + 45])
+    name = "AMASS SMPL-H" if poses.shape[1] == 156 else "AMASS SMPL-X"
+    return pose_file(document.path, hands, name, "z_up", has_mean_added=True, fps=_fps(document), notes=_NOTES)
+
+
+def _is_smplx(document: Document) -> bool:
+    entries = document.entries
+    return "body_pose" in entries and bool({"left_hand_pose", "right_hand_pose"} & entries.keys())
+
+
+def _read_smplx(document: Document) -> PoseFile:
+    entries = document.entries
+    root = document.numbers(entries["global_orient"], "global_orient", (None, 3), (3,), (None, 1, 3)).reshape(-1, 1, 3)
+    count = len(root)
+    rest = document.numbers(entries["body_pose"], "body_pose", (count, 63), (count, 21, 3), (63,))
+    body = np.concatenate([root, rest.reshape(count, 21, 3)], 1)
+    hands: dict[Side, RawHand] = {}
+    for side in SIDES:
+        key = f"{side}_hand_pose"
+        if key in entries:
+            fingers = document.numbers(entries[key], key, (count, None), (count, 15, 3)).reshape(count, -1)
+            hands[side] = _hand(body, side, fingers)
+    is_arctic = document.path.name.endswith(".smplx.npy")
+    uses_pca = any(raw.fingers.shape[1] != 45 for raw in hands.values())
+    fps = 30.0 if is_arctic else _fps(document)
+    name, space = ("ARCTIC SMPL-X", "z_up") if is_arctic else ("SMPL-X", "y_up")
+    notes = (*_NOTES, "the format does not say which way is up: check the axes")
+    return pose_file(
+        document.path, hands, name, space, has_mean_added=not uses_pca, uses_pca=uses_pca, fps=fps, notes=notes
+    )
+
+
+def _hand(body: np.ndarray, side: Side, fingers: np.ndarray) -> RawHand:
+    """Of the body's joints [T, 22, 3], axis-angle."""
+    turned = np.eye(3)
+    for joint in _CHAINS[side]:
+        turned = turned @ axis_angle_to_matrix(body[:, joint])
+    return raw_hand(np.concatenate([matrix_to_axis_angle(turned), fingers], 1))
+
+
+def _fps(document: Document) -> float | None:
+    key = next((key for key in _FPS if key in document.entries), None)
+    return None if key is None else document.numbers(document.entries[key], key, (), (1,)).item()
+
+
+AMASS = Format("AMASS", _is_amass, _read_amass)
+SMPLX = Format("SMPL-X", _is_smplx, _read_smplx)

@@ -1,0 +1,55 @@
+"""Motions in space: from a file's axes into Blender's world, and from one frame into another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ..hand.model import HandModel
+from .motion import HandMotion
+
+Space = Literal["hand", "z_up", "y_up", "opencv", "opengl"]
+"""`hand`: theta and transl as our rig has them, in the armature; `z_up` is Blender's world; `y_up` looks along -Z;
+`opencv` and `opengl` are cameras (x right, y down, z forward; x right, y up, z back)."""
+SPACES: tuple[Space, ...] = get_args(Space)
+
+_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+TO_BLENDER: dict[Space, np.ndarray] = {
+    "hand": np.eye(3),
+    "z_up": np.eye(3),
+    "y_up": _Y_UP,
+    "opencv": _CAMERA,
+    "opengl": _Y_UP,
+}
+"""[3, 3] of each space: its axes in Blender's world; a camera looks along +Y."""
+
+
+def rest_wrists(model: HandModel, beta: np.ndarray) -> np.ndarray:
+    """[..., 3] m: the joint about which the root turns, of shapes [..., 10], in the template's frame."""
+    return model.joints[0] + np.einsum("v,vck,...k->...c", model.J_regressor[0], model.shapedirs, beta)
+
+
+def moved(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> HandMotion:
+    """The whole motion carried by a transform; a scale in it moves the wrist, and leaves the hand's own size.
+
+    Args:
+        motion: of T frames.
+        matrix: [4, 4], from the motion's present space to the new one.
+        wrists: [T, 3] or [3] m, `rest_wrists` of its shape: theta turns about them, so transl depends on them.
+    """
+    rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+    theta = motion.theta.copy()
+    theta[:, 0] = matrix_to_axis_angle(rotation @ axis_angle_to_matrix(motion.theta[:, 0]))
+    transl = (wrists + motion.transl) @ matrix[:3, :3].T + matrix[:3, 3] - wrists
+    return replace(motion, theta=theta, transl=transl)
+
+
+def to_blender(space: Space) -> np.ndarray:
+    """[4, 4] from a file's space to Blender's world."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = TO_BLENDER[space]
+    return matrix

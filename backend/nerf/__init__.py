@@ -1,0 +1,1 @@
+"""The method in plain torch, one part a module: rays, sampler, field, volume rendering, super-resolution."""

@@ -1,0 +1,70 @@
+"""An avatar: the trained field and super-resolution of one hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from .field import FieldConfig, PaperField, PlaneField, build_field
+from .sampler import SamplerConfig
+from .superres import SuperResConfig, build_superres
+
+
+@dataclass(frozen=True)
+class AvatarConfig:
+    """Everything that shapes the networks and how they are asked."""
+
+    field: FieldConfig = dataclasses.field(default_factory=FieldConfig)
+    """The radiance field."""
+    superres: SuperResConfig = dataclasses.field(default_factory=SuperResConfig)
+    """The super-resolution network."""
+    sampler: SamplerConfig = dataclasses.field(default_factory=SamplerConfig)
+    """The samples along each ray."""
+
+
+PRESETS: dict[str, AvatarConfig] = {
+    "default": AvatarConfig(),
+    "poseless": AvatarConfig(FieldConfig(pose=False)),
+    "paper": AvatarConfig(
+        FieldConfig(kind="paper"), SuperResConfig(kind="paper"), SamplerConfig(samples_per_ray=16, shell_m=0.005)
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Avatar:
+    """A hand's look, ready to render.
+
+    Attributes:
+        name: for people.
+        hand_name: the hand model's name.
+        hand_sha256: the identity of the hand model it belongs to.
+        config: of its networks.
+        field: the radiance field.
+        superres: the super-resolution network.
+        provenance: what it was trained on and how, and its licence.
+        metrics: figures measured on held-out views.
+        portrait: [P, P, 4] uint8, a picture of it (`portrait.portrait`); None in files of earlier versions.
+    """
+
+    name: str
+    hand_name: str
+    hand_sha256: str
+    config: AvatarConfig
+    field: PaperField | PlaneField
+    superres: nn.Module
+    provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
+    metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
+    portrait: np.ndarray | None = None
+
+
+def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:
+    """An untrained avatar; the seed fixes its weights."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return Avatar(name, hand_name, hand_sha256, config, build_field(config.field), build_superres(config.superres))

@@ -1,0 +1,80 @@
+"""The part of the image where the hand is: all that is rendered.
+
+A window is laid on the low-resolution grid (half the image's size) and reaches past the hand by a margin, past the
+image's border too where the hand does, so that super-resolution never sees an artificial edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.tolerances import NEAR_M
+from ..records.camera import Camera
+
+MARGIN_PX = 6
+"""Low-resolution pixels around the hand: the reach of the super-resolution's convolutions."""
+BUCKET_PX = 16
+"""Window sizes are multiples of this, so that convolutions meet few shapes."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Upper left corner (may be negative) and size, in low-resolution pixels."""
+
+    x0: int
+    y0: int
+    width: int
+    height: int
+
+    def camera_of(self, camera: Camera) -> Camera:
+        """The low-resolution camera of the window."""
+        return camera.scaled(0.5).cropped(self.x0, self.y0, (self.width, self.height))
+
+    def paste(self, values: np.ndarray, image: np.ndarray) -> None:
+        """Copy full-resolution window values [2 height, 2 width, ...] into the image, in place."""
+        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        image[rows, columns] = values[inner_rows, inner_columns]
+
+    def paste_low_resolution(self, values: np.ndarray, image: np.ndarray) -> None:
+        """Copy low-resolution window values [height, width, ...] into an image of half the size, in place."""
+        rows, inner_rows = _overlap_1d(self.y0, self.height, image.shape[0])
+        columns, inner_columns = _overlap_1d(self.x0, self.width, image.shape[1])
+        image[rows, columns] = values[inner_rows, inner_columns]
+
+    def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
+        """The full-resolution window [2 height, 2 width, ...] of an image; `outside` fills what lies past it."""
+        rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
+        values = np.full((2 * self.height, 2 * self.width, *image.shape[2:]), outside, image.dtype)
+        values[inner_rows, inner_columns] = image[rows, columns]
+        return values
+
+    def _overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
+        rows, inner_rows = _overlap_1d(2 * self.y0, 2 * self.height, shape[0])
+        columns, inner_columns = _overlap_1d(2 * self.x0, 2 * self.width, shape[1])
+        return rows, columns, inner_rows, inner_columns
+
+
+def hand_window(
+    positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int]
+) -> Window | None:
+    """The window of projected vertices [V, 2] that reach `reach_px` [V] about them; None where nothing is in view."""
+    in_front = depth > NEAR_M
+    if not in_front.any():
+        return None
+    low, reach = positions_px[in_front] / 2, reach_px[in_front, None] / 2
+    limit = (np.array(size_px) + 1) // 2
+    first = np.maximum(np.floor((low - reach).min(0)), 0)
+    last = np.minimum(np.ceil((low + reach).max(0)), limit)
+    if (last <= first).any():
+        return None
+    first, last = first.astype(int) - MARGIN_PX, last.astype(int) + MARGIN_PX
+    width, height = (-(-(last - first) // BUCKET_PX) * BUCKET_PX).tolist()
+    return Window(int(first[0]), int(first[1]), width, height)
+
+
+def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:
+    """Where [start, start + length) overlaps [0, limit): as a slice of the image, and as one of the window."""
+    first, last = max(start, 0), max(min(start + length, limit), 0)
+    return slice(first, max(first, last)), slice(first - start, max(first, last) - start)

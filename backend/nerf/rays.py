@@ -1,0 +1,99 @@
+"""Camera rays as tensors: where they start and point, and, once traced, where their samples lie over the skin.
+
+Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.uvh import SurfaceSamples
+from ..records.camera import Camera
+
+
+class View(NamedTuple):
+    """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px."""
+
+    K: Tensor
+    world2cam: Tensor
+    size_px: tuple[int, int]
+
+    @property
+    def focal_px(self) -> Tensor:
+        """[] the focal length of square pixels as large as these, px: the geometric mean of both axes'."""
+        return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
+
+class HandInView(NamedTuple):
+    """A posed hand before a (low-resolution) camera: where rays meet what.
+
+    Attributes:
+        mesh: the pose.
+        topology: of the hand.
+        view: the camera.
+    """
+
+    mesh: PosedMesh
+    topology: Topology
+    view: View
+
+
+class SurfaceRays(NamedTuple):
+    """R rays as in `RaySamples`, their N samples laid on the surface."""
+
+    pixel: Tensor
+    directions: Tensor
+    t: Tensor
+    dt: Tensor
+    is_stopped: Tensor
+    samples: SurfaceSamples
+
+
+def view_of(camera: Camera, device: torch.device | str) -> View:
+    """The camera as tensors.
+
+    The rigid matrix is turned round by hand: numpy's inverse wakes a thread that then spins for 100 ms, on a core that
+    the frame needs.
+    """
+    rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
+    world2cam = np.eye(4)
+    world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
+    return View(
+        K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
+        world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
+        size_px=camera.size_px,
+    )
+
+
+def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
+    """World points -> (px, depth m)."""
+    in_camera = points @ view.world2cam[:3, :3].T + view.world2cam[:3, 3]
+    homogeneous = in_camera @ view.K.T
+    return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
+
+
+def ray_directions(view: View, pixel: Tensor) -> Float[Tensor, "R 3"]:
+    """World directions of depth 1 through pixel centres."""
+    width = view.size_px[0]
+    ones = torch.ones_like(pixel, dtype=view.K.dtype)
+    centre = torch.stack([pixel % width + 0.5, pixel // width + 0.5, ones], -1).to(view.K.dtype)
+    return centre @ torch.linalg.inv(view.K).T @ view.world2cam[:3, :3]
+
+
+def ray_origin(view: View) -> Float[Tensor, 3]:
+    """The camera's centre, world, m."""
+    return -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
+
+
+def split_rays(rays: SurfaceRays, at_once: int) -> list[SurfaceRays]:
+    """The same rays in chunks; at least one chunk, also of no rays."""
+    per_ray = rays.t.shape[1]
+    by_ray = zip(*(values.split(at_once) for values in rays[:5]), strict=True)
+    by_sample = zip(*(values.split(at_once * per_ray) for values in rays.samples), strict=True)
+    return [SurfaceRays(*r, samples=SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]

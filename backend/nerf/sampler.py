@@ -1,0 +1,206 @@
+"""Mesh-guided sampling: where along each ray the radiance field is asked (paper section 3.3).
+
+The field lives in a shell of `shell_m` on both sides of the posed surface. A ray is sampled where it is inside the
+mesh inflated by the shell, up to where it first enters the mesh deflated by the shell. There the hand is opaque
+whatever the field says: where two parts of the skin touch, a sample inside the one lies just outside the other, which
+looks like air. Nothing behind that is seen. So a ray past a fingertip over the palm gets one interval on each and no
+samples in the gap, and one that only grazes the finger goes on to what lies behind it.
+
+Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.mesh import Topology
+from ..geometry.rasterise import Fragments, rasterise
+from .rays import HandInView, View, project, ray_directions, ray_origin
+
+
+@dataclass(frozen=True)
+class SamplerConfig:
+    """How the rays are sampled."""
+
+    samples_per_ray: int = 8
+    """N."""
+    shell_m: float = 0.003
+    """Half thickness of the shell, metres of the template."""
+    max_layers: int = 10
+    """Surface crossings (front and back) kept per ray; the farthest are dropped."""
+
+
+class RaySamples(NamedTuple):
+    """R rays of N samples.
+
+    Attributes:
+        pixel: [R] row * width + column.
+        directions: [R, 3] world, depth 1.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
+        points: [R, N, 3] world, m.
+        is_stopped: [R] whether the ray ends at the deflated mesh, behind which all is opaque.
+        entry_face: [R, L] faces whose inflated fronts the ray crosses, nearest first.
+        is_open: [R, N, L] which of the crossings lie before each sample, in the sample's own interval.
+    """
+
+    pixel: Tensor
+    directions: Tensor
+    t: Tensor
+    dt: Tensor
+    points: Tensor
+    is_stopped: Tensor
+    entry_face: Tensor
+    is_open: Tensor
+
+
+class Intervals(NamedTuple):
+    """Disjoint intervals in order, per ray.
+
+    Attributes:
+        pixel: [R].
+        start: [R, M] m.
+        end: [R, M] m; an empty interval has end = start.
+        is_stopped: [R] whether the last interval ends at the deflated mesh.
+        entry: [R, L] depths of the inflated mesh's fronts, nearest first, infinite where there is none, m.
+        entry_face: [R, L] the faces of those fronts.
+    """
+
+    pixel: Tensor
+    start: Tensor
+    end: Tensor
+    is_stopped: Tensor
+    entry: Tensor
+    entry_face: Tensor
+
+
+class Layers(NamedTuple):
+    """Crossings of the inflated mesh, one row per ray that has any, nearest first.
+
+    Attributes:
+        pixel: [R].
+        depth: [R, L] m, padded with infinite depth.
+        face: [R, L].
+        is_front: [R, L].
+    """
+
+    pixel: Tensor
+    depth: Tensor
+    face: Tensor
+    is_front: Tensor
+
+
+def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> RaySamples:
+    """Samples of all rays that meet the shell.
+
+    Args:
+        hand: before its camera.
+        config: how to sample.
+        generator: jitters the samples within their strata; None puts them at the strata's centres.
+    """
+    intervals, view = shell_intervals(hand, config), hand.view
+    directions = ray_directions(view, intervals.pixel)
+    t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
+    points = ray_origin(view) + t[..., None] * directions[:, None, :]
+    entry = intervals.entry[:, None, :]
+    is_open = (entry <= t[..., None]) & (entry >= since[..., None])
+    return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped, intervals.entry_face, is_open)
+
+
+def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
+    """The intervals of every ray that meets the shell."""
+    mesh, topology, view = hand
+    shell = config.shell_m * mesh.scale * mesh.normals
+    outer = _fragments_of(mesh.vertices + shell, topology, view)
+    inner = _fragments_of(mesh.vertices - shell, topology, view)
+    layers = _by_ray(outer, config.max_layers)
+    inside, pixel = _inside_intervals(layers), layers.pixel
+    return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel]))
+
+
+def _fragments_of(vertices: Tensor, topology: Topology, view: View) -> Fragments:
+    positions_px, depth = project(view, vertices)
+    return rasterise(positions_px, depth, topology.faces, view.size_px)
+
+
+def _first_hit(fragments: Fragments, view: View) -> Float[Tensor, " P"]:
+    """Depth of the first front face per pixel; infinite where there is none."""
+    width, height = view.size_px
+    nearest = fragments.depth.new_full((width * height,), torch.inf)
+    front = fragments.is_front
+    return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
+
+
+def _by_ray(fragments: Fragments, max_layers: int) -> Layers:
+    """Fragments as tables of one row per ray, sorted by depth."""
+    order = torch.argsort(fragments.depth)
+    order = order[torch.argsort(fragments.pixel[order], stable=True)]
+    pixel, row, count = torch.unique_consecutive(fragments.pixel[order], return_inverse=True, return_counts=True)
+    column = torch.arange(len(row), device=row.device) - (torch.cumsum(count, 0) - count)[row]
+    fits = column < max_layers
+    at, order = (row[fits], column[fits]), order[fits]
+    shape = (len(pixel), max_layers)
+    depth = fragments.depth.new_full(shape, torch.inf).index_put(at, fragments.depth[order])
+    face = torch.zeros(shape, dtype=torch.long, device=row.device).index_put(at, fragments.face[order])
+    is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(at, fragments.is_front[order])
+    return Layers(pixel, depth, face, is_front)
+
+
+def _inside_intervals(layers: Layers) -> Intervals:
+    """Where each ray is inside: from the crossing that takes its nesting from 0 to 1, to the one that takes it back.
+
+    A ray whose last exit is missing (clipped, or beyond the kept layers) ends at its last crossing.
+    """
+    depth, is_front = layers.depth, layers.is_front
+    is_hit = depth.isfinite()
+    step = torch.where(is_hit, torch.where(is_front, 1, -1), 0)
+    nesting = step.cumsum(1)
+    opens = is_hit & is_front & (nesting - step <= 0)
+    last = torch.where(is_hit, depth, torch.zeros_like(depth)).amax(1, keepdim=True)
+    exits = torch.where(is_hit & (nesting <= 0), depth, last)
+    exits = torch.where(is_hit, exits, last.expand_as(exits))
+    next_exit = exits.flip(1).cummin(1).values.flip(1)
+    start = torch.where(opens, depth, torch.zeros_like(depth))
+    end = torch.where(opens, torch.maximum(next_exit, start), start)
+    entry = torch.where(is_front, depth, torch.full_like(depth, torch.inf))
+    return Intervals(layers.pixel, start, end, torch.zeros_like(layers.pixel, dtype=torch.bool), entry, layers.face)
+
+
+def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
+    """End the intervals at a depth; a ray that this cuts short is stopped."""
+    end = torch.minimum(intervals.end, depth[:, None])
+    is_stopped = depth < intervals.end.amax(1)
+    return intervals._replace(start=torch.minimum(intervals.start, end), end=end, is_stopped=is_stopped)
+
+
+def _without_empty(intervals: Intervals) -> Intervals:
+    is_live = (intervals.end - intervals.start).sum(1) > 0
+    return Intervals(*(values[is_live] for values in intervals))
+
+
+def _place_samples(
+    intervals: Intervals, count: int, generator: torch.Generator | None
+) -> tuple[Float[Tensor, "R N"], Float[Tensor, " R"], Float[Tensor, "R N"]]:
+    """Equal strata over the union of each ray's intervals: depths, their common step, and their intervals' starts."""
+    length = intervals.end - intervals.start
+    filled = length.cumsum(1)
+    total = filled[:, -1]
+    offset = strata(len(total), count, length, generator) * total[:, None]
+    index = torch.searchsorted(filled, offset.contiguous()).clamp(max=length.shape[1] - 1)
+    before = (filled - length).gather(1, index)
+    start = intervals.start.gather(1, index)
+    return start + offset - before, total / count, start
+
+
+def strata(rays: int, count: int, like: Tensor, generator: torch.Generator | None) -> Float[Tensor, "R N"]:
+    """One point in each of `count` equal parts of (0, 1) per ray: jittered, or their centres."""
+    if generator is None:
+        jitter = like.new_full((rays, count), 0.5)
+    else:
+        jitter = torch.rand((rays, count), generator=generator, device=like.device, dtype=like.dtype)
+    return (torch.arange(count, device=like.device) + jitter) / count

@@ -1,0 +1,1 @@
+"""The frozen records of numpy arrays that cross every border, and the one error that users see."""

@@ -1,0 +1,107 @@
+"""The records that cross every border: what Blender, training and tests hand to the renderer, and what comes back.
+
+Frozen dataclasses of numpy arrays, so that no bpy object and no torch tensor travels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from .camera import Camera
+from .depth_profile import DepthProfile
+from .errors import LiveHandError
+
+Side = Literal["right", "left"]
+SIDES: tuple[Side, ...] = get_args(Side)
+
+
+@dataclass(frozen=True)
+class HandPose:
+    """A hand's parameters.
+
+    Attributes:
+        theta: [16, 3] axis-angle per joint, rad, in MANO's order (wrist, index, middle, pinky, ring, thumb); always the
+            full absolute pose, any mean already added. Joint 0 is the root rotation, about joint 0.
+        beta: [10] shape coefficients.
+        transl: [3] m.
+        side: which hand.
+    """
+
+    theta: np.ndarray
+    beta: np.ndarray
+    transl: np.ndarray
+    side: Side = "right"
+
+    def __post_init__(self):
+        for name, shape in (("theta", (16, 3)), ("beta", (10,)), ("transl", (3,))):
+            value = getattr(self, name)
+            if np.shape(value) != shape:
+                raise LiveHandError(f"{name} must be {list(shape)}, got {list(np.shape(value))}")
+            if not np.isfinite(value).all():
+                raise LiveHandError(
+                    f"{name} must be finite, got NaN or infinity; clear the keyframe or driver at fault"
+                )
+        if self.side not in ("right", "left"):
+            raise LiveHandError(f"side must be 'right' or 'left', got {self.side!r}")
+
+    @classmethod
+    def rest(cls, side: Side = "right") -> HandPose:
+        """The template's own pose and shape, at its own place."""
+        return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One hand in one frame.
+
+    Attributes:
+        pose: the hand's parameters; the renderer uses them for pose-dependent looks only.
+        vertices: [V, 3] posed surface in the world, m, in the hand model's vertex order. They come from the evaluated
+            mesh, so shape keys, sculpting, modifiers and foreign rigs flow through; the depth bounds of every ray are
+            rasterised from them.
+        camera: the view.
+    """
+
+    pose: HandPose
+    vertices: np.ndarray
+    camera: Camera
+
+    def __post_init__(self):
+        if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
+            raise LiveHandError(f"vertices must be [V, 3] m, got {list(np.shape(self.vertices))}")
+        if not np.isfinite(self.vertices).all():
+            raise LiveHandError("the posed hand must be finite, got NaN or infinity in its vertices")
+
+    def with_camera(self, camera: Camera) -> Shot:
+        """The same hand from another view."""
+        return replace(self, camera=camera)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered frame, top row first.
+
+    Attributes:
+        rgb: [H, W, 3] float32, scene-linear Rec.709, premultiplied by alpha.
+        alpha: [H, W] float32 in [0, 1].
+        depth: [H, W] float32 m along the optical axis; `DEPTH_BACKGROUND` where there is no hand.
+        profile: where along the rays the hand's opacity lies, for `composition`; None: at `depth`.
+    """
+
+    rgb: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
+    profile: DepthProfile | None = None
+
+
+DEPTH_BACKGROUND = 1e10  # Cycles' own value
+
+
+def empty_frame(size_px: tuple[int, int]) -> Frame:
+    """A frame without a hand."""
+    width, height = size_px
+    depth = np.full((height, width), DEPTH_BACKGROUND, np.float32)
+    return Frame(np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32), depth)

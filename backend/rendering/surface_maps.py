@@ -1,0 +1,96 @@
+"""What of the hand's mesh each pixel sees: normal, atlas coordinates and position, for passes beside the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..geometry.mesh import vertex_normals
+from ..geometry.rasterise import Fragments, rasterise
+from ..hand.model import HandModel
+from ..nerf.rays import project, ray_directions, ray_origin, view_of
+from ..records.shot import DEPTH_BACKGROUND, Shot
+
+
+@dataclass(frozen=True)
+class SurfaceMaps:
+    """The mesh's nearest front at every pixel centre, all zero beside it.
+
+    Attributes:
+        depth: [H, W] m along the optical axis; `DEPTH_BACKGROUND` beside the mesh.
+        normal: [H, W, 3] smooth, unit length, world.
+        uv: [H, W, 3] atlas u and v, and 1 where the mesh is.
+        position: [H, W, 3] world, m.
+    """
+
+    depth: np.ndarray
+    normal: np.ndarray
+    uv: np.ndarray
+    position: np.ndarray
+
+
+def surface_maps(shot: Shot, hand: HandModel) -> SurfaceMaps:
+    """Rasterise the shot's mesh.
+
+    Args:
+        shot: a hand in view.
+        hand: its model, of either side.
+    """
+    hand = hand.for_side(shot.pose.side)
+    view = view_of(shot.camera, "cpu")
+    vertices, faces = torch.as_tensor(shot.vertices, dtype=torch.float32), torch.as_tensor(hand.f)
+    hits = rasterise(*project(view, vertices), faces, view.size_px)
+    pixel, hit = _nearest_fronts(hits)
+    depth, face = hits.depth[hit], hits.face[hit]
+    points = ray_origin(view) + depth[:, None] * ray_directions(view, pixel)
+    weights = _barycentric(points, vertices[faces[face]])
+    normals = _blend(weights, vertex_normals(vertices, faces)[faces[face]])
+    uv = _blend(weights, torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)[face])
+    return SurfaceMaps(
+        _image(depth[:, None], pixel, view.size_px, DEPTH_BACKGROUND)[..., 0],
+        _image(torch.nn.functional.normalize(normals, dim=-1), pixel, view.size_px),
+        _image(torch.cat([uv, torch.ones(len(uv), 1)], 1), pixel, view.size_px),
+        _image(points, pixel, view.size_px),
+    )
+
+
+def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
+    """Several hands' maps in one."""
+    first, *others = maps
+    for other in others:
+        is_nearer = other.depth < first.depth
+        pairs = ((getattr(first, name), getattr(other, name)) for name in ("normal", "uv", "position"))
+        merged = (np.where(is_nearer[..., None], theirs, ours) for ours, theirs in pairs)
+        first = SurfaceMaps(np.minimum(first.depth, other.depth), *merged)
+    return first
+
+
+def _nearest_fronts(hits: Fragments) -> tuple[torch.Tensor, torch.Tensor]:
+    """Pixels that see a front, each once, and the fragment that each sees."""
+    fronts = hits.is_front.nonzero()[:, 0].numpy()
+    order = fronts[np.lexsort((hits.depth[fronts], hits.pixel[fronts]))]
+    pixel, first = np.unique(hits.pixel[order].numpy(), return_index=True)
+    return torch.as_tensor(pixel), torch.as_tensor(order[first])
+
+
+def _barycentric(points: torch.Tensor, corners: torch.Tensor) -> torch.Tensor:
+    """[K, 3] of points in the planes of triangles [K, 3, 3]."""
+    a, b, c = corners.unbind(1)
+    normal = torch.linalg.cross(b - a, c - a)
+    squared = (normal * normal).sum(-1)
+    of_b = (torch.linalg.cross(points - a, c - a) * normal).sum(-1) / squared
+    of_c = (torch.linalg.cross(b - a, points - a) * normal).sum(-1) / squared
+    return torch.stack([1 - of_b - of_c, of_b, of_c], -1)
+
+
+def _blend(weights: torch.Tensor, corners: torch.Tensor) -> torch.Tensor:
+    return (weights[..., None] * corners).sum(1)
+
+
+def _image(values: torch.Tensor, pixel: torch.Tensor, size_px: tuple[int, int], empty: float = 0.0) -> np.ndarray:
+    width, height = size_px
+    image = torch.full((height * width, values.shape[1]), empty)
+    image[pixel] = values
+    return image.reshape(height, width, -1).numpy()

@@ -1,0 +1,1 @@
+"""A hand model in MANO's format from a skinned mesh made elsewhere."""

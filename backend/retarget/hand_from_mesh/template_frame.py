@@ -1,0 +1,71 @@
+"""Where a hand lies in its world -> the template's frame: fingers -X, back of the hand +Y, thumb +Z (a right hand)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.rotation import turn_between
+from ...hand.model import MIRROR_POINT
+from ...hand.model_file import load_default_hand
+from ...records.errors import LiveHandError
+from ...records.shot import Side
+
+_KNUCKLES = [1, 4, 7, 10]
+_LAST_JOINTS = [3, 6, 9, 12]
+_THUMB_TIP = 15
+SMALLEST_M, LARGEST_M = 0.1, 0.3  # from the wrist to the middle fingertip
+# How far the fingers may bend backwards, as a share of the hand's length, before the hand seems to be the other one.
+_BACKWARDS = 0.06
+
+
+def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
+    """[4, 4] rigid: joints [16, 3] m in a world -> our template's frame, the wrist where the built-in hand has it.
+
+    The palm's knuckles are laid on the built-in hand's as nearly as a rotation about the wrist can (Kabsch).
+
+    Raises:
+        LiveHandError: the joints have the wrong size, or seem to be the other side's.
+    """
+    builtin = load_default_hand().joints * (1 if side == "right" else MIRROR_POINT)
+    check_size(joints)
+    seen, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
+    rotation = turn_between(seen, wanted)
+    _check_side((joints - joints[0]) @ rotation.T, side)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, builtin[0] - rotation @ joints[0]
+    return matrix
+
+
+def hand_length_m(joints: np.ndarray) -> float:
+    """From the wrist along the middle finger to its last joint, and half a bone more for the tip."""
+    steps = np.linalg.norm(np.diff(joints[[0, 4, 5, 6]], axis=0), axis=1)
+    return float(steps.sum() + steps[-1])
+
+
+def check_size(joints: np.ndarray) -> None:
+    """Refuse joints that are no hand's in metres, and say which unit they seem to have.
+
+    Raises:
+        LiveHandError: as said.
+    """
+    length = hand_length_m(joints)
+    if SMALLEST_M <= length <= LARGEST_M:
+        return
+    units = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "decimetres": 0.1}
+    fitting = [(unit, scale) for unit, scale in units.items() if SMALLEST_M <= length * scale <= LARGEST_M]
+    guess = f"it seems to be in {fitting[0][0]}: scale it by {fitting[0][1]:g}" if fitting else "scale it"
+    raise LiveHandError(
+        f"a hand must be {SMALLEST_M} to {LARGEST_M} m long from wrist to middle fingertip, got {length:.3g} m; {guess}"
+    )
+
+
+def _check_side(joints: np.ndarray, side: Side) -> None:
+    """The fingers of a resting hand bend towards its palm, or not at all."""
+    length = hand_length_m(joints)
+    behind = joints[_LAST_JOINTS, 1].mean() + joints[_THUMB_TIP, 1]  # +Y is the back of either hand
+    if behind > _BACKWARDS * length:
+        other = "left" if side == "right" else "right"
+        raise LiveHandError(
+            f"a resting hand's fingers must bend towards its palm; these are bent {1e3 * behind:.0f} mm backwards as a "
+            f"{side} hand's: say that it is the {other} one, or mend the order of its fingers"
+        )

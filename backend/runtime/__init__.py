@@ -1,0 +1,1 @@
+"""What every command of the program shares: how it runs, prints and fails, its threads and its output."""

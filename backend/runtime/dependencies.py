@@ -1,0 +1,56 @@
+"""Python packages that rendering needs: which are missing, and the command that installs them.
+
+Nothing is imported and nothing is installed here: the user runs the command.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Requirement(NamedTuple):
+    """Name to import, and what to ask pip for."""
+
+    module: str
+    pip: str
+
+
+REQUIREMENTS = (
+    Requirement("torch", "torch>=2.6,<2.14"),
+    Requirement("safetensors", "safetensors>=0.4"),
+    Requirement("numba", "numba>=0.60"),  # rendering works without, many times slower on a CPU
+    Requirement("jaxtyping", "jaxtyping>=0.2.34"),
+    Requirement("trimesh", "trimesh>=4.4"),
+    Requirement("xatlas", "xatlas>=0.0.9"),
+    Requirement("PIL", "pillow>=10.1"),
+    Requirement("tqdm", "tqdm>=4.66"),
+)
+
+
+def is_installed(requirement: Requirement) -> bool:
+    """Whether this Python finds the package; it is not imported."""
+    return importlib.util.find_spec(requirement.module) is not None
+
+
+def missing_requirements() -> tuple[Requirement, ...]:
+    """What has to be installed before a hand can be rendered."""
+    return tuple(requirement for requirement in REQUIREMENTS if not is_installed(requirement))
+
+
+def install_command(requirements: tuple[Requirement, ...], target: Path | None = None) -> str:
+    """The shell command that installs packages for this Python.
+
+    Args:
+        requirements: what to install.
+        target: a folder on this Python's path to install into; None: its own site-packages.
+
+    numpy is held at the version in use: a newer one in `target` would come first and break Blender's own add-ons.
+    """
+    wanted = [requirement.pip for requirement in requirements] + [f"numpy=={metadata.version('numpy')}"]
+    quoted = " ".join(f'"{name}"' for name in wanted)
+    option = f'--target "{target}" ' if target else ""
+    return f'"{sys.executable}" -m pip install {option}{quoted}'

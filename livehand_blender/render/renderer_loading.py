@@ -1,0 +1,46 @@
+"""Loads an avatar's renderer in Blender, and says how to install what Blender's Python lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...backend.avatars.session import Device, load_renderer
+from ...backend.hand.model import HandModel
+from ...backend.records.errors import LiveHandError
+from ...backend.rendering.frame_task import HandRenderer
+from ...backend.runtime.dependencies import install_command, missing_requirements
+
+
+def load_renderer_in_blender(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
+    """The backend's renderer of one avatar.
+
+    Raises:
+        LiveHandError: a package is missing, or the avatar is unreadable or of another hand.
+    """
+    try:
+        return load_renderer(avatar_path, hand, device)
+    except ImportError as error:
+        raise LiveHandError(_missing_packages(error)) from error
+
+
+def packages_folder() -> Path | None:
+    """Where the Blender program looks for packages of the user's; None where Blender is a module of another Python.
+
+    The program puts the user's `scripts/modules` folder on the path when it starts, if the folder exists.
+    """
+    if not bpy.app.binary_path:  # bpy.app.module does not exist in 4.2
+        return None
+    return Path(bpy.utils.user_resource("SCRIPTS", path="modules"))
+
+
+def _missing_packages(error: ImportError) -> str:
+    missing = missing_requirements()
+    if not missing:
+        return f"the renderer cannot be imported ({error}); reinstall the package at fault and restart Blender"
+    names = ", ".join(requirement.module for requirement in missing)
+    return (
+        f"rendering needs Python packages that Blender's Python lacks: {names}; install them with: "
+        f"{install_command(missing, packages_folder())} and restart Blender"
+    )

@@ -1,0 +1,21 @@
+"""What all 3D views share."""
+
+from __future__ import annotations
+
+from ....backend.avatars.session import Session
+from ....backend.rendering.preview_scheduler import Preview
+from .redraw import RedrawTimer
+
+
+class Studio:
+    """The session's avatars, one thread and one timer. It belongs to the registered render engine."""
+
+    def __init__(self, session: Session):
+        self.session = session
+        self.preview = Preview()
+        self.timer = RedrawTimer(self.preview)
+
+    def close(self) -> None:
+        """End the thread and the timer."""
+        self.timer.stop()
+        self.preview.close()

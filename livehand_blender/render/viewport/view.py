@@ -1,0 +1,109 @@
+"""A 3D view -> the backend `Camera` of what it shows, in free perspective views and through a camera alike.
+
+Blender's `window_matrix` is the projection of the whole region; it holds zoom, offset and lens shift of a camera view.
+Blender counts a region's rows from the bottom, as OpenGL does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ....backend.records.camera import Camera
+from ....backend.records.errors import LiveHandError
+from ...scene.camera import read_camera, render_region
+
+_OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+class Rectangle(NamedTuple):
+    """Part of a region, px, rows counted from the top: columns left to right, rows top to bottom, ends excluded."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.right - self.left, self.bottom - self.top
+
+
+class View(NamedTuple):
+    """What a 3D view shows: the camera of a rectangle of its region, px."""
+
+    camera: Camera
+    rectangle: Rectangle
+
+
+def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> View | None:
+    """The view of the context's region, cut to the render border; None where the border lies outside.
+
+    Raises:
+        LiveHandError: the view is orthographic.
+    """
+    region, space = context.region, context.space_data
+    camera = region_camera(context.region_data, (region.width, region.height))
+    rectangle = (
+        _border(context, depsgraph, camera) if _has_border(space, depsgraph) else Rectangle(0, 0, *camera.size_px)
+    )
+    if min(rectangle.size_px) <= 0:
+        return None
+    return View(camera.cropped(rectangle.left, rectangle.top, rectangle.size_px), rectangle)
+
+
+def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Camera:
+    """The camera of a whole region.
+
+    Raises:
+        LiveHandError: the view is orthographic.
+    """
+    projection = np.array(view.window_matrix, np.float64)
+    if projection[3, 3] != 0:
+        remedy = "set the camera's lens type to Perspective" if view.view_perspective == "CAMERA" else "press Numpad 5"
+        raise LiveHandError(f"the hand is shown in perspective views only, this one is orthographic; {remedy}")
+    half_width, half_height = size_px[0] / 2, size_px[1] / 2
+    K = np.array(
+        [
+            [half_width * projection[0, 0], 0, half_width * (1 - projection[0, 2])],
+            [0, half_height * projection[1, 1], half_height * (1 + projection[1, 2])],
+            [0, 0, 1],
+        ]
+    )
+    return Camera(K, np.linalg.inv(np.array(view.view_matrix, np.float64)) @ _OPENGL_TO_OPENCV_AXES, size_px)
+
+
+def _has_border(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> bool:
+    if space.region_3d.view_perspective == "CAMERA":
+        return depsgraph.scene.render.use_border
+    return space.use_render_border
+
+
+def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Rectangle:
+    """The render border, cut to the region."""
+    space = context.space_data
+    width, height = camera.size_px
+    if space.region_3d.view_perspective == "CAMERA":
+        left, top, right, bottom = _camera_border(space, depsgraph, camera)
+    else:
+        left, right = space.render_border_min_x * width, space.render_border_max_x * width
+        top, bottom = (1 - space.render_border_max_y) * height, (1 - space.render_border_min_y) * height
+    edges = (max(left, 0), max(top, 0), min(right, width), min(bottom, height))
+    return Rectangle(*(round(edge) for edge in edges))
+
+
+def _camera_border(
+    space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, camera: Camera
+) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of the render border, px of a region that shows a camera's image somewhere in it."""
+    scene = depsgraph.scene
+    seen_through = space.camera if space.use_local_camera else scene.camera
+    image = read_camera(seen_through.evaluated_get(depsgraph), scene.render).K
+    scale = camera.K[[0, 1], [0, 1]] / image[[0, 1], [0, 1]]
+    border = render_region(scene.render)
+    corner = np.array([border.x0_px, border.y0_px])
+    first, last = (camera.K[:2, 2] + scale * (c - image[:2, 2]) for c in (corner, corner + border.size_px))
+    return first[0], first[1], last[0], last[1]

@@ -1,0 +1,109 @@
+"""Somebody's character in a file, .blend or what Blender imports (glTF, FBX): its armature, and the hand's mesh."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import get_args
+
+import bpy
+
+from ...backend.hand.model import JOINT_NAMES
+from ...backend.records.errors import LiveHandError
+from ...backend.records.shot import Side
+from ...backend.retarget.naming import guess_joints
+from ...backend.retarget.skeleton import JointMap
+from .importing import import_rig
+from .skeleton import read_skeleton
+
+_KINDS = (".blend", ".glb", ".gltf", ".fbx")
+
+
+def open_character(path: Path) -> None:
+    """Make the file's scene the open one.
+
+    Raises:
+        LiveHandError: no such file, another kind, or Blender cannot read it.
+    """
+    if not path.is_file():
+        raise LiveHandError(f"no character at {path}; give a .blend, .glb, .gltf or .fbx")
+    suffix = path.suffix.lower()
+    if suffix not in _KINDS:
+        raise LiveHandError(f"a character must be a .blend, .glb, .gltf or .fbx, got {path.name}; export it as one")
+    if suffix != ".blend":
+        bpy.ops.wm.read_homefile(use_empty=True)
+        import_rig(path)
+    else:
+        try:
+            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        except RuntimeError as error:
+            raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
+    bpy.context.view_layer.update()
+
+
+def find_armature(name: str | None) -> bpy.types.Object:
+    """The scene's armature of that name, or its only one that deforms a mesh.
+
+    Raises:
+        LiveHandError: there is none, or several and no name.
+    """
+    armatures = [thing for thing in bpy.context.scene.objects if thing.type == "ARMATURE"]
+    if name is None:
+        skinning = {thing.find_armature() for thing in bpy.context.scene.objects if thing.type == "MESH"}
+        armatures = [thing for thing in armatures if thing in skinning]
+    else:
+        armatures = [thing for thing in armatures if thing.name == name]
+    return _only(armatures, "armature", "--armature", name)
+
+
+def find_mesh(name: str, armature: bpy.types.Object) -> bpy.types.Object:
+    """The mesh of that name, which the armature must move.
+
+    Raises:
+        LiveHandError: there is none.
+    """
+    skinned = [
+        thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature
+    ]
+    return _only([thing for thing in skinned if thing.name == name], f"mesh of '{armature.name}'", "--mesh", name)
+
+
+def joint_map_of(armature: bpy.types.Object, side: Side | None, bones: Path | None) -> JointMap:
+    """The bones that are a hand's joints: as a file says, or guessed.
+
+    Args:
+        armature: whose.
+        side: which hand; None: as the file says, or the one that more is found of.
+        bones: JSON, {"side": "right", "wrist": "Bone", "index1": "Bone.001", ...}; None: guess.
+
+    Raises:
+        LiveHandError: a joint has no bone.
+    """
+    if bones is not None:
+        return _read_map(bones, side)
+    return guess_joints(read_skeleton(armature), side).joint_map()
+
+
+def _read_map(path: Path, side: Side | None) -> JointMap:
+    try:
+        named = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise LiveHandError(f'{path} must be JSON like {{"wrist": "Bone", ...}} ({error})') from error
+    if not isinstance(named, dict) or not all(isinstance(value, str) for value in named.values()):
+        raise LiveHandError(f"{path} must map the names of joints to names of bones, got {str(named)[:60]}")
+    unknown = sorted(set(named) - {"side", *JOINT_NAMES})
+    if unknown:
+        raise LiveHandError(f"{path} may name {', '.join(JOINT_NAMES)} and side, got {', '.join(unknown)}")
+    said = side or named.get("side", "right")
+    if said not in get_args(Side):
+        raise LiveHandError(f"{path}: side must be right or left, got {said!r}")
+    return JointMap(said, tuple(named.get(joint, "") for joint in JOINT_NAMES))  # type: ignore[arg-type]
+
+
+def _only(found: list[bpy.types.Object], kind: str, option: str, name: str | None) -> bpy.types.Object:
+    if len(found) == 1:
+        return found[0]
+    if name is not None:
+        raise LiveHandError(f"the file must have the {kind} '{name}', it has not; give another with {option}")
+    names = ", ".join(thing.name for thing in found) or "none"
+    raise LiveHandError(f"the file must have one {kind} that moves a mesh, got {names}; choose one with {option}")

@@ -1,0 +1,78 @@
+"""The road from somebody's skinned mesh to a hand model's file, and its look beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...backend.hand.model_file import load_hand_model
+from ...backend.records.errors import LiveHandError
+from ...backend.retarget.hand_from_mesh.hand_model import check_name, make_hand_model, save_hand_model
+from ...backend.retarget.skeleton import JointMap
+from ..capture.look import look_path
+from .look_file import save_look
+from .rest_mesh import read_rest_mesh
+from .skeleton import read_skeleton
+
+
+def make_own_hand(
+    context: bpy.types.Context,
+    mesh: bpy.types.Object,
+    armature: bpy.types.Object,
+    joint_map: JointMap,
+    path: Path,
+    scale: float = 1.0,
+    provenance: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write `path` (.npz) and the .blend beside it; says what was made.
+
+    Raises:
+        LiveHandError: the mesh is no hand that can be rendered, or a file cannot be written.
+    """
+    check_name(path, joint_map.side)
+    skeleton = read_skeleton(armature)
+    rest = read_rest_mesh(context, mesh, armature, skeleton)
+    try:
+        hand = make_hand_model(rest.surface, skeleton, joint_map, scale)
+        made_of = {"made_by": "livehand make-hand", "mesh": mesh.name, "armature": armature.name, "scale": scale}
+        bones = dict(zip(("side", "bones"), (joint_map.side, list(joint_map.bones)), strict=True))
+        save_hand_model(hand, path, {**made_of, **bones, **(provenance or {})})
+        model = load_hand_model(path)
+        save_look(look_path(path), mesh, rest, hand, model.sha256)
+    finally:
+        bpy.data.meshes.remove(rest.data)
+    return {
+        "hand": str(path),
+        "look": str(look_path(path)),
+        "side": model.side,
+        "vertices": len(model.v_template),
+        "faces": len(model.f),
+        "length_mm": round(1e3 * float(np.ptp(model.v_template[:, 0])), 1),
+        "pieces_left_out": hand.cut.other_pieces,
+        "subdivision_moves_mm": round(1e3 * scale * float(rest.smoothed_m[hand.cut.source].max()), 2),
+    }
+
+
+def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.types.Object:
+    """The armature's mesh that has the most vertices in the fingers' groups.
+
+    Raises:
+        LiveHandError: there is none.
+    """
+    skinned = [
+        thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature
+    ]
+    counts = {thing.name: _vertices_of(thing, set(joint_map.bones[1:])) for thing in skinned}
+    best = max(counts, key=lambda name: counts[name], default=None)
+    if best is None or not counts[best]:
+        raise LiveHandError(f"a mesh must be skinned to the fingers' bones of '{armature.name}', none is")
+    return bpy.data.objects[best]
+
+
+def _vertices_of(mesh: bpy.types.Object, names: set[str]) -> int:
+    groups = {group.index for group in mesh.vertex_groups if group.name in names}
+    return sum(any(element.group in groups for element in vertex.groups) for vertex in mesh.data.vertices)

@@ -1,0 +1,154 @@
+"""The look of a hand model, as a .blend: its mesh in the model's order of vertices, with the source's materials.
+
+The mesh lies where the source's did, so that its materials see what they saw; captures move it by a shape key.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import bmesh
+import bpy
+
+from ...backend.records.errors import LiveHandError
+from ...backend.retarget.hand_from_mesh.hand_model import OwnHand
+from ..capture.look import MODEL_KEY
+from .rest_mesh import RestMesh
+
+_SUBDIVISION = (
+    "levels", "render_levels", "subdivision_type", "use_limit_surface", "quality", "uv_smooth", "boundary_smooth",
+)  # fmt: skip
+
+
+def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHand, sha256: str) -> None:
+    """Write the .blend, its pictures packed, and leave the open file as it is.
+
+    Args:
+        path: of the .blend.
+        source: the object whose materials and subdivision the hand wears.
+        rest: its mesh at rest.
+        hand: what was made of it.
+        sha256: of the hand model's file.
+
+    Raises:
+        LiveHandError: it cannot be written.
+    """
+    look = _look_object(source, rest, hand)
+    look[MODEL_KEY] = sha256
+    scene = bpy.data.scenes.new("Hand")  # whoever opens the file is shown the hand
+    scene.collection.objects.link(look)
+    partial = path.with_name(f"{path.stem}.partial.blend")
+    try:
+        with _packed(_images_of(look.data.materials)):
+            bpy.data.libraries.write(str(partial), {scene}, path_remap="ABSOLUTE", compress=True)
+        partial.replace(path)
+    except (OSError, RuntimeError) as error:
+        raise LiveHandError(f"{path} must be writable ({error})") from error
+    finally:
+        data = look.data
+        bpy.data.scenes.remove(scene)
+        bpy.data.objects.remove(look)
+        bpy.data.meshes.remove(data)
+
+
+def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy.types.Object:
+    data = bpy.data.meshes.new("Hand")
+    for slot in source.material_slots:
+        data.materials.append(slot.material)
+    cut = bmesh.new()
+    try:
+        cut.from_mesh(rest.data)
+        _keep_the_hand(cut, hand)
+        _close(cut, hand)
+        cut.to_mesh(data)
+    finally:
+        cut.free()
+    data.use_auto_texspace = False
+    data.texspace_location, data.texspace_size = rest.data.texspace_location, rest.data.texspace_size
+    look = bpy.data.objects.new("Hand", data)
+    look.matrix_world = source.matrix_world
+    _subdivide_like(look, source)
+    return look
+
+
+def _keep_the_hand(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+    """Only the hand's polygons and vertices, in the order of the model's."""
+    number = cut.verts.layers.int.new("livehand_vertex")
+    cut.verts.ensure_lookup_table()
+    cut.faces.ensure_lookup_table()
+    for vertex, of_hand in zip(cut.verts, hand.cut.vertex_of.tolist(), strict=True):
+        vertex[number] = of_hand
+    first = {k: cut.verts[index] for k, index in enumerate(hand.cut.source.tolist())}
+    kept = set(hand.cut.polygons.tolist())
+    others = [face for face in cut.faces if face.index not in kept]
+    twins = {
+        vertex: first[vertex[number]] for vertex in cut.verts if vertex[number] >= 0 and vertex != first[vertex[number]]
+    }
+    bmesh.ops.delete(cut, geom=others, context="FACES_ONLY")
+    bmesh.ops.weld_verts(cut, targetmap=twins)
+    bmesh.ops.delete(cut, geom=[vertex for vertex in cut.verts if not vertex.link_faces], context="VERTS")
+    cut.verts.sort(key=lambda vertex: vertex[number])
+    assert [vertex[number] for vertex in cut.verts] == list(range(len(hand.cut.source)))
+    cut.verts.layers.int.remove(number)
+    for layer in cut.verts.layers.deform.values():
+        cut.verts.layers.deform.remove(layer)
+
+
+def _close(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+    """The cap's faces, in the material of the skin beside them; its edge stays where it is under subdivision."""
+    cut.verts.ensure_lookup_table()
+    crease = cut.edges.layers.float.get("crease_edge") or cut.edges.layers.float.new("crease_edge")
+    for edge in cut.edges:
+        if edge.is_boundary:
+            edge[crease] = 1.0
+    for corners in hand.cap.tolist():
+        beside = {vertex: cut.verts[vertex].link_loops[0] for vertex in corners}
+        try:
+            face = cut.faces.new([cut.verts[vertex] for vertex in corners])
+        except ValueError:  # it is there
+            continue
+        face.material_index = beside[corners[0]].face.material_index
+        for loop, vertex in zip(face.loops, corners, strict=True):
+            loop.copy_from(beside[vertex])
+
+
+def _subdivide_like(look: bpy.types.Object, source: bpy.types.Object) -> None:
+    found = next((m for m in source.modifiers if m.type == "SUBSURF" and m.show_render), None)
+    if found is None:
+        return
+    modifier = look.modifiers.new("Subdivision", "SUBSURF")
+    for name in _SUBDIVISION:
+        setattr(modifier, name, getattr(found, name))
+
+
+def _images_of(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
+    """All pictures that the materials' nodes use, in groups too."""
+    trees = [material.node_tree for material in materials if material is not None and material.node_tree]
+    seen, images = set(), set()
+    while trees:
+        tree = trees.pop()
+        if tree in seen:
+            continue
+        seen.add(tree)
+        images |= {node.image for node in tree.nodes if getattr(node, "image", None)}
+        trees += [node.node_tree for node in tree.nodes if getattr(node, "node_tree", None)]
+    return images
+
+
+@contextlib.contextmanager
+def _packed(images: set[bpy.types.Image]) -> Iterator[None]:
+    """Pictures packed meanwhile; those with unsaved painting stay so."""
+    packed = [image for image in images if not image.packed_files and image.source in {"FILE", "GENERATED", "TILED"}]
+    for image in packed:
+        try:
+            image.pack()
+        except RuntimeError as error:
+            raise LiveHandError(f"the picture {image.filepath} of '{image.name}' must be there ({error})") from error
+    clean = [image for image in packed if image.source != "GENERATED" and not image.is_dirty]
+    try:
+        yield
+    finally:
+        for image in clean:
+            image.unpack(method="REMOVE")

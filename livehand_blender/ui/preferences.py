@@ -1,0 +1,55 @@
+"""Preferences of the add-on: a folder of avatars; which Python packages are missing, and how to install them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from ...backend.runtime.dependencies import REQUIREMENTS, is_installed
+
+# `bl_ext.<repository>.livehand` as an extension, `livehand` as a pip package.
+_ADDON = (__package__ or "").removesuffix(".livehand_blender.ui")
+
+
+class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
+    """Shown under the add-on's name in Blender's preferences."""
+
+    bl_idname = _ADDON
+
+    avatar_folder: StringProperty(
+        name="Avatars",
+        description="Folder of avatars of your own (.safetensors), which the avatar picker offers beside LiveHand's",
+        subtype="DIR_PATH",
+    )
+
+    def draw(self, context):
+        """The folder, one line per package, then what to do."""
+        self.layout.prop(self, "avatar_folder")
+        column = self.layout.column(align=True)
+        installed = {requirement.module: is_installed(requirement) for requirement in REQUIREMENTS}
+        for module, found in installed.items():
+            column.label(text=f"{module}: {'found' if found else 'missing'}", icon="CHECKMARK" if found else "ERROR")
+        draw_install_help(self.layout, missing=not all(installed.values()))
+
+
+CLASSES = (LIVEHAND_AP_preferences,)
+
+
+def avatar_folder(context: bpy.types.Context) -> Path | None:
+    """The user's folder of avatars; None where there is none, or LiveHand runs as a package and not as an add-on."""
+    addon = context.preferences.addons.get(_ADDON)
+    chosen = addon.preferences.avatar_folder if addon and addon.preferences else ""
+    return Path(bpy.path.abspath(chosen)) if chosen else None
+
+
+def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
+    """How to install what is missing; nothing where all is there."""
+    if not missing:
+        return
+    column = layout.column(align=True)
+    column.label(text="Rendering needs more Python packages:", icon="INFO")
+    column.label(text="run the copied command in a terminal,")
+    column.label(text="then restart Blender.")
+    column.operator("livehand.copy_install_command", icon="COPYDOWN")

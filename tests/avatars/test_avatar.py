@@ -1,0 +1,217 @@
+"""Avatar files: what comes back, and that nothing else than a whole avatar is read."""
+
+import json
+import pickle
+import struct
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.avatars import file as avatar_module
+from livehand.backend.avatars.file import FORMAT_VERSION, load_avatar, read_header, save_avatar
+from livehand.backend.avatars.library import SKINS, avatar_path
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.nerf.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.training.command import _CONFIGS
+from safetensors.torch import load_file, save_file
+
+SMALL = AvatarConfig(
+    FieldConfig(width=4, planes=((8, 2, 2),), relief=8),
+    SuperResConfig(width=4, depth=1),
+    SamplerConfig(samples_per_ray=3, shell_m=0.002),
+)
+
+
+@pytest.fixture
+def avatar():
+    made = new_avatar("ada", "hand", "ab" * 32, SMALL)
+    return replace(made, provenance={"licence": "CC0", "steps": 3}, metrics={"psnr_full": 31.5})
+
+
+@pytest.fixture
+def path(avatar, tmp_path):
+    save_avatar(avatar, tmp_path / "ada.safetensors")
+    return tmp_path / "ada.safetensors"
+
+
+def states(avatar: Avatar):
+    return {**avatar.field.state_dict(), **{f"s.{k}": v for k, v in avatar.superres.state_dict().items()}}
+
+
+@pytest.mark.parametrize("config", [SMALL, PRESETS["paper"]], ids=["planes", "paper"])
+def test_round_trip(tmp_path, config):
+    made = new_avatar("ada", "hand", "ab" * 32, config, seed=4)
+    save_avatar(made, tmp_path / "a.safetensors")
+    back = load_avatar(tmp_path / "a.safetensors")
+    for name in ("name", "hand_name", "hand_sha256", "config", "provenance", "metrics"):
+        assert getattr(back, name) == getattr(made, name)
+    weights, expected = states(back), states(made)
+    assert weights.keys() == expected.keys()
+    for key, value in expected.items():
+        torch.testing.assert_close(weights[key], value.half().float(), rtol=0, atol=0)
+    save_avatar(back, tmp_path / "b.safetensors")
+    assert (tmp_path / "b.safetensors").read_bytes() == (tmp_path / "a.safetensors").read_bytes()
+
+
+def test_the_header_says_what_it_is(avatar, path):
+    header = read_header(path)
+    assert header["format_version"] == FORMAT_VERSION
+    assert header["provenance"] == avatar.provenance
+    assert header["metrics"] == avatar.metrics
+    assert header["config"]["sampler"] == asdict(SMALL.sampler)
+
+
+def test_it_is_half_precision_and_no_pickle(path):
+    assert {value.dtype for value in load_file(path).values()} == {torch.float16}
+    assert path.stat().st_size < 40_000
+    with pytest.raises(pickle.UnpicklingError):
+        pickle.loads(path.read_bytes())
+
+
+def test_the_seed_fixes_the_weights_and_leaves_the_callers_randomness_alone():
+    torch.manual_seed(1)
+    expected = torch.rand(3)
+    torch.manual_seed(1)
+    one, again, other = (new_avatar("a", "h", "0", SMALL, seed) for seed in (5, 5, 6))
+    assert torch.equal(torch.rand(3), expected)
+    assert torch.equal(one.field.planes[0].table, again.field.planes[0].table)
+    assert not torch.equal(one.field.planes[0].table, other.field.planes[0].table)
+
+
+def test_nothing_half_written_is_left_and_an_older_file_survives_a_failure(avatar, path, monkeypatch):
+    before = path.read_bytes()
+    monkeypatch.setattr(avatar_module, "save", lambda *_, **__: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        save_avatar(replace(avatar, name="bob"), path)
+    assert path.read_bytes() == before
+    assert [file.name for file in path.parent.iterdir()] == ["ada.safetensors"]
+
+
+def test_truncated_anywhere(path):
+    data = path.read_bytes()
+    for size in (0, 4, 8, 100, len(data) // 2, len(data) - 1):
+        path.write_bytes(data[:size])
+        with pytest.raises(LiveHandError, match="cut short"):
+            load_avatar(path)
+
+
+def test_one_byte_altered_anywhere(path):
+    """In the length, the header's text and the weights: always refused, always by a message of ours."""
+    data = path.read_bytes()
+    rng = np.random.default_rng(0)
+    header_end = 8 + struct.unpack("<Q", data[:8])[0]
+    spots = [*range(8), *rng.integers(8, header_end, 150), *rng.integers(header_end, len(data), 20), len(data) - 1]
+    unnoticed = []
+    for spot in map(int, spots):
+        altered = bytearray(data)
+        altered[spot] ^= 1 << int(rng.integers(0, 7))
+        path.write_bytes(bytes(altered))
+        try:
+            unnoticed.append((spot, load_avatar(path).config))
+        except LiveHandError:
+            continue
+    # Blanks that fill the header up may change without changing the avatar.
+    assert [spot for spot, config in unnoticed if data[spot] != ord(" ") or config != SMALL] == []
+
+
+def rewritten(path, change):
+    """The file with its JSON entry changed, checksum and all else kept."""
+    tensors = load_file(path)
+    data = path.read_bytes()
+    outer = json.loads(data[8 : 8 + struct.unpack("<Q", data[:8])[0]])["__metadata__"]
+    header = json.loads(outer["livehand"])
+    change(header)
+    save_file(tensors, path, metadata={"livehand": json.dumps(header)})
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("name", "eve"), ("hand_sha256", "cd" * 32), ("provenance", {}), ("metrics", {"psnr_full": 99.0})],
+)
+def test_an_altered_header_is_refused(path, key, value):
+    rewritten(path, lambda header: header.update({key: value}))
+    with pytest.raises(LiveHandError, match="altered or damaged"):
+        load_avatar(path)
+
+
+def test_an_altered_configuration_is_refused(path):
+    rewritten(path, lambda header: header["config"]["sampler"].update(shell_m=0.5))
+    with pytest.raises(LiveHandError, match="altered or damaged"):
+        read_header(path)
+
+
+def test_a_newer_version_is_told_apart(path):
+    rewritten(path, lambda header: header.update(format_version=FORMAT_VERSION + 1))
+    with pytest.raises(LiveHandError, match=f"format {FORMAT_VERSION}, got {FORMAT_VERSION + 1}; update LiveHand"):
+        load_avatar(path)
+
+
+class Bomb:
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('it was run')",))
+
+
+@pytest.mark.parametrize("protocol", [0, 4])
+def test_a_pickle_is_never_run(tmp_path, protocol):
+    path = tmp_path / "evil.safetensors"
+    path.write_bytes(pickle.dumps(Bomb(), protocol))
+    with pytest.raises(LiveHandError, match=r"must be a \.safetensors avatar"):
+        load_avatar(path)
+    torch.save({"weights": torch.ones(3)}, path)
+    with pytest.raises(LiveHandError, match=r"must be a \.safetensors avatar"):
+        load_avatar(path)
+
+
+def test_someone_elses_safetensors_is_refused(tmp_path):
+    path = tmp_path / "unet.safetensors"
+    for metadata in (None, {"format": "pt"}):
+        save_file({"weight": torch.ones(3)}, path, metadata=metadata)
+        with pytest.raises(LiveHandError, match="something else"):
+            load_avatar(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(LiveHandError, match=r"no avatar at .*gone\.safetensors"):
+        load_avatar(tmp_path / "gone.safetensors")
+
+
+def test_weights_that_do_not_fit_their_configuration_are_refused(avatar, path, monkeypatch):
+    """With a right checksum: written by a program that is out of step."""
+    save_avatar(replace(avatar, config=replace(SMALL, field=FieldConfig(width=8, planes=((8, 2, 2),), relief=8))), path)
+    with pytest.raises(LiveHandError, match="must fit the configuration"):
+        load_avatar(path)
+
+
+@pytest.mark.parametrize("spoil", [lambda c: c["field"].update(colour="red"), lambda c: c.pop("sampler")])
+def test_a_configuration_of_another_time_is_refused(avatar, path, monkeypatch, spoil):
+    def foreign(config):
+        values = asdict(config)
+        spoil(values)
+        return values
+
+    monkeypatch.setattr(avatar_module, "asdict", foreign)
+    save_avatar(avatar, path)
+    with pytest.raises(LiveHandError, match="must be this version's"):
+        load_avatar(path)
+
+
+def test_the_command_knows_the_presets():
+    assert tuple(PRESETS) == _CONFIGS
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
+    path = avatar_path(skin)
+    assert load_avatar(path).hand_sha256 == load_default_hand().sha256
+    assert path.stat().st_size <= 8e6
+
+
+def test_what_is_no_skins_name_is_a_path():
+    assert avatar_path("mine.safetensors") == Path("mine.safetensors")
+    assert load_avatar().provenance == load_avatar(avatar_path("light")).provenance

@@ -1,0 +1,82 @@
+"""An avatar at a glance, without torch."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from livehand.backend.avatars.file import save_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.avatars.metadata import read_card
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.errors import LiveHandError
+from safetensors.numpy import save_file
+
+SMALL = AvatarConfig(FieldConfig(width=4, planes=((8, 2, 2),), relief=8), SuperResConfig(width=4, depth=1))
+FIGURES = {"psnr_full": 31.54, "psnr_hand": 27.06, "ssim": 0.9123, "alpha_iou": 0.98765, "images": 7}
+PLAN = {"poses": 99, "first_poses": 28, "size_px": [334, 512]}
+
+
+@pytest.fixture
+def file_of(tmp_path):
+    def save(**changes):
+        made = new_avatar("ada", "my_hand", "ab" * 32, SMALL)
+        save_avatar(replace(made, **changes), tmp_path / "ada.safetensors")
+        return tmp_path / "ada.safetensors"
+
+    return save
+
+
+def test_it_says_what_the_file_says(file_of):
+    picture = np.arange(64, dtype=np.uint8).reshape(4, 4, 4)
+    path = file_of(
+        provenance={"licence": "CC0", "capture": {"made_by": "livehand capture", "plan": PLAN}},
+        metrics={"novel_pose": {**FIGURES, "psnr_full": 99.0}, "test": FIGURES},
+        portrait=picture,
+    )
+    card = read_card(path)
+    assert (card.path, card.name, card.hand_name, card.hand_sha256) == (path, "ada", "my_hand", "ab" * 32)
+    assert card.licence == "CC0"
+    assert card.figures == (
+        "PSNR 31.5 dB, hand alone 27.1 dB",
+        "SSIM 0.912, alpha IoU 0.988",
+        "on 7 views of unseen poses and cameras",
+    )
+    assert card.made_from == "livehand capture: 28 poses, 334x512 px"
+    np.testing.assert_array_equal(card.portrait, picture)
+
+
+def test_what_the_file_leaves_open_is_empty(file_of):
+    card = read_card(file_of())
+    assert (card.licence, card.figures, card.made_from, card.portrait) == ("", (), "", None)
+
+
+def test_the_next_split_speaks_where_the_hardest_was_not_measured(file_of):
+    card = read_card(file_of(metrics={"novel_camera": FIGURES}, provenance={"capture": {"made_by": "my rig"}}))
+    assert card.figures[-1] == "on 7 views of unseen cameras"
+    assert card.made_from == "my rig"
+
+
+def test_other_files_are_refused(tmp_path):
+    other, text = tmp_path / "other.safetensors", tmp_path / "text.safetensors"
+    save_file({"a": np.zeros(3)}, other)
+    text.write_text("no tensors")
+    for path in (other, text, tmp_path / "missing.safetensors"):
+        with pytest.raises(LiveHandError, match="must be a LiveHand avatar"):
+            read_card(path)
+    save_file({"a": np.zeros(3)}, other, metadata={"livehand": json.dumps({"name": "x"})})
+    with pytest.raises(LiveHandError, match="of this version"):
+        read_card(other)
+
+
+def test_torch_is_not_loaded():
+    """A second of loading would be felt whenever a panel is drawn for the first time."""
+    code = (
+        "import sys; from pathlib import Path; from livehand.backend.avatars.metadata import read_card;"
+        f"read_card(Path({str(shipped_avatar_path())!r})); assert 'torch' not in sys.modules"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,211 @@
+"""nerfstudio's transforms.json: axes, intrinsics, poses and splits by value, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.importers.transforms import read_pose_table, read_transforms
+from livehand.backend.captures.importers.transforms_capture import import_transforms
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.runtime.command import run_commands
+from livehand.livehand_blender.cli import COMMANDS
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+SIZE = (20, 30)
+INTRINSICS = {"fl_x": 41.0, "fl_y": 43.0, "cx": 9.5, "cy": 16.25, "w": 20, "h": 30}
+RNG = np.random.default_rng(3)
+POSES = {
+    "theta": RNG.normal(size=(4, 16, 3)),
+    "beta": RNG.normal(size=(4, 10)),
+    "transl": RNG.normal(size=(4, 3)),
+    "side": np.array(["right"] * 4),
+}
+
+
+def matrix(seed):
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    transform[:3, 3] = np.random.default_rng(seed).normal(size=3)
+    return transform
+
+
+def write(folder, document=INTRINSICS, poses=POSES, frames=None, mode="RGBA"):
+    folder.mkdir(exist_ok=True)
+    if frames is None:
+        frames = [
+            {"file_path": f"{camera}/{pose}.png", "transform_matrix": matrix(camera).tolist(), "pose_index": pose}
+            for camera in range(2)
+            for pose in range(4)
+        ]
+    for frame in frames:
+        path = folder / frame["file_path"]
+        path.parent.mkdir(exist_ok=True)
+        Image.new(mode, SIZE, (9, 8, 7, 6)[: len(mode)]).save(path if path.suffix else path.with_suffix(".png"))
+    (folder / "transforms.json").write_text(json.dumps({**document, "frames": frames}))
+    np.savez(folder / "poses.npz", **poses)
+    return folder / "transforms.json", folder / "poses.npz"
+
+
+def frames_of(folder, metres_per_unit=1.0, **options):
+    path, poses = write(folder, **options)
+    return read_transforms(path, read_pose_table(poses), metres_per_unit)
+
+
+def test_points_land_where_opengls_formula_puts_them(tmp_path):
+    for frame, seed in zip(frames_of(tmp_path)[::4], range(2), strict=True):
+        points = np.array(frame.camera.origin) + 3 * RNG.normal(size=(50, 3))
+        x, y, z = np.linalg.inv(matrix(seed))[:3] @ np.c_[points, np.ones(50)].T  # right, up, backward
+        expected = np.stack([9.5 + 41 * x / -z, 16.25 - 43 * y / -z], -1)
+        pixels, depth = frame.camera.project(points)
+        np.testing.assert_allclose(pixels, expected, rtol=1e-9)
+        np.testing.assert_allclose(depth, -z, atol=1e-12)
+
+
+def test_units_scale_the_cameras_place_alone(tmp_path):
+    one, other = frames_of(tmp_path)[0].camera, frames_of(tmp_path, metres_per_unit=0.1)[0].camera
+    np.testing.assert_allclose(other.origin, 0.1 * one.origin)
+    np.testing.assert_array_equal(other.cam2world[:3, :3], one.cam2world[:3, :3])
+
+
+@pytest.mark.parametrize(
+    ("document", "K"),
+    [
+        (INTRINSICS, [41, 43, 9.5, 16.25]),
+        ({"fl_x": 41.0}, [41, 41, 10, 15]),
+        ({"camera_angle_x": 2 * np.arctan(0.25)}, [40, 40, 10, 15]),
+        ({"camera_angle_x": 2 * np.arctan(0.25), "camera_angle_y": 2 * np.arctan(0.5)}, [40, 30, 10, 15]),
+        ({**INTRINSICS, "camera_model": "OPENCV", "k1": 0.0, "p2": 0}, [41, 43, 9.5, 16.25]),
+    ],
+)
+def test_intrinsics_in_every_spelling(tmp_path, document, K):
+    camera = frames_of(tmp_path, document=document)[0].camera
+    np.testing.assert_allclose(camera.K, [[K[0], 0, K[2]], [0, K[1], K[3]], [0, 0, 1]])
+    assert camera.size_px == SIZE
+
+
+def test_a_frames_own_intrinsics_win(tmp_path):
+    frame = {"file_path": "a.png", "transform_matrix": matrix(0)[:3].tolist(), "pose_index": 1, "fl_x": 50, "cy": 11}
+    camera = frames_of(tmp_path, frames=[frame])[0].camera
+    np.testing.assert_allclose(camera.K, [[50, 0, 9.5], [0, 43, 11], [0, 0, 1]])
+
+
+def test_poses_are_joined_by_index_by_time_or_because_there_is_one(tmp_path):
+    times = {**POSES, "time": np.array([0.0, 0.5, 1.5, 2.0])}
+    frame = {"file_path": "a", "transform_matrix": matrix(0).tolist()}
+    frames = [{**frame, "time": 1.5}, {**frame, "time": 2, "pose_index": 0}]
+    assert [f.pose_index for f in frames_of(tmp_path, poses=times, frames=frames)] == [2, 0]
+    only = {"theta": POSES["theta"][:1].reshape(1, 48), "beta": POSES["beta"][0], "transl": POSES["transl"][0]}
+    assert frames_of(tmp_path, poses=only, frames=[frame])[0].pose_index == 0
+    for bad, message in (
+        ({}, "must have a pose_index"),
+        ({"time": 0.7}, "must be one of the poses', got 0.7, nearest 0.5"),
+    ):
+        with pytest.raises(LiveHandError, match=rf"frame a: .*{message}"):
+            frames_of(tmp_path, poses=times, frames=[{**frame, **bad}])
+
+
+def test_a_hands_mean_is_added_to_the_fingers(tmp_path):
+    _, path = write(tmp_path)
+    mean = RNG.normal(size=(15, 3))
+    for index, pose in enumerate(read_pose_table(path, mean).poses):
+        np.testing.assert_array_equal(pose.theta[0], POSES["theta"][index, 0])
+        np.testing.assert_allclose(pose.theta[1:], POSES["theta"][index, 1:] + mean)
+
+
+def frame_with(**changes):
+    good = {"file_path": "0/0.png", "transform_matrix": matrix(0).tolist(), "pose_index": 0}
+    return [good, {k: v for k, v in {**good, **changes}.items() if v is not None}]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"document": {**INTRINSICS, "k1": 0.02}}, "pinhole camera, got PINHOLE {'k1': 0.02}; undistort"),
+        ({"document": {**INTRINSICS, "camera_model": "OPENCV_FISHEYE"}}, "pinhole camera, got OPENCV_FISHEYE"),
+        ({"document": {"cx": 3.0}}, "'camera_angle_x' is missing"),
+        ({"document": {**INTRINSICS, "w": 21}}, r"must be w x h = 21 x 30 px, got \(20, 30\)"),
+        ({"document": {**INTRINSICS, "fl_x": float("nan")}}, "finite"),
+        ({"frames": frame_with(transform_matrix=None)}, "'transform_matrix' is missing"),
+        ({"frames": frame_with(transform_matrix=np.diag([2.0, 2, 2, 1]).tolist())}, "rotation"),
+        ({"frames": frame_with(transform_matrix=[[1, 2]])}, r"cam2world must be \[4, 4\]"),
+        ({"frames": frame_with(pose_index=4)}, "must name one of 4 poses, got 4"),
+        ({"frames": frame_with(pose_index="first")}, "frame 0/0.png: "),
+        ({"frames": []}, "frames must not be empty"),
+    ],
+)
+def test_what_cannot_be_used_is_named_and_leaves_nothing(tmp_path, options, message):
+    path, poses = write(tmp_path / "source", **options)
+    with pytest.raises(LiveHandError, match=message):
+        import_transforms(path, read_pose_table(poses), load_default_hand(), tmp_path / "capture")
+    assert [place.name for place in tmp_path.iterdir()] == ["source"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"frames": 3}', '{"frames": [3]}', "[" * 100_000, "\x00"])
+def test_other_files_are_errors_of_ours(tmp_path, text):
+    path, poses = write(tmp_path)
+    path.write_text(text)
+    with pytest.raises(LiveHandError, match=r"transforms\.json"):
+        read_transforms(path, read_pose_table(poses), 1.0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"theta": np.zeros((4, 15, 3))},
+        {"beta": np.zeros(9)},
+        {"transl": np.full((4, 3), np.inf)},
+        {"side": np.array(["up"] * 4)},
+        {"time": np.zeros(3)},
+        {"theta": np.array([{}], dtype=object)},
+    ],
+)
+def test_malformed_poses_are_errors_of_ours(tmp_path, changes):
+    _, path = write(tmp_path, poses={**POSES, **changes})
+    with pytest.raises(LiveHandError, match=r"poses\.npz"):
+        read_pose_table(path)
+
+
+def test_missing_images_are_all_named(tmp_path):
+    path, poses = write(tmp_path)
+    for camera in range(2):
+        (tmp_path / f"{camera}/3.png").unlink()
+    with pytest.raises(LiveHandError, match=r"has 2 faults:(?s:.*)no image at .*0/3\.png(?s:.*)no image at .*1/3\.png"):
+        read_transforms(path, read_pose_table(poses), 1.0)
+
+
+def test_the_command_writes_a_capture_with_splits_and_masks(tmp_path, capsys):
+    path, poses = write(tmp_path / "source", mode="RGB")
+    document = json.loads(path.read_text())
+    Image.new("L", SIZE, 200).save(path.parent / "mask.png")
+    for frame in document["frames"]:
+        frame["mask_path"] = "mask.png"
+    path.write_text(json.dumps(document))
+    arguments = ["import-transforms", str(path), "--poses", str(poses), "-o", str(tmp_path / "capture")]
+    held_out = ["--held-out-poses", "1", "3", "--held-out-cameras", "1"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, *held_out, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["splits"] == {"train": 2, "novel_pose": 2, "novel_camera": 2, "test": 2}
+    capture = load_capture(tmp_path / "capture")
+    assert capture.hand_sha256 == load_default_hand().sha256
+    np.testing.assert_array_equal(capture.poses[2].theta, POSES["theta"][2])
+    for index, view in enumerate(capture.views):
+        assert (view.camera_index, view.pose_index) == divmod(index, 4)
+        assert capture.read_pixels(view)[3, 3].tolist() == [9, 8, 7, 200]
+    assert run_commands("livehand", "", COMMANDS, [*arguments[:-1], str(tmp_path / "b"), "--held-out-poses", "9"]) == 1
+    assert "held-out poses must be some, not all, of 0 to 3, got [9]" in capsys.readouterr().err
+
+
+def test_the_last_tenth_of_poses_and_every_eighth_camera_are_held_out_by_default(tmp_path):
+    poses = {"theta": np.zeros((20, 16, 3)), "beta": np.zeros(10), "transl": np.zeros((20, 3))}
+    frames = [
+        {"file_path": "0/0.png", "transform_matrix": matrix(camera).tolist(), "pose_index": pose}
+        for camera, pose in [*((camera, 0) for camera in range(16)), (0, 17), (0, 18), (0, 19)]
+    ]
+    path, file = write(tmp_path / "source", poses=poses, frames=frames)
+    capture = import_transforms(path, read_pose_table(file), load_default_hand(), tmp_path / "capture")
+    assert [view.camera_index for view in capture.of_split("novel_camera")] == [7, 15]
+    assert [view.pose_index for view in capture.of_split("novel_pose")] == [18, 19]
+    assert len({view.file for view in capture.views}) == len(frames)

@@ -1,0 +1,109 @@
+"""`livehand render` of a pose file: what is posed, what the camera holds, what is written."""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.commands.render_motion import add_arguments, chosen_frames, posed_upright, reach, run, write_png
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.lbs import posed_arrays, posed_vertices
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.motion.formats.own import write_motion
+from livehand.backend.motion.motion import HandMotion
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import Frame
+from livehand.livehand_blender.cli import main
+from PIL import Image
+
+HAND = load_default_hand()
+
+
+@pytest.fixture
+def gestures(tmp_path):
+    axes = FingerAxes.of_default_hand()
+    theta = np.array([theta_of(GESTURES[name].angles_deg(), axes) for name in ("open", "fist")])
+    path = tmp_path / "gestures.npz"
+    write_motion(HandMotion(theta, np.linspace(-1, 1, 10), np.array([[1.0, 2, 3], [4, 5, 6]]), side="left"), path)
+    return path
+
+
+def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
+    motion = posed_upright(gestures, HAND)
+    for index in range(2):
+        vertices, joints = posed_arrays(HAND, motion.pose(index))
+        np.testing.assert_allclose(joints[0], 0, atol=1e-9)
+        assert joints[4, 2] > 0.05  # the middle knuckle above the wrist
+        assert vertices[:, 2].max() > joints[4, 2]
+    assert motion.side == "left"
+
+
+def test_the_hand_reaches_as_far_as_in_all_its_frames(gestures):
+    motion = posed_upright(gestures, HAND)
+    both = [posed_vertices(HAND, motion.pose(index)) for index in (0, 1)]
+    np.testing.assert_array_equal(reach(motion, [0, 1], HAND), np.concatenate(both))
+    many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
+    assert len(reach(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
+
+
+def test_frames_count_from_one():
+    motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
+    assert chosen_frames(motion, None) == [0, 1, 2]
+    assert chosen_frames(motion, (3, 1)) == [2, 0]
+    with pytest.raises(LiveHandError, match=r"in 1-3, as the file's do, got \[0, 4\]"):
+        chosen_frames(motion, (0, 2, 4))
+
+
+def test_pngs_are_srgb_with_straight_alpha(tmp_path):
+    alpha = np.array([[1.0, 0.5], [0, 1]], np.float32)
+    linear = np.full((2, 2, 3), 0.2, np.float32)
+    write_png(Frame(linear * alpha[..., None], alpha, alpha), tmp_path / "a.png")
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    np.testing.assert_array_equal(pixels[..., 3], [[255, 128], [0, 255]])
+    encoded = round(255 * (1.055 * 0.2 ** (1 / 2.4) - 0.055))
+    assert (pixels[alpha > 0][:, :3] == encoded).all()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def my_hand(folder):
+    """The built-in hand in a file of its own, which makes it another hand."""
+    with np.load(default_hand_path()) as arrays:
+        np.savez(folder / "mine.npz", **{**arrays, "mine": np.ones(1)})
+    return folder / "mine.npz"
+
+
+def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
+    hand = my_hand(tmp_path)
+    avatar = replace(load_avatar(), hand_sha256=load_hand_model(hand).sha256)
+    save_avatar(avatar, tmp_path / "mine.safetensors")
+    for folder, arguments in (
+        ("own", ["--hand", str(hand), "--avatar", str(tmp_path / "mine.safetensors")]),
+        ("built_in", []),
+    ):
+        asked = ["render", str(gestures), "-o", str(tmp_path / folder), "--size", "48x64", "--frames", "1", *arguments]
+        assert main(asked) == 0
+    own, built_in = (np.asarray(Image.open(tmp_path / folder / "0001.png")) for folder in ("own", "built_in"))
+    np.testing.assert_array_equal(own, built_in)
+
+
+def test_a_pose_file_becomes_pictures(gestures, tmp_path):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
+    whole = {"jobs": 1, "chunk": argparse.Namespace(count=1), "device": "cpu", "precision": None}
+    args = argparse.Namespace(**asked, **whole, **vars(parser.parse_args(["--side", "right"])))
+    result = run(args)
+    assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))
+    (picture,) = (tmp_path / "out").iterdir()
+    assert picture.name == "0002.png"
+    pixels = np.asarray(Image.open(picture))
+    assert pixels.shape == (64, 48, 4)
+    assert 0.1 < (pixels[..., 3] > 128).mean() < 0.9
+    args.hand = my_hand(tmp_path)
+    with pytest.raises(LiveHandError, match="must be given its own hand model"):
+        run(args)
+    args.hand = None
+    args.shots *= 2
+    with pytest.raises(LiveHandError, match="give one file, and no --jobs or --chunk"):
+        run(args)

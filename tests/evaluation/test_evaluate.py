@@ -1,0 +1,294 @@
+"""Measuring an avatar: against pictures it made itself, splits, contact sheets and figures on disk."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.avatars.file import load_avatar, save_avatar
+from livehand.backend.captures.capture import save_capture_index
+from livehand.backend.evaluation.contact_sheet import GROUND, comparison_sheet, label_strip, on_ground, save_sheet, tile
+from livehand.backend.evaluation.distances import Distance
+from livehand.backend.evaluation.evaluate import encoded_on_black, evaluate_views, score_views, scored_views
+from livehand.backend.evaluation.summary import summary
+from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import Frame, Shot
+from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.runtime.command import run_commands
+from livehand.livehand_blender.cli import COMMANDS
+from PIL import Image
+
+SMALL = AvatarConfig(
+    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+)
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_default_hand()
+
+
+@pytest.fixture(scope="module")
+def renderer(hand):
+    return Renderer(new_avatar("mine", hand.name, hand.sha256, SMALL), hand, "cpu")
+
+
+@pytest.fixture(scope="module")
+def own_capture(painted_capture, renderer, hand, tmp_path_factory):
+    """The painted capture's views, pictured by the avatar itself."""
+    folder = tmp_path_factory.mktemp("own")
+    capture = replace(painted_capture, folder=folder)
+    save_capture_index(capture)
+    for view in capture.views:
+        pose = capture.poses[view.pose_index]
+        image = encoded_on_black(renderer.render(Shot(pose, posed_vertices(hand, pose), view.camera)))
+        straight = np.concatenate([image[..., :3] / np.maximum(image[..., 3:], 1e-6), image[..., 3:]], -1)
+        Image.fromarray((straight.clip(0, 1) * 255).round().astype(np.uint8)).save(folder / view.file)
+    return capture
+
+
+def test_an_avatar_is_nearly_perfect_on_its_own_pictures(renderer, own_capture):
+    scores = score_views(renderer, own_capture, own_capture.views)
+    assert len(scores) == 8
+    for figures in (score.figures for score in scores):
+        assert figures["psnr_full"] > 45
+        assert figures["psnr_hand"] > 45
+        assert figures["ssim"] > 0.999
+        assert figures["alpha_iou"] > 0.99
+        assert sum(share for name, share in figures.items() if name.startswith("share_")) == pytest.approx(1)
+
+
+def test_and_worse_on_others(renderer, painted_capture, own_capture):
+    others, own = (
+        summary(score_views(renderer, capture, capture.of_split("test"))) for capture in (painted_capture, own_capture)
+    )
+    assert others["images"] == own["images"] == 2
+    assert others["psnr_hand"] < 20
+    assert others["psnr_full"] < 30
+    assert 0.5 < others["alpha_iou"] < own["alpha_iou"]
+    assert others["ssim_hand"] < others["ssim"] < own["ssim"]
+
+
+def test_a_score_names_its_view_and_comes_with_its_pictures(renderer, own_capture):
+    view = own_capture.of_split("test")[1]
+    (scored,) = scored_views(renderer, own_capture, [view])
+    score = scored.score
+    assert (score.file, score.split, score.camera_index, score.pose_index) == (view.file, "test", 3, 1)
+    assert 15 < score.camera_gap_deg < 35
+    np.testing.assert_array_equal(scored.truth, own_capture.read_image(view))
+    assert scored.image.shape == scored.truth.shape
+
+
+def test_views_far_from_every_training_camera_can_be_left_out(renderer, own_capture):
+    def count(limit_deg):
+        return len(list(scored_views(renderer, own_capture, own_capture.views, max_camera_gap_deg=limit_deg)))
+
+    assert (count(0.01), count(35.0), count(None)) == (6, 8, 8)
+    untrained = replace(own_capture, views=own_capture.of_split("test"))
+    assert np.isnan(score_views(renderer, untrained, untrained.views)[0].camera_gap_deg)
+    with pytest.raises(LiveHandError, match="needs training images"):
+        list(scored_views(renderer, untrained, untrained.views, max_camera_gap_deg=25.0))
+
+
+def test_a_distance_has_its_own_columns(renderer, own_capture):
+    seen = []
+
+    def between(image, truth):
+        seen.append(tuple(truth.shape))
+        return (image - truth).abs().max() + truth.mean()
+
+    view = own_capture.of_split("test")[0]
+    (score,) = score_views(renderer, own_capture, [view], [Distance("mine", between)])
+    assert 0 < score.figures["mine"] <= score.figures["mine_hand"]
+    assert seen[0] == (1, 3, 32, 24)
+
+
+def test_a_few_views_for_a_training_leave_its_networks_as_they_were(renderer, hand, own_capture):
+    avatar = renderer.avatar
+    views = own_capture.of_split("test")
+    for networks_train in (True, False):
+        avatar.field.train(networks_train)
+        avatar.superres.train(networks_train)
+        scores, pairs = evaluate_views(avatar, hand, own_capture, views, "cpu")
+        assert avatar.field.training is avatar.superres.training is networks_train
+    assert [score.file for score in scores] == [view.file for view in views]
+    assert summary(scores) == summary(score_views(renderer, own_capture, views))
+    assert comparison_sheet(pairs).shape == (32, 12 * 24, 3)
+    with pytest.raises(LiveHandError, match="must have views of the asked split"):
+        evaluate_views(avatar, hand, own_capture, [], "cpu")
+
+
+def test_views_without_the_hand_are_left_out_and_none_is_an_error(renderer, own_capture, tmp_path):
+    view = own_capture.views[0]
+    empty = replace(view, file=str(tmp_path / "empty.png"))
+    Image.new("RGBA", view.camera.size_px).save(tmp_path / "empty.png")
+    assert len(score_views(renderer, own_capture, [view, empty])) == 1
+    for views in ([empty], []):
+        with pytest.raises(LiveHandError, match="must have views of the asked split"):
+            score_views(renderer, own_capture, views)
+    with pytest.raises(LiveHandError, match="another hand"):
+        score_views(renderer, replace(own_capture, hand_sha256="0" * 64), [view])
+
+
+def test_frames_are_encoded_on_black():
+    half_linear = ((0.5 + 0.055) / 1.055) ** 2.4
+    alpha = np.array([[0.5, 0.0, 1.0]], np.float32)
+    rgb = np.array([[[half_linear * 0.5] * 3, [0] * 3, [2.0, half_linear, 0]]], np.float32)
+    image = encoded_on_black(Frame(rgb, alpha, np.zeros((1, 3), np.float32)))
+    np.testing.assert_allclose(image, [[[0.25] * 3 + [0.5], [0] * 4, [1, 0.5, 0, 1]]], atol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_vertices_are_the_skins(hand, own_capture, side):
+    pose = replace(own_capture.poses[0], side=side)
+    skin = SkinTensors.of(hand.for_side(side), dtype=torch.float64)
+    expected = pose_hand(skin, *(torch.as_tensor(v) for v in (pose.theta, pose.beta, pose.transl))).vertices
+    np.testing.assert_allclose(posed_vertices(hand, pose), expected)
+
+
+def test_tiles_lie_row_by_row():
+    tiles = [np.full((2, 3, 3), value) for value in (0.0, 0.2, 0.4, 1.5)]
+    sheet = tile(tiles, 3)
+    assert sheet.shape == (4, 9, 3)
+    assert sheet.dtype == np.uint8
+    np.testing.assert_array_equal(sheet[0, ::3, 0], [0, 51, 102])
+    np.testing.assert_array_equal(sheet[3, ::3, 0], [255, 0, 0])
+
+
+def test_a_sheet_shows_truth_image_and_error(tmp_path):
+    truth = np.zeros((2, 2, 4), np.float32)
+    image = np.zeros((2, 2, 4), np.float32)
+    image[..., :3], image[..., 3] = 0.1, 1.0
+    sheet = comparison_sheet([(truth, image)] * 5, triples_per_row=4)
+    assert sheet.shape == (4, 24, 3)
+    np.testing.assert_array_equal(sheet[0, [0, 2, 4], 0], [round(GROUND * 255), 26, 102])
+    np.testing.assert_allclose(on_ground(truth), GROUND)
+    np.testing.assert_allclose(on_ground(image), 0.1)
+    save_sheet(sheet, tmp_path / "new" / "sheet.png")
+    with Image.open(tmp_path / "new" / "sheet.png") as stored:
+        np.testing.assert_array_equal(np.asarray(stored), sheet)
+
+
+def test_pictures_of_all_sizes_keep_theirs_on_one_sheet(tmp_path):
+    wide, high = np.ones((2, 6, 4), np.float32), np.ones((5, 3, 4), np.float32)
+    sheet = comparison_sheet([(wide, wide), (high, high)], triples_per_row=1)
+    assert sheet.shape == (10, 18, 3)
+    np.testing.assert_array_equal((sheet[:, :, 0] == 255).sum(), 2 * (2 * 6 + 5 * 3))
+    np.testing.assert_array_equal(sheet[5:, :3], np.full((5, 3, 3), 255))
+    np.testing.assert_array_equal(sheet[5:, 3:6], round(GROUND * 255))
+
+
+def test_labels_stand_above_and_can_be_read():
+    picture = np.zeros((30, 100, 4), np.float32)
+    plain = comparison_sheet([(picture, picture)] * 2, triples_per_row=1)
+    strip = label_strip("38.55 dB", 300)
+    labelled = comparison_sheet([(picture, picture)] * 2, 1, ["38.55 dB", ""])
+    assert labelled.shape == (60 + 2 * len(strip), 300, 3)
+    np.testing.assert_array_equal(labelled[len(strip) : len(strip) + 30], plain[:30])
+    assert (strip > 0.6).any(axis=(0, 2)).sum() > 25  # columns that hold ink
+    assert strip[:, 150:].max() == pytest.approx(GROUND, abs=0.002)
+    assert labelled[len(strip) + 30 : 2 * len(strip) + 30].max() == round(GROUND * 255)
+
+
+@pytest.fixture
+def avatar_path(renderer, tmp_path):
+    save_avatar(renderer.avatar, tmp_path / "mine.safetensors")
+    return tmp_path / "mine.safetensors"
+
+
+def evaluate(*arguments):
+    return run_commands("livehand", "", COMMANDS, ["evaluate", *map(str, arguments)])
+
+
+def test_the_command_writes_figures_and_sheets(own_capture, avatar_path, tmp_path, capsys):
+    out = tmp_path / "figures"
+    arguments = (own_capture.folder, "--avatar", avatar_path, "-o", out, "--device", "cpu", "--worst", 1)
+    assert evaluate(*arguments, "--json") == 0
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert figures["images"] == 2
+    assert figures["psnr_full"] > 40  # weights went through half precision
+    label = len(label_strip("", 1))
+    for name, triples in (("contact_sheet.png", 4), ("worst.png", 2)):
+        with Image.open(out / name) as sheet:
+            assert sheet.size == (triples * 3 * 24, 32 + label)
+    with (out / "scores.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["file"] for row in rows] == [view.file for view in own_capture.of_split("test")]
+    for name in ("psnr_full", "psnr_hand", "ssim", "alpha_iou", "camera_gap_deg", "psnr_true_alpha"):
+        assert np.mean([float(row[name]) for row in rows]) == pytest.approx(figures[name], abs=1e-2)
+    written = json.loads((out / "summary.json").read_text())
+    assert written["all"] == written["splits"]["test"] == figures
+    assert written["avatar"] == str(avatar_path)
+    assert f"{figures['psnr_hand']:.2f}" in (out / "summary.txt").read_text()
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        ["contact_sheet.png", "scores.csv", "summary.json", "summary.txt", "worst.png"]
+    )
+
+
+def test_the_command_measures_fewer(own_capture, avatar_path, capsys):
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--split", "all", "--json")
+    counts = []
+    for more in (("--max-images", 1), ("--max-images", 4), ("--max-camera-gap", 1)):
+        assert evaluate(*arguments, *more) == 0
+        counts.append(json.loads(capsys.readouterr().out.splitlines()[-1])["images"])
+    assert counts == [2, 6, 6]
+    for wrong in (("--max-images", 0), ("--max-camera-gap", "near"), ("--max-camera-gap", -1)):
+        assert evaluate(*arguments, *wrong) == 2
+        assert "must be" in capsys.readouterr().err
+
+
+def test_without_flip_its_columns_are_absent_and_the_remedy_is_told(own_capture, avatar_path, monkeypatch, capsys):
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
+    monkeypatch.setattr("livehand.backend.evaluation.figures.has_flip", lambda: False)
+    assert evaluate(*arguments) == 0
+    told = capsys.readouterr().out
+    assert 'pip install "livehand[metrics]"' in told
+    assert "FLIP  " not in told
+    assert evaluate(*arguments, "--json") == 0
+    assert "flip" not in json.loads(capsys.readouterr().out.splitlines()[-1])
+
+
+def test_an_output_that_cannot_be_written_is_told(own_capture, avatar_path, tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "-o", tmp_path / "taken")
+    assert evaluate(*arguments) == 1
+    assert "choose another folder with -o" in capsys.readouterr().err
+
+
+def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture, avatar_path, capsys):
+    before = load_avatar(avatar_path)
+    assert evaluate(own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--json", "--record") == 0
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    after = load_avatar(avatar_path)
+    assert after.metrics == {**before.metrics, "test": figures}
+    assert after.provenance == before.provenance
+    for name, weights in before.superres.state_dict().items():
+        assert after.superres.state_dict()[name].equal(weights)
+
+
+def test_the_command_knows_splits(own_capture, avatar_path, capsys):
+    arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
+    assert evaluate(*arguments, "--split", "all") == 0
+    heading, *lines = capsys.readouterr().out.splitlines()
+    assert heading.split()[0] == "images"
+    assert [line.split()[:2] for line in lines[:3]] == [["test", "2"], ["train", "6"], ["all", "8"]]
+    assert evaluate(*arguments, "--split", "held_out", "--json") == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 2
+    assert evaluate(*arguments, "--split", "train", "--json") == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 6
+
+
+def test_the_command_tells_bad_input(own_capture, avatar_path, tmp_path, capsys):
+    assert evaluate(tmp_path, "--avatar", avatar_path) == 1
+    assert "transforms.json" in capsys.readouterr().err
+    assert evaluate(own_capture.folder, "--avatar", tmp_path / "gone.safetensors") == 1
+    assert "no avatar at" in capsys.readouterr().err
+    assert evaluate(own_capture.folder, "--split", "best") == 2

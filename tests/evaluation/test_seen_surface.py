@@ -1,0 +1,53 @@
+"""The mesh in a view: depths of spheres by closed form, and openness of what is hidden and of what is not."""
+
+import numpy as np
+import torch
+from livehand.backend.evaluation.seen_surface import seen_surface, vertex_openness
+from livehand.backend.nerf.rays import ray_directions, view_of
+from livehand.backend.records.camera import Camera, look_at
+
+K = np.array([[300.0, 0, 24], [0, 300, 20], [0, 0, 1]])
+
+
+def above(height=1.0):
+    """Looks down the z axis."""
+    return view_of(Camera(K, look_at(np.array([0, 0, height]), np.zeros(3), np.array([0, 1.0, 0])), (48, 40)), "cpu")
+
+
+def test_depth_of_a_sphere_is_the_rays(spheres):
+    mesh, topology = spheres(((0, 0, 0), 0.05))
+    view = above()
+    surface = seen_surface(mesh, topology, torch.ones(len(mesh.vertices)), view)
+    directions = ray_directions(view, torch.arange(48 * 40)).double()
+    # |o + t d| = r with o = (0, 0, 1): the nearer root.
+    a, b = (directions**2).sum(1), directions[:, 2]
+    root = b**2 - a * (1 - 0.05**2)
+    expected = torch.where(root >= 0, (-b - root.clamp(min=0).sqrt()) / a, torch.inf).reshape(40, 48)
+    both = surface.depth.isfinite() & expected.isfinite()
+    assert (surface.depth.isfinite() == expected.isfinite()).double().mean() > 0.98
+    assert (surface.depth - expected)[both].abs().median() < 2e-4  # a subdivided icosphere is no sphere
+    torch.testing.assert_close(surface.footprint[both], surface.depth[both] / 300)
+    assert (surface.openness == 1).all()
+
+
+def test_the_nearest_front_covers_the_rest(spheres):
+    mesh, topology = spheres(((0, 0, 0), 0.05), ((0, 0, 0.2), 0.02), subdivisions=3)
+    openness = (mesh.vertices[:, 2] > 0.1).float()
+    surface = seen_surface(mesh, topology, openness, above())
+    middle = (20, 24)
+    assert abs(float(surface.depth[middle]) - 0.78) < 2e-3
+    assert surface.openness[middle] == 1  # the small sphere's
+    assert surface.openness[20, 24 + 12] == 0  # beside it, the large one's
+    assert surface.openness[0, 0] == 1
+    assert surface.depth[0, 0].isinf()
+
+
+def test_a_lone_sphere_is_open_and_a_gap_is_not(spheres):
+    mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=3)
+    assert vertex_openness(mesh, topology).min() > 0.9
+    pair, both = spheres(((0, 0, -0.051), 0.05), ((0, 0, 0.051), 0.05), subdivisions=3)
+    openness = vertex_openness(pair, both)
+    at_gap = pair.vertices[:, 2].abs() < 0.004
+    far_side = pair.vertices[:, 2].abs() > 0.09
+    assert openness[at_gap].max() < 0.5
+    assert openness[far_side].min() > 0.9

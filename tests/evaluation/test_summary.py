@@ -1,0 +1,91 @@
+"""Many views' figures as one line, as a table and as a file."""
+
+import csv
+import json
+import math
+
+import pytest
+from livehand.backend.evaluation.breakdown import CAUSES, REGIONS
+from livehand.backend.evaluation.evaluate import ViewScore
+from livehand.backend.evaluation.report import scores_csv, summary_json, summary_tables, write_text
+from livehand.backend.evaluation.summary import by_split, gain_db, summary
+from livehand.backend.records.errors import LiveHandError
+
+
+def score(split="test", gap=10.0, psnr=30.0, shares=(1.0, 0.0, 0.0, 0.0, 0.0), **more):
+    figures = {"psnr_full": psnr, "psnr_hand": psnr - 5, "psnr_true_alpha": psnr + 1, **more}
+    figures |= dict(zip((f"share_{cause}" for cause in CAUSES), shares, strict=True))
+    figures |= {f"area_{region}": 0.25 for region in REGIONS}
+    return ViewScore(f"{psnr}.png", split, 3, 7, gap, figures)
+
+
+def test_figures_are_means_and_shares_are_of_all_errors_together():
+    found = summary([score(psnr=20.0, gap=4.0), score(psnr=30.0, gap=8.0, shares=(0.0, 0.0, 0.25, 0.25, 0.5))])
+    assert found["images"] == 2
+    assert (found["psnr_full"], found["psnr_hand"]) == (25.0, 20.0)
+    assert (found["camera_gap_deg"], found["camera_gap_max_deg"]) == (6.0, 8.0)
+    # The first image has ten times the second's error.
+    assert found["share_silhouette"] == pytest.approx(10 / 11, abs=1e-4)
+    assert found["share_texture"] == pytest.approx(0.5 / 11, abs=1e-4)
+
+
+def test_what_a_view_lacks_does_not_count_and_what_all_lack_is_absent():
+    found = summary(
+        [score(ms_ssim=math.nan, flip=math.nan, gap=math.nan), score(ms_ssim=0.5, flip=math.nan, gap=math.nan)]
+    )
+    assert found["ms_ssim"] == 0.5
+    assert not {"flip", "camera_gap_deg", "camera_gap_max_deg"} & found.keys()
+    json.dumps(found, allow_nan=False)
+
+
+def test_splits_are_summed_up_apart():
+    found = by_split([score("train", psnr=40.0), score("test"), score("train", psnr=42.0)])
+    assert list(found) == ["test", "train"]
+    assert (found["train"]["images"], found["train"]["psnr_full"]) == (2, 41.0)
+
+
+@pytest.mark.parametrize(("share", "gain"), [(0.0, 0.0), (0.5, 3.0103), (0.9, 10.0), (1.0, 99.0)])
+def test_a_gain_is_what_the_error_without_the_share_has_more(share, gain):
+    assert gain_db(share) == pytest.approx(gain, abs=1e-4)
+
+
+def test_the_csv_has_a_line_an_image_and_empty_cells():
+    rows = list(
+        csv.DictReader(scores_csv([score(ssim=math.nan), score("train", gap=math.nan, ssim=0.98765)]).splitlines())
+    )
+    assert [row["split"] for row in rows] == ["test", "train"]
+    assert (rows[0]["file"], rows[0]["camera_index"], rows[0]["pose_index"]) == ("30.0.png", "3", "7")
+    assert [row["camera_gap_deg"] for row in rows] == ["10.00", ""]
+    assert [row["ssim"] for row in rows] == ["", "0.98765"]
+    assert rows[0]["share_silhouette"] == "1.00000"
+
+
+def test_the_tables_say_how_good_and_where_the_error_lies():
+    lines = summary_tables({"test": summary([score(shares=(0.5, 0.0, 0.0, 0.25, 0.25))])}).splitlines()
+    assert lines[0].split() == ["images", "gap", "deg", "PSNR", "dB", "hand"]  # nothing else was measured
+    assert lines[1].split() == ["test", "1", "10.0", "30.00", "25.00"]
+    assert lines[4].split("  ")[0] == "test"
+    assert [cell.strip() for cell in lines[4].split("  ") if cell.strip()] == [
+        "test", "50.0 %", "0.0 %", "0.0 %", "25.0 %", "25.0 %",
+    ]  # fmt: skip
+    assert [cell.strip() for cell in lines[6].split("  ") if cell.strip()] == [
+        "PSNR without it", "+3.01 dB", "+0.00 dB", "+0.00 dB", "+1.25 dB", "+1.25 dB", "+1.00 dB",
+    ]  # fmt: skip
+    widths = {len(line) for line in (lines[4], lines[5])}
+    assert len(widths) == 1  # aligned
+
+
+def test_the_json_holds_all_and_each_split():
+    scores = [score(), score("train")]
+    document = json.loads(summary_json({"avatar": "a"}, summary(scores), by_split(scores)))
+    assert document["avatar"] == "a"
+    assert document["all"]["images"] == 2
+    assert document["splits"]["train"]["images"] == 1
+
+
+def test_text_is_written_whole_or_refused(tmp_path):
+    write_text("new\n", tmp_path / "deep" / "file.txt")
+    assert (tmp_path / "deep" / "file.txt").read_text() == "new\n"
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["file.txt"]
+    with pytest.raises(LiveHandError, match="must be writable"):
+        write_text("", tmp_path / "deep" / "file.txt" / "below.txt")

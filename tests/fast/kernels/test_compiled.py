@@ -1,0 +1,71 @@
+"""Work shared among threads: every index once, whatever the numbers, and no error is lost."""
+
+from importlib.util import find_spec
+from threading import Lock, current_thread, get_ident
+
+import numpy as np
+import pytest
+
+if find_spec("numba") is None:
+    pytest.skip("numba is not installed", allow_module_level=True)
+
+from livehand.backend.fast.kernels.compiled import compiled, compiled_loosely, in_parallel
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 15, 16, 17, 23, 24, 25, 63, 64, 65, 100, 1000, 1001])
+def test_every_index_is_covered_once(count, threads):
+    covered, lock = np.zeros(count + 1, np.int64), Lock()
+
+    def run(first, last):
+        assert 0 <= first <= last <= count
+        with lock:
+            covered[first:last] += 1
+
+    in_parallel(run, count, threads)
+    assert (covered[:count] == 1).all()
+    assert covered[count] == 0
+
+
+def test_many_indices_are_run_on_other_threads_and_few_on_this_one():
+    seen = []
+    in_parallel(lambda first, last: seen.append(current_thread().name), 1000, 2)
+    assert len(seen) > 2
+    assert all(name.startswith("livehand") for name in seen)
+    for count, threads in ((1000, 1), (5, 2)):
+        here = []
+        in_parallel(lambda first, last, here=here: here.append((get_ident(), first, last)), count, threads)
+        assert here == [(get_ident(), 0, count)]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_error_in_one_part_comes_out(threads):
+    def run(first, last):
+        if first <= 500 < last:
+            raise KeyError("from a part")
+
+    with pytest.raises(KeyError, match="from a part"):
+        in_parallel(run, 1000, threads)
+    done = []
+    in_parallel(lambda first, last: done.append(last - first), 1000, threads)  # and the threads work on
+    assert sum(done) == 1000
+
+
+def test_work_within_work_of_another_number_of_threads_comes_to_an_end():
+    """Blender renders a frame beside the viewport's: calls overlap."""
+    sums = []
+    in_parallel(lambda a, b: in_parallel(lambda first, last: sums.append(last - first), 100, 3), 1000, 2)
+    assert sum(sums) == 100 * 16
+
+
+def test_single_precision_stays_single():
+    """One float64 constant would make a whole kernel double, and slow."""
+    third = np.float32(1) / np.float32(3)
+    for decorate in (compiled, compiled_loosely):
+        double = decorate(_plus_third)
+        assert double(np.float32(1)) == np.float32(1) + third
+        assert double.signatures[0][0].name == "float32"
+
+
+def _plus_third(x):
+    return x + np.float32(1) / np.float32(3)

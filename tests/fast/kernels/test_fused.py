@@ -1,0 +1,272 @@
+"""Marched and decoded rays (`cpu.marching`) against the field asked along traced rays (`shading.shade`)."""
+
+from importlib.util import find_spec
+
+import pytest
+import torch
+from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.nerf.field import FieldConfig, PlaneField, build_field
+from livehand.backend.nerf.rays import HandInView, View
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.shade import shade
+from livehand.backend.nerf.volume import Composite
+
+if find_spec("numba") is None:
+    pytest.skip("numba is not installed", allow_module_level=True)
+
+from livehand.backend.fast import fused_render as marching
+from livehand.backend.fast.fused_render import Marcher
+from livehand.backend.fast.kernels import fused as march_module
+from livehand.backend.fast.shell import rasterise_shell
+from livehand.backend.fast.trace import trace
+
+CONFIG = SamplerConfig(8, 0.003)
+# Channels that fill blocks of four, and others that do not; one plane without height.
+FIELDS = {
+    "default": FieldConfig(),
+    "odd": FieldConfig(width=24, density_width=12, planes=((32, 3, 4), (64, 2, 8), (128, 1, 4)), relief=48),
+}
+# A marched ray stops when no more than this shines through.
+STOP = float(march_module._TRANSPARENT)
+# Share of rays that rounding may lead elsewhere (tests/test_kernels_rays.py says why); none of 20,000 was.
+FLIPPED = 5e-4
+
+
+def a_field(name):
+    """Untrained, but with weights that tell: planes, relief and density vary over the hand."""
+    torch.manual_seed(3)
+    field = build_field(FIELDS[name])
+    with torch.no_grad():
+        for plane in (*field.planes, field.relief):
+            plane.table.uniform_(-1, 1)
+        field.density.weight.mul_(3)
+    return field.eval()
+
+
+@pytest.fixture(scope="module", params=FIELDS)
+def field(request):
+    return a_field(request.param)
+
+
+class Marched:
+    """One scene by both roads: what was composited along each ray, and what was decoded from that."""
+
+    @torch.inference_mode()
+    def __init__(self, field, hand, view, config=CONFIG, conditions=None):
+        conditions = conditions or hand.conditions()
+        in_view = HandInView(hand.mesh, hand.topology, view)
+        marcher = Marcher(field, config)
+        layers = rasterise_shell(in_view, config)
+        self.pixel, self.direction, self.told, self.t, self.dt = marcher.march(layers, in_view, conditions)
+        self.seen = marcher.decode(self.told, self.direction)
+        # By the kernels: on a seam of the atlas either side's face is as near, and untrained planes differ there.
+        rays = trace(in_view, config)
+        surroundings = (rays, in_view, conditions, config.shell_m)
+        self.expected_pixel, self.is_stopped, self.expected_steps = rays.pixel, rays.is_stopped, (rays.t, rays.dt)
+        self.expected_seen = shade(field, *surroundings)
+        self.expected_told = shade(Undecoded(field), *surroundings)
+        self.expected_direction = rays.directions / rays.directions.norm(dim=-1, keepdim=True)
+
+
+class Undecoded(PlaneField):
+    """The same field, but what it composites comes out as it is."""
+
+    def __init__(self, field):
+        super().__init__(field.config)
+        self.load_state_dict(field.state_dict())
+
+    def decode(self, told, view):
+        return told
+
+
+def share_over(difference, bound):
+    """Share of rays [R] or [R, C] with anything beyond the bound."""
+    over = difference.abs() > bound
+    return (over.any(1) if over.ndim == 2 else over).double().mean() if len(over) else 0.0
+
+
+def assert_same(marched):
+    """What differs is no more than the light that a stopped march leaves out, and else nothing but rounding."""
+    assert torch.equal(marched.pixel, marched.expected_pixel)
+    torch.testing.assert_close(marched.direction, marched.expected_direction)
+    ours, theirs = marched.told, marched.expected_told
+    assert ours.channels.shape == theirs.channels.shape
+    if len(marched.pixel) == 0:
+        return
+    few = FLIPPED + 1.5 / len(marched.pixel)  # one ray is always allowed
+    largest = theirs.channels.abs().amax(0).clamp(min=1)
+    # Twice: what is left out, and, of a ray that ends opaque, what stands in for it.
+    assert share_over(ours.alpha - theirs.alpha, STOP + 1e-5) < few
+    assert share_over((ours.channels - theirs.channels) / largest, 2 * STOP) < few
+    assert share_over((ours.depth - theirs.depth)[theirs.alpha > 0.5], 4e-4) < few
+    is_clear = theirs.alpha < 1 - 1.01 * STOP  # never stopped early
+    assert share_over(ours.weights - theirs.weights, 2 * STOP) < few
+    assert share_over(ours.weights.sum(1) - ours.alpha, 1e-5) < few
+    asked = (ours.weights > 0).float()
+    assert share_over((marched.t - marched.expected_steps[0]) * asked, 1e-6) < few
+    torch.testing.assert_close(marched.dt, marched.expected_steps[1])
+    for one, other in ((ours.alpha, theirs.alpha), (ours.channels, theirs.channels)):
+        assert share_over((one - other)[is_clear], 1e-4) < few
+    difference = marched.seen.channels - marched.expected_seen.channels
+    assert share_over(difference[:, :3], STOP) < few
+    assert share_over(difference[is_clear], 1e-4) < few
+    assert difference[:, :3].abs().mean() < STOP / 10
+    assert share_over(difference, 4 * STOP) < few  # features have no bounds of their own
+    assert torch.equal(marched.seen.alpha, ours.alpha)
+    assert torch.equal(marched.seen.depth, ours.depth)
+
+
+@pytest.mark.parametrize("direction", [(0.1, -1, 0.2), (0.2, 0.3, -1), (-1, -0.5, 0.3)])
+@pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
+def test_marched_rays_are_the_fields(field, posed, seen_from, direction, gesture, side):
+    hand = posed(gesture, side)
+    marched = Marched(field, hand, seen_from(hand.mesh, direction))
+    assert len(marched.pixel) > 200
+    assert_same(marched)
+    alpha = marched.expected_seen.alpha
+    assert int(((alpha > 0.05) & (alpha < 0.95)).sum()) > 20
+    assert marched.is_stopped.any()
+    assert not marched.is_stopped.all()
+
+
+def test_planes_of_channels_that_fill_no_whole_block(posed, seen_from, monkeypatch):
+    monkeypatch.setitem(FIELDS, "narrow", FieldConfig(width=24, planes=((32, 3, 6), (64, 1, 5)), relief=48))
+    hand = posed("open")
+    assert_same(Marched(a_field("narrow"), hand, seen_from(hand.mesh, (0.1, -1, 0.2))))
+
+
+@pytest.fixture(scope="module")
+def odd():
+    return a_field("odd")
+
+
+@pytest.fixture(scope="module")
+def scene(posed, seen_from):
+    hand = posed("relaxed")
+    return hand, seen_from(hand.mesh, (0.1, 1, 0.3))
+
+
+def test_stopped_rays_are_opaque(odd, scene):
+    marched = Marched(odd, *scene)
+    assert marched.told.alpha[marched.is_stopped].min() >= 1 - STOP
+    assert marched.told.alpha.max() <= 1
+    assert marched.told.alpha.min() >= 0
+
+
+@torch.inference_mode()
+def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_from):
+    """Also of rays that are opaque in the end and stopped before: from near, where planes do not fade."""
+    field, hand = a_field("odd"), posed("fist")
+    for plane in field.planes:
+        plane.table.fill_(0.7)
+    field.density.bias.add_(3)  # solid: rays stop well before their last sample
+    view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
+    told = Marcher(field, CONFIG).march(layers, in_view, hand.conditions()).told
+    constant = told.channels[:, : sum(channels for _, _, channels in field.config.planes)]
+    torch.testing.assert_close(constant, 0.7 * told.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
+    assert (told.alpha == 1).any()
+
+
+@pytest.mark.parametrize(("samples", "shell_m", "layers"), [(1, 0.003, 10), (3, 0.005, 10), (16, 0.002, 2)])
+def test_other_samplers(odd, scene, samples, shell_m, layers):
+    assert_same(Marched(odd, *scene, SamplerConfig(samples, shell_m, layers)))
+
+
+def test_nothing_in_view(odd, scene):
+    hand, view = scene
+    turned = torch.diag(torch.tensor([1.0, -1, -1, 1])) @ view.world2cam
+    marched = Marched(odd, hand, view._replace(world2cam=turned))
+    assert_same(marched)
+    assert len(marched.pixel) == 0
+
+
+@pytest.mark.parametrize("size_px", [(1, 1), (40, 1)])
+def test_one_pixel_and_one_row(odd, scene, size_px):
+    hand, view = scene
+    K = view.K.clone()
+    K[:2, 2] += torch.tensor(size_px) / 2 - torch.tensor(view.size_px) / 2
+    marched = Marched(odd, hand, View(K, view.world2cam, size_px))
+    assert len(marched.pixel) > 0
+    assert_same(marched)
+
+
+def test_near_and_far_where_planes_fade(odd, posed, seen_from):
+    """From so far that a pixel spans many texels, and from so near that none does."""
+    hand = posed("open")
+    for size_px, field_m in (((12, 12), 0.25), ((40, 40), 0.04)):
+        assert_same(Marched(odd, hand, seen_from(hand.mesh, (0.1, 1, 0.1), size_px, field_m=field_m)))
+
+
+def test_a_larger_world_looks_the_same(odd, scene):
+    hand, view = scene
+    large = hand._replace(mesh=posed_mesh(hand.topology, hand.mesh.vertices * 10))
+    world2cam = view.world2cam.clone()
+    world2cam[:3, 3] *= 10
+    marched = Marched(odd, large, view._replace(world2cam=world2cam))
+    alike = Marched(odd, hand, view)
+    shared = torch.isin(marched.pixel, alike.pixel), torch.isin(alike.pixel, marched.pixel)
+    difference = marched.seen.channels[shared[0], :3] - alike.seen.channels[shared[1], :3]
+    assert share_over(difference, 2 * STOP) < 0.01
+    assert share_over(marched.seen.alpha[shared[0]] - alike.seen.alpha[shared[1]], 2 * STOP) < 0.01
+
+
+@torch.inference_mode()
+def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
+    hand, view = scene
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
+    before, conditions, results, asked = torch.get_num_threads(), hand.conditions(), [], []
+    try:
+        for threads, at_once in ((1, 1 << 15), (2, 1 << 15), (2, 100), (1, 7)):
+            torch.set_num_threads(threads)
+            monkeypatch.setattr(marching, "_RAYS_AT_ONCE", at_once)
+            asked.clear()
+            marcher = Marcher(odd, CONFIG)
+            told = marcher.march(layers, in_view, conditions, lambda: asked.append(None)).told
+            assert len(asked) == -(-len(told.alpha) // at_once)
+            results.append(told)
+    finally:
+        torch.set_num_threads(before)
+    for other in results[1:]:
+        for one, values in zip(results[0], other, strict=True):
+            assert torch.equal(one, values)
+
+
+def test_what_is_raised_between_chunks_ends_the_march(odd, scene, monkeypatch):
+    hand, view = scene
+    in_view = HandInView(hand.mesh, hand.topology, view)
+    layers = rasterise_shell(in_view, CONFIG)
+    monkeypatch.setattr(marching, "_RAYS_AT_ONCE", 50)
+    asked = []
+
+    def before_chunk():
+        asked.append(None)
+        if len(asked) == 3:
+            raise KeyError("told")
+
+    with torch.inference_mode(), pytest.raises(KeyError, match="told"):
+        Marcher(odd, CONFIG).march(layers, in_view, hand.conditions(), before_chunk)
+    assert len(asked) == 3
+
+
+@torch.inference_mode()
+def test_decoding_in_pieces_is_decoding_at_once(odd, monkeypatch):
+    generator = torch.Generator().manual_seed(0)
+    alpha = torch.rand(30, generator=generator)
+    told = Composite(
+        torch.randn(30, odd.told_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3, alpha[:, None]
+    )
+    direction = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
+    monkeypatch.setattr(marching, "_RAYS_DECODED_AT_ONCE", 7)
+    pieces, whole = Marcher(odd, CONFIG).decode(told, direction), odd.decode(told, direction)
+    for one, other in zip(pieces, whole, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+def test_a_marcher_keeps_the_fields_weights_as_they_were(odd, scene):
+    """Packed once: the tables of a field in use do not change."""
+    marcher = Marcher(odd, CONFIG)
+    assert marcher._packed is marcher._packed
+    assert marcher._packed.table.dtype == "float32"

@@ -1,0 +1,131 @@
+"""Pose files that are damaged, mean harm, or are something else."""
+
+import os
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+from livehand.backend.motion import document as documents
+from livehand.backend.motion.document import load_document
+from livehand.backend.motion.opening import open_motion_file
+from livehand.backend.records.errors import LiveHandError
+
+
+class Harm:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def refused(path, message):
+    with pytest.raises(LiveHandError, match=rf"(?s){path.name}.*{message}"):
+        open_motion_file(path)
+
+
+@pytest.mark.parametrize("name", ["bad.pkl", "bad.npy", "bad.npz"])
+def test_what_would_run_code_is_refused_before_it_runs(tmp_path, name):
+    path, made = tmp_path / name, tmp_path / "made"
+    if name == "bad.npz":
+        np.savez(path, poses=np.array([Harm(made)], object))
+        refused(path, "Python objects, which could run code")
+    elif name == "bad.npy":
+        np.save(path, {"poses": Harm(made)}, allow_pickle=True)
+        refused(path, r"may not use (posix|nt)\.mkdir")
+    else:
+        path.write_bytes(pickle.dumps({"handPose": Harm(made)}))
+        refused(path, r"may not use (posix|nt)\.mkdir")
+    assert not made.exists()
+
+
+def test_arrays_of_objects_in_pickles_are_refused(tmp_path):
+    path = tmp_path / "bad.pkl"
+    path.write_bytes(pickle.dumps({"handPose": np.array([1, "x"], object)}))
+    refused(path, "array of objects")
+    path.write_bytes(pickle.dumps({"handPose": {1, 2}}))
+    refused(path, "plain data")
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.pkl"])
+def test_files_cut_short_anywhere_are_refused(tmp_path, name):
+    path = tmp_path / name
+    if name == "a.npz":
+        np.savez_compressed(path, poses=np.random.default_rng(0).normal(size=(9, 48)))
+    elif name == "a.npy":
+        np.save(path, {"right": {"rot": np.ones((2, 3))}}, allow_pickle=True)
+    else:
+        path.write_bytes(pickle.dumps({"handPose": np.ones(48)}))
+    whole = path.read_bytes()
+    for length in {0, 1, 7, 60, len(whole) // 2, len(whole) - 1}:
+        path.write_bytes(whole[:length])
+        refused(path, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.json", "[[1, 2", "readable .json"),
+        ("a.json", "[[1, 2], [3]]", "known format"),
+        ("a.json", '{"x": 1}', r"known format .*got keys \['x'\]"),
+        ("a.json", "[]", "known format"),
+        ("a.json", "\xff\xfe", "known format|readable"),
+        ("a.csv", "x0,y0\n1\n", "as many cells"),
+        ("a.csv", "", "readable"),
+        ("a.txt", "hello", r"must be a pose file .* got '.txt'"),
+    ],
+)
+def test_text_that_is_no_pose(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text, encoding="latin1")
+    refused(tmp_path / name, message)
+
+
+def test_numbers_that_are_none(tmp_path):
+    path = tmp_path / "a.npz"
+    poses = np.zeros((3, 48))
+    poses[1, 7] = np.nan
+    np.savez(path, poses=poses)
+    refused(path, "poses must be finite")
+    np.savez(path, poses=np.full((3, 48), "a"))
+    refused(path, "must hold numbers")
+    np.savez(path, theta=np.zeros((3, 15, 3)))
+    refused(path, r"theta must be \['N', 16, 3\], got \[3, 15, 3\]")
+    np.savez(path, theta=np.zeros((3, 16, 3)), side="middle")
+    refused(path, "side must be")
+    np.savez(path, theta=np.zeros((3, 16, 3)), fps=-5)
+    with pytest.raises(LiveHandError, match="fps must be a positive"):
+        open_motion_file(path).motion()
+    np.savez(path, theta=np.zeros((0, 16, 3)))
+    refused(path, "at least one frame")
+
+
+def test_files_that_claim_to_be_huge_are_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(documents, "_LARGEST_BYTES", 1 << 20)
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("poses.npy", b"\0" * (1 << 21))
+    refused(path, "at most")
+
+
+def test_a_missing_file_and_an_empty_folder(tmp_path):
+    refused(tmp_path / "gone.npz", "give the path")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "empty", "must hold pose files")
+
+
+def test_pickles_hold_what_they_held(tmp_path):
+    content = {
+        "f": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "scalar": np.float32(2.5),
+        "int": 3,
+        "list": [np.arange(3, dtype=">i2"), None, "text"],
+    }
+    for protocol in range(6):
+        (tmp_path / "a.pkl").write_bytes(pickle.dumps(content, protocol=protocol))
+        entries = load_document(tmp_path / "a.pkl").entries
+        np.testing.assert_array_equal(entries["f"], content["f"])
+        assert entries["scalar"] == 2.5
+        assert entries["int"] == 3
+        np.testing.assert_array_equal(entries["list"][0], [0, 1, 2])
+        assert entries["list"][1:] == [None, "text"]

@@ -1,0 +1,84 @@
+"""The field along traced rays: chunks, and what a step and a pixel measure."""
+
+import pytest
+import torch
+from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.nerf import shade as shading
+from livehand.backend.nerf.field import FieldConfig, PaperField, build_field
+from livehand.backend.nerf.rays import HandInView, split_rays
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.shade import shade, shade_in_chunks
+from livehand.backend.nerf.trace import trace_with_torch
+from livehand.backend.nerf.volume import Composite
+
+CONFIG = SamplerConfig(4, 0.003)
+FIELDS = {"paper": FieldConfig(kind="paper"), "planes": FieldConfig(planes=((32, 3, 4), (128, 1, 4)), relief=8)}
+
+
+class Recorder(PaperField):
+    """A field that keeps what it is asked."""
+
+    def forward(self, inputs, steps):
+        self.inputs, self.steps = inputs, steps
+        rays = len(steps.t)
+        return Composite(torch.zeros(rays, 32), torch.zeros(rays), torch.zeros(rays), torch.zeros_like(steps.t))
+
+
+@pytest.fixture(scope="module")
+def scene(posed, seen_from):
+    """(rays, hand in view, conditions)."""
+    hand = posed("relaxed")
+    seen = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, 1, 0.4), (20, 22)))
+    return trace_with_torch(seen, CONFIG), seen, hand.conditions()
+
+
+@torch.inference_mode()
+@pytest.mark.parametrize("kind", FIELDS)
+@pytest.mark.parametrize("at_once", [1, 70, 1000, 1 << 20])
+def test_chunks_do_not_show(scene, monkeypatch, kind, at_once):
+    rays, hand, conditions = scene
+    torch.manual_seed(0)
+    field, few = build_field(FIELDS[kind]), split_rays(rays, 60)[0]
+    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", at_once)
+    asked = []
+    chunked = shade_in_chunks(field, few, hand, conditions, 0.003, lambda: asked.append(None))
+    whole = shade(field, few, hand, conditions, 0.003)
+    for one, other in zip(chunked, whole, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-5)
+    assert len(asked) == -(-60 // max(1, at_once // 4))
+
+
+def test_what_is_raised_before_a_chunk_ends_it(scene, monkeypatch):
+    rays, hand, conditions = scene
+    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", 100)
+    recorder, asked = Recorder(), []
+
+    def before_chunk():
+        asked.append(None)
+        if len(asked) == 3:
+            raise KeyError("told")
+
+    with pytest.raises(KeyError, match="told"):
+        shade_in_chunks(recorder, rays, hand, conditions, 0.003, before_chunk)
+    assert len(asked) == 3
+
+
+@torch.inference_mode()
+def test_steps_are_millimetres_of_the_template_and_footprints_pixels_of_it(scene):
+    """In a world ten times as large the field is asked the same."""
+    rays, hand, conditions = scene
+    small, large = Recorder(), Recorder()
+    mesh, topology, view = hand
+    shade(small, rays, hand, conditions, 0.003)
+    bigger = rays._replace(t=rays.t * 10, dt=rays.dt * 10)
+    large_hand = hand._replace(mesh=posed_mesh(topology, mesh.vertices * 10))
+    shade(large, bigger, large_hand, conditions, 0.003)
+    length = rays.directions.norm(dim=-1)
+    torch.testing.assert_close(small.steps.step_mm, rays.dt * length / mesh.scale * 1000)
+    torch.testing.assert_close(large.steps.step_mm, small.steps.step_mm)
+    pixel_m = rays.t / (view.K[0, 0] * view.K[1, 1]).sqrt()
+    torch.testing.assert_close(small.inputs.footprint_m, (pixel_m / mesh.scale).flatten(), rtol=1e-5, atol=0)
+    torch.testing.assert_close(large.inputs.footprint_m, small.inputs.footprint_m)
+    torch.testing.assert_close(small.inputs.view.norm(dim=-1), torch.ones(len(rays.pixel)))
+    torch.testing.assert_close(small.inputs.height, rays.samples.height_m / 0.003)
+    assert torch.equal(small.steps.is_stopped, rays.is_stopped)

@@ -1,0 +1,34 @@
+"""Somebody's skeleton, and the record of which bone is which joint."""
+
+import numpy as np
+import pytest
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.retarget.skeleton import JointMap, RestSkeleton
+
+NAMES = tuple(f"bone{k}" for k in range(16))
+
+
+def test_bones_are_found_by_name_and_parent():
+    skeleton = RestSkeleton(
+        ("root", "a", "b"), (-1, 0, 0), np.zeros((3, 3)), np.ones((3, 3)), np.tile(np.eye(3), (3, 1, 1))
+    )
+    assert skeleton.index("b") == 2
+    assert skeleton.children(0) == [1, 2]
+    assert (skeleton.ancestors(2), skeleton.ancestors(0)) == ([0], [])
+    with pytest.raises(LiveHandError, match="bone 'c'"):
+        skeleton.index("c")
+
+
+def test_a_map_needs_every_joint():
+    with pytest.raises(LiveHandError, match="none is chosen for index2, thumb3"):
+        JointMap("right", (*NAMES[:2], "", *NAMES[3:15], ""))
+
+
+def test_a_map_needs_sixteen_bones():
+    with pytest.raises(LiveHandError, match="16 bones and 5 tips, got 15 and 5"):
+        JointMap("right", NAMES[:15])
+
+
+def test_a_bone_is_one_joint_only():
+    with pytest.raises(LiveHandError, match="more than once: bone3"):
+        JointMap("left", NAMES, ("bone3", None, None, None, None))

@@ -1,0 +1,128 @@
+"""What training changes: groups with rates of their own, corrections, the average of the weights."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.training.average import WeightAverage
+from livehand.backend.training.checkpoint import checkpoint_path
+from livehand.backend.training.config import ReportConfig, TrainConfig
+from livehand.backend.training.loop import train
+from livehand.backend.training.parts import Correction, Rendered, TrainedParts, optimiser_of, set_rates
+from livehand.backend.training.setup import Task
+from livehand.backend.training.step import Machine
+from safetensors import safe_open
+
+SMALL = AvatarConfig(
+    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+)
+SHORT = TrainConfig(steps=6, warmup_steps=1, checkpoint_every=3, ema_decay=0.0)
+
+
+@pytest.fixture
+def avatar():
+    return new_avatar("a", "hand", "0" * 64, SMALL)
+
+
+class Gain(torch.nn.Module):
+    """A factor for each camera."""
+
+    def __init__(self, count):
+        super().__init__()
+        self.log_gain = torch.nn.Parameter(torch.zeros(count))
+
+    def forward(self, rendered, source):
+        return Rendered(*(picture * self.log_gain[source.camera_index].exp() for picture in rendered))
+
+
+def test_planes_have_a_rate_of_their_own(avatar):
+    others, planes = optimiser_of(TrainedParts(avatar), SHORT).param_groups
+    assert {id(p) for p in planes["params"]} == {id(avatar.field.planes[0].table), id(avatar.field.relief.table)}
+    assert (others["initial_lr"], planes["initial_lr"]) == (SHORT.learning_rate, SHORT.plane_learning_rate)
+    networks = [*avatar.field.parameters(), *avatar.superres.parameters()]
+    assert len(others["params"]) + 2 == len(networks)
+    paper = new_avatar("a", "hand", "0" * 64, replace(SMALL, field=FieldConfig(kind="paper")))
+    assert len(optimiser_of(TrainedParts(paper), SHORT).param_groups) == 1
+
+
+def test_corrections_have_rates_of_their_own_too(avatar):
+    gain, frozen = Gain(3), Gain(2)
+    corrections = (Correction("gain", gain, 0.5), Correction("other", frozen, 0.25))
+    optimiser = optimiser_of(TrainedParts(avatar, corrections), SHORT, corrections)
+    set_rates(optimiser, 0.1)
+    rates = {id(p): group["lr"] for group in optimiser.param_groups for p in group["params"]}
+    assert rates[id(gain.log_gain)] == pytest.approx(0.05)
+    assert rates[id(frozen.log_gain)] == pytest.approx(0.025)
+    assert rates[id(avatar.field.planes[0].table)] == pytest.approx(0.1 * SHORT.plane_learning_rate)
+
+
+def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_path):
+    """A gain that is learnt, a view whose truth is made dark, and a penalty that is counted."""
+    gain, seen, begun = Gain(4), [], []
+
+    def darker(view, source):
+        seen.append(source.file)
+        return view._replace(target=torch.cat([view.target[:3] * 0.25, view.target[3:]]))
+
+    correction = Correction(
+        "gain",
+        gain,
+        learning_rate=0.05,
+        begin=lambda views, moment: begun.append((len(views), moment.step)),
+        before=darker,
+        after=gain,
+        penalty=lambda: {"gain_l2": gain.log_gain.square().sum() * 1e-3},
+    )
+    task = Task(painted_capture, load_default_hand(), SMALL, corrections=(correction,))
+    output = tmp_path / "a.safetensors"
+    outcome = train(
+        task,
+        replace(SHORT, steps=12),
+        output,
+        Machine(torch.device("cpu")),
+        ReportConfig(log_every=6, preview_minutes=0.0),
+    )
+    assert begun == [(6, step) for step in range(12)]
+    assert sorted(set(seen)) == sorted(view.file for view in painted_capture.of_split("train"))
+    assert (gain.log_gain[:3] < -0.05).all()  # as the truth is darker than anything the networks begin with
+    assert gain.log_gain[3] == 0  # of the held-out camera
+    assert "loss/gain_l2" in (tmp_path / "a.log.jsonl").read_text()
+    assert outcome.avatar.provenance["corrections"] == {"gain": {}}
+    with safe_open(checkpoint_path(output), framework="pt") as archive:
+        torch.testing.assert_close(archive.get_tensor("part.corrections.gain.log_gain"), gain.log_gain.detach())
+    with safe_open(output, framework="pt") as archive:
+        assert not [key for key in archive.keys() if "gain" in key]
+
+
+def test_the_average_has_its_closed_form():
+    """Weights w_k = k after step k, with decays d_k = min(d, (1+k)/(10+k)): sum of w_k (1-d_k) prod_{j>k} d_j."""
+    module = torch.nn.Linear(2, 3).double()
+    torch.nn.init.zeros_(module.weight)
+    average = WeightAverage(module, 0.8)
+    decays = [min(0.8, (1 + k) / (10 + k)) for k in range(60)]
+    assert decays[0] == 0.1
+    assert decays[-1] == 0.8
+    for k in range(60):
+        torch.nn.init.constant_(module.weight, k)
+        average.update(module, k)
+    shares = [(1 - decays[k]) * torch.tensor(decays[k + 1 :], dtype=torch.float64).prod() for k in range(60)]
+    expected = sum(k * share for k, share in enumerate(shares))
+    constant = torch.full((3, 2), float(expected), dtype=torch.float64)
+    torch.testing.assert_close(average.module.weight, constant, rtol=1e-12, atol=0)
+    assert not average.module.weight.requires_grad
+
+
+def test_without_decay_the_average_is_the_last_step():
+    module = torch.nn.BatchNorm1d(4)
+    average = WeightAverage(module, 0.0)
+    for step in range(3):
+        torch.nn.init.normal_(module.weight)
+        module.running_mean += 1
+        average.update(module, step)
+    assert torch.equal(average.module.weight, module.weight)
+    assert torch.equal(average.module.running_mean, torch.full((4,), 3.0))
