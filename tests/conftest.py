@@ -17,7 +17,7 @@ from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.conditions import FrameConditions
-from livehand.backend.nerf.rays import view_of
+from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
 from PIL import Image
@@ -37,9 +37,14 @@ class PosedHand(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def posed():
+def hand():
+    """The built-in hand model, right side."""
+    return load_default_hand()
+
+
+@pytest.fixture(scope="session")
+def posed(hand):
     """A function (gesture, side="right") -> PosedHand; a left hand wears the right one's look."""
-    hand = load_default_hand()
 
     @cache
     def pose(gesture, side="right"):
@@ -64,7 +69,7 @@ def seen_from():
         K = np.array([[focal_px, 0, size_px[0] / 2 + 0.3], [0, 1.02 * focal_px, size_px[1] / 2 - 0.2], [0, 0, 1]])
         origin = middle + distance * direction / np.linalg.norm(direction)
         up = np.eye(3)[np.abs(direction).argmin()]
-        return view_of(Camera(K, look_at(origin, middle, up), size_px), "cpu")
+        return camera_tensors(Camera(K, look_at(origin, middle, up), size_px), "cpu")
 
     return view
 

@@ -12,7 +12,7 @@ from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.runtime.command import run_commands
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine
 from livehand.livehand_blender.cli import COMMANDS
 
@@ -58,7 +58,7 @@ def test_half_precision_looks_the_same(shot):
 def test_a_training_of_few_steps_gives_the_cpus_weights(painted_capture, tmp_path, torch_alone):
     avatar = load_avatar()
     config, reporting = TrainConfig(steps=3, warmup_steps=1), ReportConfig(preview_minutes=0)
-    task = Task(painted_capture, load_default_hand(), avatar.config)
+    task = TrainingSetup(painted_capture, load_default_hand(), avatar.config)
     ours, expected = (
         train(task, config, tmp_path / f"{name}.safetensors", Machine(torch.device(name)), reporting).avatar
         for name in ("cuda", "cpu")

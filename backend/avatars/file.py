@@ -26,14 +26,14 @@ from .library import shipped_avatar_path
 
 FORMAT_VERSION = 1
 _HEADER_KEY = "livehand"
-_PORTRAIT = "portrait"  # among the tensors
+_THUMBNAIL = "portrait"  # its key among the tensors, since format version 1
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
     """Write the avatar, weights in half precision, to a temporary name and then in place."""
     tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
-    if avatar.portrait is not None:
-        tensors[_PORTRAIT] = torch.from_numpy(avatar.portrait)
+    if avatar.thumbnail is not None:
+        tensors[_THUMBNAIL] = torch.from_numpy(avatar.thumbnail)
     header = {
         "format_version": FORMAT_VERSION,
         "name": avatar.name,
@@ -67,7 +67,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         superres=build_superres(config.superres),
         provenance=header["provenance"],
         metrics=header["metrics"],
-        portrait=tensors.pop(_PORTRAIT).numpy() if _PORTRAIT in tensors else None,
+        thumbnail=tensors.pop(_THUMBNAIL).numpy() if _THUMBNAIL in tensors else None,
     )
     try:
         _load_state(avatar, {key: value.float() for key, value in tensors.items()})

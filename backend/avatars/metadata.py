@@ -20,7 +20,7 @@ _SPLITS = {
 
 
 @dataclass(frozen=True)
-class AvatarCard:
+class AvatarMetadata:
     """An avatar's file at a glance; whether its weights are whole is not looked at.
 
     Attributes:
@@ -31,7 +31,7 @@ class AvatarCard:
         licence: as whoever trained it said, or empty.
         figures: measured on held-out views, a line of text each; empty where nobody measured.
         made_from: the capture it learnt from, in a line of text, or empty.
-        portrait: [P, P, 4] uint8 sRGB with straight alpha, top row first; None where the file has none.
+        thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None where the file has none.
     """
 
     path: Path
@@ -41,19 +41,19 @@ class AvatarCard:
     licence: str
     figures: tuple[str, ...]
     made_from: str
-    portrait: np.ndarray | None
+    thumbnail: np.ndarray | None
 
 
-def read_card(path: Path) -> AvatarCard:
-    """The card of an avatar's file.
+def read_metadata(path: Path) -> AvatarMetadata:
+    """What the header of an avatar's file.
 
     Raises:
         LiveHandError: no such file, not an avatar, or safetensors is not installed.
     """
-    header, portrait = _read(path)
+    header, thumbnail = _read(path)
     try:
         provenance = header["provenance"]
-        return AvatarCard(
+        return AvatarMetadata(
             path=path,
             name=str(header["name"]),
             hand_sha256=str(header["hand_sha256"]),
@@ -61,7 +61,7 @@ def read_card(path: Path) -> AvatarCard:
             licence=str(provenance.get("licence", "")),
             figures=_figures(header["metrics"]),
             made_from=_made_from(provenance.get("capture", {})),
-            portrait=portrait,
+            thumbnail=thumbnail,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise LiveHandError(f"{path} must be an avatar of this version, got a header without {error}") from error
@@ -75,8 +75,8 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
     try:
         with safe_open(path, framework="numpy") as archive:
             metadata = archive.metadata() or {}
-            portrait = archive.get_tensor("portrait") if "portrait" in archive.keys() else None
-            return json.loads(metadata["livehand"]), portrait
+            thumbnail = archive.get_tensor("portrait") if "portrait" in archive.keys() else None
+            return json.loads(metadata["livehand"]), thumbnail
     except (SafetensorError, OSError, KeyError, ValueError) as error:
         raise LiveHandError(
             f"{path} must be a LiveHand avatar (.safetensors), got {type(error).__name__}: {error}; choose another file"

@@ -17,7 +17,7 @@ from ..hand.model_file import load_default_hand, load_hand_model
 from ..records.errors import LiveHandError
 from ..rendering.frame_queue import FrameQueue
 from ..rendering.frame_task import HandRenderer
-from ..runtime.thread_limits import spin_briefly
+from ..runtime.thread_limits import limit_spinning
 from .library import shipped_avatar_path
 
 
@@ -39,7 +39,7 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
         LiveHandError: the avatar is unreadable or of another hand.
         ImportError: a package is missing.
     """
-    spin_briefly()
+    limit_spinning()
     from ..rendering.renderer import Renderer
     from .file import load_avatar
 

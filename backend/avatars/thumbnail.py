@@ -22,7 +22,7 @@ _FILLED = 0.92
 _FINER = 2  # rendered nearer to the size that avatars learn at, then averaged: sharper than rendered small
 
 
-def with_portrait(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
+def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
     """The avatar with a new picture of itself.
 
     Args:
@@ -31,10 +31,10 @@ def with_portrait(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avat
         device: to render on.
     """
     renderer = Renderer(replace(avatar, hand_sha256=hand.sha256), hand, device)
-    return replace(avatar, portrait=portrait(renderer))
+    return replace(avatar, thumbnail=render_thumbnail(renderer))
 
 
-def portrait(renderer: Renderer) -> np.ndarray:
+def render_thumbnail(renderer: Renderer) -> np.ndarray:
     """[192, 192, 4] uint8: sRGB with straight alpha, top row first."""
     theta = np.zeros((16, 3))
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))

@@ -1,4 +1,4 @@
-"""`livehand portrait`: gives an avatar's file the picture that it is chosen by; training does so by itself."""
+"""`livehand thumbnail`: gives an avatar's file the picture that it is chosen by; training does so by itself."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def _run(args: argparse.Namespace) -> dict:
     from ..hand.model_file import load_default_hand, load_hand_model
     from ..rendering.renderer import Renderer
     from .file import load_avatar, save_avatar
-    from .thumbnail import portrait
+    from .thumbnail import render_thumbnail
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     avatar = load_avatar(args.avatar)
-    save_avatar(replace(avatar, portrait=portrait(Renderer(avatar, hand, args.device))), args.avatar)
-    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: portrait taken"}
+    save_avatar(replace(avatar, thumbnail=render_thumbnail(Renderer(avatar, hand, args.device))), args.avatar)
+    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: thumbnail taken"}
 
 
-COMMAND = Command("portrait", "take the picture that an avatar is chosen by", _add_arguments, _run)
+COMMAND = Command("thumbnail", "take the picture that an avatar is chosen by", _add_arguments, _run)

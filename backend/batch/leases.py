@@ -1,4 +1,4 @@
-"""Claims on frames: several processes, on several machines, share an output folder and never render the same frame.
+"""Leases on frames: several processes and machines share an output folder and never render the same frame twice.
 
 A claim is a hidden file beside the frame, `.wave_0001.claim`, made with O_EXCL and kept fresh by its owner. The claim
 of an owner that died is not removed but outnumbered: whoever makes `.wave_0001.claim.1` first has the frame. Nobody
@@ -31,7 +31,7 @@ UNSIGNED_S = 1.0
 
 
 @dataclass(frozen=True)
-class Claim:
+class Lease:
     """One frame, taken by this process.
 
     Attributes:
@@ -47,16 +47,16 @@ class Claim:
     token: str
 
 
-class Claims:
+class FrameLeases:
     """What this process has claimed of one shot's frames in one folder. A context: its end gives everything back."""
 
     def __init__(self, folder: Path, stem: str):
         self._folder, self._stem = folder, stem
-        self._held: dict[int, Claim] = {}
+        self._held: dict[int, Lease] = {}
         self._has_ended = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="livehand claims", daemon=True)
 
-    def __enter__(self) -> Claims:
+    def __enter__(self) -> FrameLeases:
         self._heart.start()
         return self
 
@@ -64,10 +64,10 @@ class Claims:
         self._has_ended.set()
         self._heart.join()
         for claim in list(self._held.values()):
-            self.give_back(claim)
+            self.release(claim)
 
-    def take(self, frame: int) -> Claim | None:
-        """Claim a frame; None if another live process has it.
+    def take(self, frame: int) -> Lease | None:
+        """Lease a frame; None if another live process has it.
 
         Raises:
             LiveHandError: the claim cannot be written.
@@ -76,7 +76,7 @@ class Claims:
         if any(map(self._is_live, present.values())):
             return None
         generation = max(present, default=-1) + 1
-        claim = Claim(frame, generation, self._path(frame, generation), uuid.uuid4().hex[:8])
+        claim = Lease(frame, generation, self._path(frame, generation), uuid.uuid4().hex[:8])
         if not self._make(claim):
             return None
         others = (path for other, path in self._present(frame).items() if other != generation)
@@ -86,11 +86,11 @@ class Claims:
         self._held[frame] = claim
         return claim
 
-    def holds(self, claim: Claim) -> bool:
+    def holds(self, claim: Lease) -> bool:
         """Whether nobody took it over meanwhile, as from a process that slept for minutes."""
         return max(self._present(claim.frame), default=-1) == claim.generation
 
-    def give_back(self, claim: Claim) -> None:
+    def release(self, claim: Lease) -> None:
         """Remove the claim, and before it the dead ones that it outnumbers."""
         self._held.pop(claim.frame, None)
         for generation, path in sorted(self._present(claim.frame).items()):
@@ -109,7 +109,7 @@ class Claims:
         found = {int(match[1]): self._folder / name for name, match in suffixes.items() if match}
         return {0: self._folder / first} | found if first in names else found
 
-    def _make(self, claim: Claim) -> bool:
+    def _make(self, claim: Lease) -> bool:
         """Whether the file was not there, and now is."""
         owner = {"host": socket.gethostname(), "place": process_space(), "pid": os.getpid(), "time": time.time()}
         try:

@@ -14,7 +14,7 @@ from ..runtime.command import say
 from .progress import Event, Failed, FrameProgress, ShotTally, Tell, Warned, to_record
 
 
-class Report:
+class RunReport:
     """The events of all shots, printed as text or one JSON object a line, and added up.
 
     Args:

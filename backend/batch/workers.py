@@ -17,12 +17,12 @@ from queue import SimpleQueue
 
 from ..runtime.command import FAILED, OK
 from .progress import Failed, FrameProgress, from_record
-from .report import Report
+from .report import RunReport
 
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: Report) -> None:
+def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport) -> None:
     """Run the command that this process was given in several others, until all have ended.
 
     Args:
@@ -72,7 +72,7 @@ def _environment(jobs: int) -> dict[str, str]:
     return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ
 
 
-def _merge(workers: Sequence[subprocess.Popen[str]], report: Report) -> None:
+def _merge(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
     """Pass on what is news. That a frame is there, or left, may be told before its writer tells: that waits."""
     not_written: list[tuple] = []
     for record in _records(workers):
@@ -119,7 +119,7 @@ def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
             worker.kill()
 
 
-def _tell_what_is_missing(workers: Sequence[subprocess.Popen[str]], report: Report) -> None:
+def _tell_what_is_missing(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
     """Every shot must be complete or have an error, even if a worker was lost; what was left to that one is missing."""
     codes = sorted({worker.returncode for worker in workers} - {OK})
     is_lost = any(code != FAILED for code in codes)

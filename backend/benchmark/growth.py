@@ -10,7 +10,7 @@ import numpy as np
 from ..records.shot import Frame
 from .cases import Configuration, timed_frame
 from .measure import Bench, BenchmarkPlan, Size
-from .motion import Moment, MovingHand
+from .motion import MotionFrame, MovingHand
 from .rounds import Case, frame_spread, measure_rounds
 from .stopwatch import Spread, Stages, stopwatch_of
 
@@ -65,7 +65,7 @@ def _hands_case(bench: Bench, configuration: Configuration, motion: MovingHand, 
     """Renders a moment of the motion as many times as there are hands, and puts the frames together."""
     stopwatch = stopwatch_of(bench.device)
 
-    def measure(moment: Moment) -> Stages:
+    def measure(moment: MotionFrame) -> Stages:
         stages: Stages = {}
         frames = []
         for hand in range(hands):
@@ -79,7 +79,7 @@ def _hands_case(bench: Bench, configuration: Configuration, motion: MovingHand, 
     return Case(configuration.name, measure)
 
 
-def _point(x: float, cases: list[Case], moments: list[Moment]) -> GrowthPoint:
+def _point(x: float, cases: list[Case], moments: list[MotionFrame]) -> GrowthPoint:
     for case in cases:
         case.measure(moments[0])
     taken = measure_rounds(cases, moments)

@@ -16,12 +16,12 @@ from .counts import Work, counts_of, stage_work
 from .floor import floors_ms
 from .machine import Peaks, measure_peaks
 from .memory import memory_mb, peak_mb, reset_peak
-from .motion import Moment, MovingHand
+from .motion import MotionFrame, MovingHand
 from .rounds import Case, Results, measure_rounds
 from .stopwatch import Stages, Stopwatch, stopwatch_of
 
 Size = tuple[int, int]
-CyclesRender = Callable[[Moment, int], Stages]
+CyclesRender = Callable[[MotionFrame, int], Stages]
 """Renders a moment with so many samples; what its stages took."""
 
 # Moments over which coverage and floors are averaged.
@@ -134,7 +134,7 @@ class Bench:
         """A configuration as something to be measured; the avatar's own also write their frames."""
         stopwatch = stopwatch_of(self.device)
 
-        def measure(moment: Moment) -> Stages:
+        def measure(moment: MotionFrame) -> Stages:
             stages, frame = timed_frame(partial(motion.shot, moment), configuration.render, stopwatch)
             return stages if configuration.is_paper else stages | {WRITE: timed_write(frame, Stopwatch())}
 
@@ -164,7 +164,7 @@ class Bench:
         peak = peak_mb(self.device)
         return None if peak is None or loaded_mb is None else peak - loaded_mb
 
-    def _works(self, configuration: Configuration, motion: MovingHand, moment: Moment) -> dict[str, Work]:
+    def _works(self, configuration: Configuration, motion: MovingHand, moment: MotionFrame) -> dict[str, Work]:
         avatar = configuration.avatar
         counts = counts_of(motion.shot(moment), self.hand, avatar.config.sampler)
         return stage_work(counts, avatar, _NUMBER_BYTES[configuration.precision])

@@ -41,7 +41,7 @@ _FIELD_DISTANCE_M = 0.75
 _PROBES = 8
 
 
-class Moment(NamedTuple):
+class MotionFrame(NamedTuple):
     """One moment of the motion: the pose and the view, before anything is posed."""
 
     pose: HandPose
@@ -62,18 +62,18 @@ class MovingHand:
     size_px: tuple[int, int]
     coverage: float | None = None
 
-    def moments(self, count: int) -> list[Moment]:
+    def moments(self, count: int) -> list[MotionFrame]:
         """`count` moments, evenly over the loop."""
         zoom = 1.0 if self.coverage is None else sqrt(self.coverage / self._natural_coverage)
         return [self._moment(k / count, zoom) for k in range(count)]
 
-    def shot(self, moment: Moment) -> Shot:
+    def shot(self, moment: MotionFrame) -> Shot:
         """The posed shot: what the stage `pose` begins with."""
         pose = moment.pose
         parameters = (torch.as_tensor(v, dtype=torch.float32) for v in (pose.theta, pose.beta, pose.transl))
         return Shot(pose, pose_hand(self._skin, *parameters).vertices.numpy(), moment.camera)
 
-    def covered(self, moment: Moment) -> float:
+    def covered(self, moment: MotionFrame) -> float:
         """The share of the image that the mesh covers."""
         shot = self.shot(moment)
         return silhouette_px(shot.vertices, self.hand.f, shot.camera) / (self.size_px[0] * self.size_px[1])
@@ -90,7 +90,7 @@ class MovingHand:
     def _natural_coverage(self) -> float:
         return float(np.mean([self.covered(self._moment(k / _PROBES, 1.0)) for k in range(_PROBES)]))
 
-    def _moment(self, phase: float, zoom: float) -> Moment:
+    def _moment(self, phase: float, zoom: float) -> MotionFrame:
         angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])
         nod, lean, turn = np.deg2rad(_eased(phase, _WRIST_DEG))
         x, y, z = np.eye(3)
@@ -98,7 +98,7 @@ class MovingHand:
         theta = theta_of(_eased(phase, angles), self._axes, matrix_to_axis_angle(root))
         joints = self.hand.joints
         knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
-        return Moment(HandPose(theta, np.zeros(10), -knuckles, self.hand.side), self._camera(phase, zoom))
+        return MotionFrame(HandPose(theta, np.zeros(10), -knuckles, self.hand.side), self._camera(phase, zoom))
 
     def _camera(self, phase: float, zoom: float) -> Camera:
         arm = _eased(phase, _ARM)

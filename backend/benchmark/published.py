@@ -26,12 +26,12 @@ from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.conditions import FieldInputs
-from ..nerf.crop import Window
+from ..nerf.crop import Crop
 from ..nerf.maps import low_resolution_maps
-from ..nerf.rays import View, project, ray_directions, ray_origin, view_of
+from ..nerf.rays import CameraTensors, camera_tensors, project, ray_directions, ray_origin
 from ..nerf.volume import Composite, Steps
 from ..records.shot import Frame, Shot
-from ..rendering.decode import develop
+from ..rendering.decode import decode_frame
 from ..rendering.renderer import Stage
 from .brute_force import nearest_faces
 
@@ -72,7 +72,7 @@ class PublishedRenderer:
         vertices = torch.as_tensor(np.ascontiguousarray(shot.vertices), dtype=torch.float32, device=self.device)
         mesh = posed_mesh(self._topology, vertices)
         low_camera = shot.camera.scaled(0.5)
-        view = view_of(low_camera, self.device)
+        view = camera_tensors(low_camera, self.device)
         on_stage("rasterise")
         rays = whole_rays(mesh, self._topology, view, self.avatar.config.sampler.shell_m, self._samples_per_ray)
         on_stage("sample")
@@ -82,9 +82,9 @@ class PublishedRenderer:
         on_stage("superres")
         maps, depth = low_resolution_maps(low, rays.pixel, view.size_px)
         image = self.avatar.superres(maps[None].contiguous())[0]
-        on_stage("develop")
+        on_stage("decode_frame")
         depth = depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
-        return develop(image, depth, Window(0, 0, *low_camera.size_px), shot.camera.size_px)
+        return decode_frame(image, depth, Crop(0, 0, *low_camera.size_px), shot.camera.size_px)
 
     @cached_property
     def _topology(self) -> Topology:
@@ -112,7 +112,7 @@ class PublishedRenderer:
         return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
 
-def whole_rays(mesh: PosedMesh, topology: Topology, view: View, shell_m: float, count: int) -> WholeRays:
+def whole_rays(mesh: PosedMesh, topology: Topology, view: CameraTensors, shell_m: float, count: int) -> WholeRays:
     """`count` samples a ray at the centres of equal strata between the inflated mesh's first and last surface."""
     positions_px, depth = project(view, mesh.vertices + shell_m * mesh.scale * mesh.normals)
     fragments = rasterise(positions_px, depth, topology.faces, view.size_px)
@@ -134,7 +134,7 @@ def nearest_samples(points: Float[Tensor, "S 3"], topology: Topology, mesh: Pose
     return SurfaceSamples(face, barycentric, height / mesh.scale)
 
 
-def _points(rays: WholeRays, view: View) -> Float[Tensor, "S 3"]:
+def _points(rays: WholeRays, view: CameraTensors) -> Float[Tensor, "S 3"]:
     return (ray_origin(view) + rays.t[..., None] * rays.directions[:, None, :]).reshape(-1, 3)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from .cases import frame_cost
-from .motion import Moment
+from .motion import MotionFrame
 from .stopwatch import Spread, Stages, spread
 
 # A configuration that has used up its time still takes this many frames: fewer say nothing of a spread.
@@ -26,7 +26,7 @@ class Case:
     """
 
     name: str
-    measure: Callable[[Moment], Stages]
+    measure: Callable[[MotionFrame], Stages]
     frames: int | None = None
     budget_s: float = float("inf")
     is_foreign: bool = False
@@ -43,7 +43,7 @@ Results = dict[str, dict[int, Stages]]
 """Per case: round -> stages."""
 
 
-def measure_rounds(cases: Sequence[Case], moments: Sequence[Moment]) -> Results:
+def measure_rounds(cases: Sequence[Case], moments: Sequence[MotionFrame]) -> Results:
     """Every case renders each moment; who begins changes from round to round.
 
     In a round with a foreign case all others render the moment once more, before the one that counts.

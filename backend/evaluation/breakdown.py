@@ -35,7 +35,7 @@ _LEAST_ALPHA = 1 / 255  # fainter colour, divided by its alpha, is noise
 CAUSES = ("silhouette", "occlusion", "contact", "shading", "texture")
 
 
-class Regions(NamedTuple):
+class ErrorRegions(NamedTuple):
     """[H, W] each; together every pixel once. `silhouette` holds the background too."""
 
     silhouette: Tensor
@@ -44,7 +44,7 @@ class Regions(NamedTuple):
     interior: Tensor
 
 
-REGIONS = Regions._fields
+REGIONS = ErrorRegions._fields
 
 
 class Breakdown(NamedTuple):
@@ -78,13 +78,13 @@ def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"]
     )
 
 
-def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], surface: SeenSurface) -> Regions:
+def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], surface: SeenSurface) -> ErrorRegions:
     """The regions of an image whose alpha is `alpha`."""
     hand, band_px = true_alpha > 0.5, _scaled(_BAND_PX, true_alpha)
     silhouette = ~hand | (alpha <= 0.5) | _near(_outline(hand), band_px)
     occlusion = ~silhouette & _near(depth_steps(surface), band_px)
     contact = ~silhouette & ~occlusion & (surface.openness < _CONTACT_OPENNESS)
-    return Regions(silhouette, occlusion, contact, ~silhouette & ~occlusion & ~contact)
+    return ErrorRegions(silhouette, occlusion, contact, ~silhouette & ~occlusion & ~contact)
 
 
 def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:

@@ -20,7 +20,7 @@ from ..rendering.renderer import Precision, Renderer
 from .distances import Distance
 from .figures import view_figures
 from .posed_hands import PosedHands
-from .train_view_angle import camera_gaps_deg
+from .train_view_angle import train_view_angles_deg
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def scored_views(
         raise LiveHandError(f"capture {capture.folder} must be of hand '{renderer.hand.name}', got one of another hand")
     vertices = [posed_vertices(renderer.hand, pose) for pose in capture.poses]
     hands = PosedHands(renderer.hand, [pose.side for pose in capture.poses], vertices)
-    gaps = camera_gaps_deg(capture, views, np.array([of_pose.mean(0) for of_pose in vertices]))
+    gaps = train_view_angles_deg(capture, views, np.array([of_pose.mean(0) for of_pose in vertices]))
     if max_camera_gap_deg is not None and np.isnan(gaps).any():
         raise LiveHandError(f"a camera gap needs training images, capture {capture.folder} has none; leave the gap out")
     limit_deg = np.inf if max_camera_gap_deg is None else max_camera_gap_deg

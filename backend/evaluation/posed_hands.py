@@ -12,7 +12,7 @@ from torch import Tensor
 from ..captures.capture import CaptureView
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import HandModel
-from ..nerf.rays import view_of
+from ..nerf.rays import camera_tensors
 from ..records.shot import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
 
@@ -40,7 +40,7 @@ class PosedHands:
     def seen_by(self, view: CaptureView) -> SeenSurface:
         """The posed mesh as a view sees it."""
         posed = self._posed_mesh(view.pose_index)
-        return seen_surface(posed.mesh, posed.topology, posed.openness, view_of(view.camera, "cpu"))
+        return seen_surface(posed.mesh, posed.topology, posed.openness, camera_tensors(view.camera, "cpu"))
 
     def _posed_mesh(self, index: int) -> _Posed:
         if index not in self._posed:

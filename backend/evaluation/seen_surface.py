@@ -10,7 +10,7 @@ from torch import Tensor
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
 from ..geometry.visibility import DIRECTIONS, direction_frames, visibility_transfer
-from ..nerf.rays import View, project
+from ..nerf.rays import CameraTensors, project
 
 _MIN_COSINES = 1e-3  # a vertex without a normal faces no direction; all others reach about 8
 
@@ -38,7 +38,7 @@ def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
     return visibility_transfer(mesh, topology).sum(1) / all_of_it.clamp(min=_MIN_COSINES)
 
 
-def seen_surface(mesh: PosedMesh, topology: Topology, openness: Tensor, view: View) -> SeenSurface:
+def seen_surface(mesh: PosedMesh, topology: Topology, openness: Tensor, view: CameraTensors) -> SeenSurface:
     """Rasterise the mesh; each face carries the mean openness [V] of its corners."""
     fragments = rasterise(*project(view, mesh.vertices), topology.faces, view.size_px)
     pixel, face, depth = (values[fragments.is_front] for values in fragments[:3])

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..captures.capture import Capture, CaptureView
 
 
-def camera_gap_deg(
+def train_view_angle_deg(
     origin: Float[np.ndarray, 3], train_origins: Float[np.ndarray, "T 3"], hand_centre: Float[np.ndarray, 3]
 ) -> float:
     """Angle at the hand's centre between a camera and the nearest of the training cameras, degrees; NaN without any.
@@ -31,12 +31,12 @@ def train_origins(capture: Capture) -> Float[np.ndarray, "T 3"]:
     return np.array(sorted(origins)).reshape(-1, 3)
 
 
-def camera_gaps_deg(
+def train_view_angles_deg(
     capture: Capture, views: Sequence[CaptureView], hand_centres: Float[np.ndarray, "P 3"]
 ) -> list[float]:
     """The gap of each view, degrees; `hand_centres` by pose."""
     known = train_origins(capture)
-    return [camera_gap_deg(view.camera.origin, known, hand_centres[view.pose_index]) for view in views]
+    return [train_view_angle_deg(view.camera.origin, known, hand_centres[view.pose_index]) for view in views]
 
 
 def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:

@@ -19,7 +19,7 @@ from ..nerf.volume import Composite
 from .kernels.compiled import in_parallel
 from .kernels.fused import march
 from .kernels.planes import BLOCK
-from .shell import Layers, live_pixels, surface_arrays
+from .shell import ShellCrossings, live_pixels, surface_arrays
 
 # Rays marched between two looks at `should_stop`.
 _RAYS_AT_ONCE = 1 << 15
@@ -114,7 +114,7 @@ class Marcher:
 
     def march(
         self,
-        layers: Layers,
+        layers: ShellCrossings,
         hand: HandInView,
         conditions: FrameConditions,
         before_chunk: Callable[[], None] = lambda: None,
@@ -142,7 +142,7 @@ class Marcher:
             (self.config.samples_per_ray, *units),
         )
         rays, samples = len(pixel), self.config.samples_per_ray
-        sizes = ((rays, self.field.told_channels), (rays,), (rays,), (rays, samples))
+        sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         told = Composite(*(torch.zeros(size) for size in sizes))
         t, dt = torch.zeros(rays, samples), torch.zeros(rays)
         out = [values.numpy() for values in (*told, t, dt)]

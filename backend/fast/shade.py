@@ -48,7 +48,7 @@ class Scene(NamedTuple):
     channels: Tensor
 
 
-def composite_told(
+def composite_gathered(
     field: PlaneField,
     samples: SurfaceSamples,
     topology: Topology,
@@ -79,7 +79,7 @@ class _AlongRays(torch.autograd.Function):
         near_weight, near_bias, density_weight, density_bias, *tables = (w.detach() for w in weights)
         precision = torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else torch.float32
         planes = _planes_of(field, scene)
-        uv, told, relief = _tell(planes, tables, scene, field.told_channels)
+        uv, told, relief = _tell(planes, tables, scene, field.gathered_channels)
         near = told[:, : near_weight.shape[1]].to(precision)
         hidden = torch.addmm(near_bias.to(precision), near, near_weight.to(precision).T).relu_()
         raw = torch.addmm(density_bias.to(precision), hidden, density_weight.to(precision).T)[:, 0]

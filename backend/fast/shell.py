@@ -16,7 +16,7 @@ from .kernels.rays import find_live
 from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 
 
-class Layers(NamedTuple):
+class ShellCrossings(NamedTuple):
     """The rasterised shell over P pixels of a view.
 
     Attributes:
@@ -32,7 +32,7 @@ class Layers(NamedTuple):
     inner: np.ndarray
 
 
-def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
+def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     """The layers of the inflated mesh and the first front of the deflated one."""
     mesh, topology, view = hand
     shell = config.shell_m * mesh.scale * mesh.normals
@@ -40,7 +40,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
     inner = [values.numpy() for values in project(view, mesh.vertices - shell)]
     faces, (width, height) = topology.faces.numpy(), view.size_px
     pixels = width * height
-    layers = Layers(
+    layers = ShellCrossings(
         depth=np.empty((pixels, config.max_layers), np.float32),
         face=np.empty((pixels, config.max_layers), np.int32),
         crossings=np.zeros(pixels, np.int32),
@@ -55,7 +55,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> Layers:
     return layers
 
 
-def live_pixels(layers: Layers) -> np.ndarray:
+def live_pixels(layers: ShellCrossings) -> np.ndarray:
     """[R] the pixels whose rays have anything to sample."""
     is_live = np.zeros(len(layers.crossings), np.bool_)
     in_parallel(

@@ -49,7 +49,7 @@ class Avatar:
         superres: the super-resolution network.
         provenance: what it was trained on and how, and its licence.
         metrics: figures measured on held-out views.
-        portrait: [P, P, 4] uint8, a picture of it (`portrait.portrait`); None in files of earlier versions.
+        thumbnail: [P, P, 4] uint8, a picture of it (`thumbnail.thumbnail`); None in files of earlier versions.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Avatar:
     superres: nn.Module
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
-    portrait: np.ndarray | None = None
+    thumbnail: np.ndarray | None = None
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:

@@ -16,11 +16,11 @@ from ..records.camera import Camera
 MARGIN_PX = 6
 """Low-resolution pixels around the hand: the reach of the super-resolution's convolutions."""
 BUCKET_PX = 16
-"""Window sizes are multiples of this, so that convolutions meet few shapes."""
+"""Crop sizes are multiples of this, so that convolutions meet few shapes."""
 
 
 @dataclass(frozen=True)
-class Window:
+class Crop:
     """Upper left corner (may be negative) and size, in low-resolution pixels."""
 
     x0: int
@@ -56,9 +56,9 @@ class Window:
         return rows, columns, inner_rows, inner_columns
 
 
-def hand_window(
+def hand_crop(
     positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int]
-) -> Window | None:
+) -> Crop | None:
     """The window of projected vertices [V, 2] that reach `reach_px` [V] about them; None where nothing is in view."""
     in_front = depth > NEAR_M
     if not in_front.any():
@@ -71,7 +71,7 @@ def hand_window(
         return None
     first, last = first.astype(int) - MARGIN_PX, last.astype(int) + MARGIN_PX
     width, height = (-(-(last - first) // BUCKET_PX) * BUCKET_PX).tolist()
-    return Window(int(first[0]), int(first[1]), width, height)
+    return Crop(int(first[0]), int(first[1]), width, height)
 
 
 def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:

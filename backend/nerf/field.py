@@ -113,8 +113,8 @@ class PlaneField(nn.Module):
         self.near = nn.Linear(near, config.density_width)
         self.density = nn.Linear(config.density_width, 1)
         self.normal_slice = slice(near + 3, near + 6)
-        self.told_channels = near + 3 + 3 + EXPOSURE_CHANNELS
-        decoded = self.told_channels + self.VIEW_CHANNELS
+        self.gathered_channels = near + 3 + 3 + EXPOSURE_CHANNELS
+        decoded = self.gathered_channels + self.VIEW_CHANNELS
         first = nn.Linear(decoded, config.width)
         self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
         self.channels = nn.Linear(config.width, CHANNELS)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..records.depth_profile import DepthProfile
-from .crop import MARGIN_PX, Window
+from .crop import MARGIN_PX, Crop
 from .volume import Composite
 
 # Low-resolution pixels enlarged at once; a larger picture is enlarged in bands, which bounds the memory.
@@ -33,7 +33,7 @@ class SeenRays(NamedTuple):
     dt: Tensor
 
 
-def depth_profile(seen: SeenRays, window: Window, size_px: tuple[int, int]) -> DepthProfile:
+def depth_profile(seen: SeenRays, window: Crop, size_px: tuple[int, int]) -> DepthProfile:
     """The rays' profile on the whole image's low-resolution grid."""
     in_window = np.full(window.height * window.width, -1, np.int32)
     in_window[seen.pixel.cpu().numpy()] = np.arange(len(seen.pixel), dtype=np.int32)

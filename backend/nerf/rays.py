@@ -17,7 +17,7 @@ from ..geometry.uvh import SurfaceSamples
 from ..records.camera import Camera
 
 
-class View(NamedTuple):
+class CameraTensors(NamedTuple):
     """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px."""
 
     K: Tensor
@@ -41,7 +41,7 @@ class HandInView(NamedTuple):
 
     mesh: PosedMesh
     topology: Topology
-    view: View
+    view: CameraTensors
 
 
 class SurfaceRays(NamedTuple):
@@ -55,7 +55,7 @@ class SurfaceRays(NamedTuple):
     samples: SurfaceSamples
 
 
-def view_of(camera: Camera, device: torch.device | str) -> View:
+def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
     """The camera as tensors.
 
     The rigid matrix is turned round by hand: numpy's inverse wakes a thread that then spins for 100 ms, on a core that
@@ -64,21 +64,21 @@ def view_of(camera: Camera, device: torch.device | str) -> View:
     rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
     world2cam = np.eye(4)
     world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
-    return View(
+    return CameraTensors(
         K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
         world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
         size_px=camera.size_px,
     )
 
 
-def project(view: View, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
+def project(view: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
     """World points -> (px, depth m)."""
     in_camera = points @ view.world2cam[:3, :3].T + view.world2cam[:3, 3]
     homogeneous = in_camera @ view.K.T
     return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
 
 
-def ray_directions(view: View, pixel: Tensor) -> Float[Tensor, "R 3"]:
+def ray_directions(view: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
     """World directions of depth 1 through pixel centres."""
     width = view.size_px[0]
     ones = torch.ones_like(pixel, dtype=view.K.dtype)
@@ -86,7 +86,7 @@ def ray_directions(view: View, pixel: Tensor) -> Float[Tensor, "R 3"]:
     return centre @ torch.linalg.inv(view.K).T @ view.world2cam[:3, :3]
 
 
-def ray_origin(view: View) -> Float[Tensor, 3]:
+def ray_origin(view: CameraTensors) -> Float[Tensor, 3]:
     """The camera's centre, world, m."""
     return -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
 

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..geometry.mesh import Topology
 from ..geometry.rasterise import Fragments, rasterise
-from .rays import HandInView, View, project, ray_directions, ray_origin
+from .rays import CameraTensors, HandInView, project, ray_directions, ray_origin
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Intervals(NamedTuple):
     entry_face: Tensor
 
 
-class Layers(NamedTuple):
+class Crossings(NamedTuple):
     """Crossings of the inflated mesh, one row per ray that has any, nearest first.
 
     Attributes:
@@ -123,12 +123,12 @@ def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel]))
 
 
-def _fragments_of(vertices: Tensor, topology: Topology, view: View) -> Fragments:
+def _fragments_of(vertices: Tensor, topology: Topology, view: CameraTensors) -> Fragments:
     positions_px, depth = project(view, vertices)
     return rasterise(positions_px, depth, topology.faces, view.size_px)
 
 
-def _first_hit(fragments: Fragments, view: View) -> Float[Tensor, " P"]:
+def _first_hit(fragments: Fragments, view: CameraTensors) -> Float[Tensor, " P"]:
     """Depth of the first front face per pixel; infinite where there is none."""
     width, height = view.size_px
     nearest = fragments.depth.new_full((width * height,), torch.inf)
@@ -136,7 +136,7 @@ def _first_hit(fragments: Fragments, view: View) -> Float[Tensor, " P"]:
     return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
 
 
-def _by_ray(fragments: Fragments, max_layers: int) -> Layers:
+def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:
     """Fragments as tables of one row per ray, sorted by depth."""
     order = torch.argsort(fragments.depth)
     order = order[torch.argsort(fragments.pixel[order], stable=True)]
@@ -148,10 +148,10 @@ def _by_ray(fragments: Fragments, max_layers: int) -> Layers:
     depth = fragments.depth.new_full(shape, torch.inf).index_put(at, fragments.depth[order])
     face = torch.zeros(shape, dtype=torch.long, device=row.device).index_put(at, fragments.face[order])
     is_front = torch.zeros(shape, dtype=torch.bool, device=row.device).index_put(at, fragments.is_front[order])
-    return Layers(pixel, depth, face, is_front)
+    return Crossings(pixel, depth, face, is_front)
 
 
-def _inside_intervals(layers: Layers) -> Intervals:
+def _inside_intervals(layers: Crossings) -> Intervals:
     """Where each ray is inside: from the crossing that takes its nesting from 0 to 1, to the one that takes it back.
 
     A ray whose last exit is missing (clipped, or beyond the kept layers) ends at its last crossing.

@@ -46,9 +46,9 @@ def shade(
     unit = rays.directions / length[:, None]
     steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
     if isinstance(field, PlaneField) and has_kernels(rays.t.device) and not _moves(rays, conditions, steps):
-        from ..fast.shade import composite_told
+        from ..fast.shade import composite_gathered
 
-        told = composite_told(field, rays.samples, topology, conditions, footprint_m, steps, shell_m)
+        told = composite_gathered(field, rays.samples, topology, conditions, footprint_m, steps, shell_m)
         return field.decode(told, unit)
     exposure = field.exposure(conditions.visibility)
     inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)

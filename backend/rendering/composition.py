@@ -17,7 +17,7 @@ from ..records.shot import DEPTH_BACKGROUND, Frame
 
 
 @dataclass(frozen=True)
-class Layer:
+class SceneLayer:
     """What a scene shows behind and before the hands.
 
     Attributes:
@@ -61,7 +61,7 @@ def joined(parts: Sequence[Frame]) -> Frame:
     )
 
 
-def over(hands: Frame, scene: Layer) -> Frame:
+def over(hands: Frame, scene: SceneLayer) -> Frame:
     """The visible parts of hands, joined, put into their scene."""
     behind = 1 - hands.alpha
     return Frame(

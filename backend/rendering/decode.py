@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..nerf.crop import Window
+from ..nerf.crop import Crop
 from ..records.shot import DEPTH_BACKGROUND, Frame, empty_frame
 from .srgb import linear_to_srgb, srgb_to_linear
 
@@ -15,8 +15,8 @@ from .srgb import linear_to_srgb, srgb_to_linear
 _NOTHING = 0.5 / 255
 
 
-def develop(
-    image: Float[Tensor, "4 h w"], depth: Float[Tensor, "h w"], window: Window, size_px: tuple[int, int]
+def decode_frame(
+    image: Float[Tensor, "4 h w"], depth: Float[Tensor, "h w"], window: Crop, size_px: tuple[int, int]
 ) -> Frame:
     """RGBA as the network has it (sRGB-encoded colour times alpha) -> scene-linear premultiplied frame, whole size."""
     alpha = image[3].clamp(0, 1)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from ..records.errors import LiveHandError
-from .frame_task import FrameTask, Moment
+from .frame_task import ExposureFrames, FrameTask
 
 # After as many frames running that came otherwise than foreseen, guessing would only cost renders.
 _PATIENCE = 2
@@ -51,16 +51,16 @@ class FrameQueue:
         self._keep(frame)
 
     @property
-    def foreseen_frame(self) -> int | None:
-        """The frame whose tasks are worth passing to `foresee`; None if there is none."""
+    def prefetchable_frame(self) -> int | None:
+        """The frame whose tasks are worth passing to `prefetch`; None if there is none."""
         return self._next_frame if self._misses < _PATIENCE else None
 
-    def foresee(self, task: FrameTask) -> None:
-        """Render, when its turn has come, what `foreseen_frame` will probably ask for."""
+    def prefetch(self, task: FrameTask) -> None:
+        """Render, when its turn has come, what `prefetchable_frame` will probably ask for."""
         if self._next_frame is not None and not self._find(self._next_frame, task):
             self._add(self._next_frame, task)
 
-    def ask(self, task: FrameTask) -> Future[tuple[Moment, ...]]:
+    def ask(self, task: FrameTask) -> Future[tuple[ExposureFrames, ...]]:
         """The frame at hand's result, whether foreseen or begun now; it holds the renderer's error if there was one."""
         if not any(task.is_same_as(other) for other in self.asked):
             self.asked.append(task)
@@ -104,7 +104,7 @@ class _Render:
     def _should_stop(self) -> bool:
         return self._is_unwanted or self._is_queue_stopped()
 
-    def _run(self) -> tuple[Moment, ...]:
+    def _run(self) -> tuple[ExposureFrames, ...]:
         """The frame's moments; an error where it was stopped: Blender crashes if it saves a render without result."""
         try:
             if not self._should_stop():

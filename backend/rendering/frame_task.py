@@ -11,7 +11,7 @@ import numpy as np
 from ..hand.model import HandModel
 from ..records.shot import Frame, Shot
 
-Moment = tuple[Frame, ...]
+ExposureFrames = tuple[Frame, ...]
 """What one moment of a frame's exposure shows: a frame per hand, each as if alone."""
 
 
@@ -43,7 +43,7 @@ class HandRenderer(Protocol):
 
 
 @dataclass(frozen=True)
-class Task:
+class HandTask:
     """One hand at one moment, and what renders it. A renderer must never work on two tasks at once."""
 
     renderer: HandRenderer
@@ -53,7 +53,7 @@ class Task:
         """Render it; raises what the renderer raises."""
         return self.renderer.render(self.shot, should_stop)
 
-    def is_same_as(self, other: Task) -> bool:
+    def is_same_as(self, other: HandTask) -> bool:
         """Whether both give the same frame: one renderer, and shots that are equal to the last bit."""
         return self.renderer is other.renderer and is_equal(self.shot, other.shot)
 
@@ -62,9 +62,9 @@ class Task:
 class FrameTask:
     """Every hand at every moment of one frame: a sharp frame has one moment, a blurred one several."""
 
-    moments: tuple[tuple[Task, ...], ...]
+    moments: tuple[tuple[HandTask, ...], ...]
 
-    def run(self, should_stop: Callable[[], bool]) -> tuple[Moment, ...]:
+    def run(self, should_stop: Callable[[], bool]) -> tuple[ExposureFrames, ...]:
         """Render all of it; raises what a renderer raises."""
         return tuple(tuple(task.run(should_stop) for task in tasks) for tasks in self.moments)
 

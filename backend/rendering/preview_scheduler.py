@@ -17,7 +17,7 @@ Step = Callable[[Callable[[], bool]], Any]  # given `should_stop`; may raise any
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepOutcome:
     """What a step came to: its value, or what it raised."""
 
     value: Any = None
@@ -33,7 +33,7 @@ class _Request:
     number: int = 0
 
 
-class Preview:
+class PreviewScheduler:
     """One thread for all views. Its methods are for Blender's thread."""
 
     def __init__(self):
@@ -41,7 +41,7 @@ class Preview:
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, _Request] = {}
         self._running: _Request | None = None
-        self._outcomes: dict[Hashable, Outcome] = {}
+        self._outcomes: dict[Hashable, StepOutcome] = {}
 
     def ask(self, view: Hashable, steps: Sequence[Step]) -> None:
         """Run these for a view, one after the other, instead of what still waits for it."""
@@ -49,7 +49,7 @@ class Preview:
             self._waiting[view] = _Request(view, tuple(steps))
         self._thread.submit(self._work)
 
-    def take(self, view: Hashable) -> Outcome | None:
+    def take(self, view: Hashable) -> StepOutcome | None:
         """The newest outcome of a view, once; None where there is none since the last."""
         with self._lock:
             return self._outcomes.pop(view, None)
@@ -83,9 +83,9 @@ class Preview:
         """In the thread: until nothing waits."""
         while request := self._begin():
             try:
-                outcome = Outcome(request.steps[0](lambda request=request: self._should_stop(request)))
+                outcome = StepOutcome(request.steps[0](lambda request=request: self._should_stop(request)))
             except Exception as error:
-                outcome = Outcome(error=error)
+                outcome = StepOutcome(error=error)
             self._end(request, outcome)
 
     def _begin(self) -> _Request | None:
@@ -102,7 +102,7 @@ class Preview:
     def _is_outrun(self, request: _Request) -> bool:
         return request.number > 0 and any(other.number == 0 for other in self._waiting.values())
 
-    def _end(self, request: _Request, outcome: Outcome) -> None:
+    def _end(self, request: _Request, outcome: StepOutcome) -> None:
         with self._lock:
             if self._running is not request:
                 return

@@ -20,24 +20,24 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.conditions import FrameConditions
-from ..nerf.crop import Window, hand_window
+from ..nerf.crop import Crop, hand_crop
 from ..nerf.field import PlaneField
 from ..nerf.maps import SeenRays, depth_profile, image_of
-from ..nerf.rays import HandInView, project, view_of
+from ..nerf.rays import HandInView, camera_tensors, project
 from ..nerf.sampler import SamplerConfig
 from ..nerf.shade import shade_in_chunks
 from ..nerf.trace import trace
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import Frame, Shot, Side, empty_frame
-from .decode import develop
+from .decode import decode_frame
 from .device import has_kernels, torch_device
 
 if TYPE_CHECKING:
     from ..fast.fused_render import Marcher
 
 Precision = Literal["fp32", "bf16"]
-Stage = Literal["pose", "rasterise", "sample", "field", "superres", "develop"]
+Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode_frame"]
 OnStage = Callable[[Stage], None]
 
 
@@ -95,10 +95,10 @@ class Renderer:
         on_stage("pose")
         topology = self._topology_of(shot)
         mesh = posed_mesh(topology, self._tensor(shot.vertices))
-        window = window_of(mesh, shot.camera, self.avatar.config.sampler)
+        window = crop_of(mesh, shot.camera, self.avatar.config.sampler)
         if window is None:
             return empty_frame(shot.camera.size_px)
-        view = view_of(window.camera_of(shot.camera), self.torch_device)
+        view = camera_tensors(window.camera_of(shot.camera), self.torch_device)
         conditions = FrameConditions.of(self._tensor(self._canonical_theta(shot)), topology, mesh)
         hand = HandInView(mesh, topology, view)
         draw = self._march if self._marcher else self._trace
@@ -106,9 +106,9 @@ class Renderer:
         on_stage("superres")
         with self._autocast():
             image, depth = image_of(self.avatar.superres, seen.composite, seen.pixel, view.size_px)
-        on_stage("develop")
+        on_stage("decode_frame")
         profile = depth_profile(seen, window, shot.camera.size_px)
-        return replace(develop(image.float(), depth, window, shot.camera.size_px), profile=profile)
+        return replace(decode_frame(image.float(), depth, window, shot.camera.size_px), profile=profile)
 
     def _march(
         self, hand: HandInView, conditions: FrameConditions, check: Callable[[], None], on_stage: OnStage
@@ -187,9 +187,9 @@ def _stopping(should_stop: Callable[[], bool]) -> Callable[[], None]:
     return check
 
 
-def window_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Window | None:
+def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Crop | None:
     """The window of a posed hand and its shell; None where nothing of it is in view."""
-    view = view_of(camera, mesh.vertices.device)
+    view = camera_tensors(camera, mesh.vertices.device)
     positions_px, depth = project(view, mesh.vertices)
     reach_px = view.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
-    return hand_window(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)
+    return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)

@@ -10,7 +10,7 @@ import torch
 from ..geometry.mesh import vertex_normals
 from ..geometry.rasterise import Fragments, rasterise
 from ..hand.model import HandModel
-from ..nerf.rays import project, ray_directions, ray_origin, view_of
+from ..nerf.rays import camera_tensors, project, ray_directions, ray_origin
 from ..records.shot import DEPTH_BACKGROUND, Shot
 
 
@@ -39,7 +39,7 @@ def surface_maps(shot: Shot, hand: HandModel) -> SurfaceMaps:
         hand: its model, of either side.
     """
     hand = hand.for_side(shot.pose.side)
-    view = view_of(shot.camera, "cpu")
+    view = camera_tensors(shot.camera, "cpu")
     vertices, faces = torch.as_tensor(shot.vertices, dtype=torch.float32), torch.as_tensor(hand.f)
     hits = rasterise(*project(view, vertices), faces, view.size_px)
     pixel, hit = _nearest_fronts(hits)

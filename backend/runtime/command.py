@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..records.errors import LiveHandError
-from .thread_limits import spin_briefly
+from .thread_limits import limit_spinning
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -49,7 +49,7 @@ class Command:
 
 def run_commands(program: str, about: str, commands: Mapping[str, Command], argv: Sequence[str] | None = None) -> int:
     """Run the sub-command that `argv` (None: the process's arguments) names; returns the exit code."""
-    spin_briefly()
+    limit_spinning()
     try:
         args = _parser(program, about, commands).parse_args(argv)
         args.argv = tuple(sys.argv[1:] if argv is None else argv)

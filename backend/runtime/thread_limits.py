@@ -11,7 +11,7 @@ _GNU_SPINS = "10000"
 _LLVM_BLOCK_MS = "1"
 
 
-def spin_briefly() -> None:
+def limit_spinning() -> None:
     """Make waiting threads give up their core soon. Call it before torch is imported; what the user has set stays.
 
     Between two of torch's operations its threads would otherwise go on turning on cores that the kernels need: a frame
@@ -22,7 +22,7 @@ def spin_briefly() -> None:
 
 
 @contextlib.contextmanager
-def working_threads(count: int) -> Iterator[None]:
+def thread_limit(count: int) -> Iterator[None]:
     """Within, torch and the kernels use so many threads. Everything else that uses torch has to wait meanwhile."""
     import torch
 

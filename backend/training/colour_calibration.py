@@ -4,7 +4,7 @@ They are learnt beside the avatar and applied to what it renders before that is 
 on the hand alone: colour is premultiplied, so the bias counts times alpha, and the empty background stays black.
 
 One camera is fixed, as a common tint could be the look's as well as all cameras'. So the avatar looks as that camera
-sees it, and another camera's look, or the mean one's, is worn only where it is asked for (`worn_by`).
+sees it, and another camera's look, or the mean one's, is worn only where it is asked for (`with_networks`).
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class ColourCalibration(nn.Module):
         return gain[rows].mean(0), bias[rows].mean(0)
 
     @torch.no_grad()
-    def worn_by(self, avatar: Avatar, cameras: Sequence[int]) -> Avatar:
+    def with_networks(self, avatar: Avatar, cameras: Sequence[int]) -> Avatar:
         """The avatar with the look that these cameras have in the mean; it renders so from then on."""
         gain, bias = (tuple(values.tolist()) for values in self.of_cameras(cameras))
         config = replace(avatar.config.superres, gain=gain, bias=bias)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..hand.model import HandModel
     from .parts import Correction
     from .processes import Processes
-    from .setup import Outcome, Task
+    from .setup import TrainingResult, TrainingSetup
 
 _CONFIGS = ("default", "poseless", "paper")  # the names of `avatar.PRESETS`, which needs torch
 _SURFACE_DEVIATION_M = 0.001  # of --refine-surface
@@ -130,14 +130,14 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
     return _result(output, outcome) if processes.is_first else {}
 
 
-def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
+def _task(args: argparse.Namespace, output: Path, device: torch.device) -> TrainingSetup:
     from ..captures.capture import load_capture
     from ..captures.check import check_capture
     from ..hand.model_file import load_default_hand, load_hand_model
     from ..nerf.avatar import PRESETS
     from .origin import load_origin
     from .perceptual import load_perceptual_loss
-    from .setup import Task
+    from .setup import TrainingSetup
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)
@@ -146,7 +146,7 @@ def _task(args: argparse.Namespace, output: Path, device: torch.device) -> Task:
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_loss(*weights) if args.perceptual > 0 else None
     corrections = _corrections(args, capture, hand, output, device)
-    return Task(capture, hand, PRESETS[args.config], perceptual, corrections, origin)
+    return TrainingSetup(capture, hand, PRESETS[args.config], perceptual, corrections, origin)
 
 
 def _corrections(
@@ -177,7 +177,7 @@ def _config(args: argparse.Namespace) -> TrainConfig:
     return replace(config, loss=loss)
 
 
-def _result(output: Path, outcome: Outcome) -> dict:
+def _result(output: Path, outcome: TrainingResult) -> dict:
     return {
         "avatar": str(output),
         "steps": outcome.progress.step,

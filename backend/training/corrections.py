@@ -54,6 +54,6 @@ def camera_colours(capture: Capture, worn_cameras: Sequence[int]) -> Correction:
         module=calibration,
         learning_rate=LEARNING_RATE,
         after=lambda rendered, source: Rendered(*(calibration(maps, source.camera_index) for maps in rendered)),
-        finish=lambda avatar: calibration.worn_by(avatar, worn_cameras) if worn_cameras else avatar,
+        finish=lambda avatar: calibration.with_networks(avatar, worn_cameras) if worn_cameras else avatar,
         settings={"worn_cameras": list(worn_cameras)},
     )

@@ -31,7 +31,7 @@ class _State(Enum):
     READY = 2
 
 
-class WindowStore:
+class CropStore:
     """Windows of N images.
 
     Args:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..avatars.file import save_avatar
-from ..avatars.thumbnail import with_portrait
+from ..avatars.thumbnail import with_thumbnail
 from ..nerf.avatar import Avatar
 from ..records.errors import LiveHandError
 from .average import WeightAverage
@@ -16,22 +16,22 @@ from .config import ReportConfig, TrainConfig
 from .faults import FaultStreak
 from .origin import first_avatar
 from .parts import TrainedParts, optimiser_of
-from .preview import Preview
-from .report import Report
+from .preview import HeldOutPreview
+from .report import TrainingReport
 from .schedule import Schedule
-from .setup import Outcome, Task, provenance_of, run_identity
+from .setup import TrainingResult, TrainingSetup, provenance_of, run_identity
 from .step import Machine, Stepper, StepResult
 from .views import TrainingViews
 
 
 def train(
-    task: Task,
+    task: TrainingSetup,
     config: TrainConfig,
     output: Path,
     machine: Machine,
     reporting: ReportConfig,
     resume: bool = False,
-) -> Outcome:
+) -> TrainingResult:
     """Train an avatar and save it to `output`; `resume` goes on from its checkpoint.
 
     Raises:
@@ -48,7 +48,7 @@ def train(
 class Training:
     """One session of a training; arguments and errors as `train`."""
 
-    def __init__(self, task: Task, config: TrainConfig, output: Path, machine: Machine, resume: bool):
+    def __init__(self, task: TrainingSetup, config: TrainConfig, output: Path, machine: Machine, resume: bool):
         self._task, self._config, self._output, self._machine = task, config, output, machine
         self._avatar = first_avatar(output.stem, task.hand, task.avatar_config, config.seed, task.origin)
         views = _views_of(task, config, machine)
@@ -69,7 +69,7 @@ class Training:
         """Whether all steps are taken, or all time is spent."""
         return self._schedule.is_over(self._progress.step, self._progress.seconds)
 
-    def step(self, report: Report) -> None:
+    def step(self, report: TrainingReport) -> None:
         """Take the next step, tell of it, and save the state when it is time."""
         moment = self._schedule.at(self._progress.step, self._progress.seconds)
         result = self._stepper.take(moment)
@@ -80,7 +80,7 @@ class Training:
         if self._progress.step % self._config.checkpoint_every == 0 or self._checkpoint_due.is_due():
             self._save_checkpoint()
 
-    def finish(self, report: Report) -> Outcome:
+    def finish(self, report: TrainingReport) -> TrainingResult:
         """Save the avatar, and the state so that nothing is done again."""
         if not self._schedule.is_over(self._saved.step, self._saved.seconds):
             self._save_checkpoint()
@@ -89,21 +89,23 @@ class Training:
         if self._machine.processes.is_first:
             for correction in self._task.corrections:
                 avatar = correction.finish(avatar)
-            avatar = with_portrait(avatar, self._task.hand, str(self._machine.device))
+            avatar = with_thumbnail(avatar, self._task.hand, str(self._machine.device))
             save_avatar(avatar, self._output)
         report.finish(self._progress.step, avatar)
-        return Outcome(avatar, self._progress, self._clock.data_wait_share, report.held_out)
+        return TrainingResult(avatar, self._progress, self._clock.data_wait_share, report.held_out)
 
-    def report(self, config: ReportConfig) -> Report:
+    def report(self, config: ReportConfig) -> TrainingReport:
         """Of this session; silent in any process but the first."""
-        preview = Preview(self._task.capture, self._task.hand, self._machine.device, config.preview_views)
+        preview = HeldOutPreview(self._task.capture, self._task.hand, self._machine.device, config.preview_views)
         first_step = self._progress.step
         is_first = self._machine.processes.is_first
-        return Report(config, self._schedule, self._clock, preview, self._output if is_first else None, first_step)
+        return TrainingReport(
+            config, self._schedule, self._clock, preview, self._output if is_first else None, first_step
+        )
 
     def _look(self) -> Avatar:
         """The avatar as it is now."""
-        return self._average.module.worn_by(self._avatar)
+        return self._average.module.with_networks(self._avatar)
 
     def _seconds(self) -> float:
         """Spent so far, the same in all processes where it matters."""
@@ -126,7 +128,7 @@ class Training:
         return load_checkpoint(path, self._state, self._identity) if path.is_file() else Progress()
 
 
-def _views_of(task: Task, config: TrainConfig, machine: Machine) -> TrainingViews:
+def _views_of(task: TrainingSetup, config: TrainConfig, machine: Machine) -> TrainingViews:
     """The training images that show the hand."""
     if config.batch % machine.processes.count:
         raise LiveHandError(

@@ -37,7 +37,7 @@ class LossTerms(NamedTuple):
     total: Tensor
 
 
-def window_loss(
+def crop_loss(
     low: Float[Tensor, "4 h w"],
     image: Float[Tensor, "4 H W"],
     target: Float[Tensor, "4 H W"],

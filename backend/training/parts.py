@@ -13,7 +13,7 @@ from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
 from ..nerf.encoding import FeaturePlane
 from .config import TrainConfig
-from .schedule import Moment
+from .schedule import ScheduleState
 from .views import TrainingView, TrainingViews
 
 
@@ -24,7 +24,7 @@ class Rendered(NamedTuple):
     image: Tensor
 
 
-def _begin_nothing(views: TrainingViews, moment: Moment) -> None:
+def _begin_nothing(views: TrainingViews, moment: ScheduleState) -> None:
     pass
 
 
@@ -59,7 +59,7 @@ class Correction:
     name: str
     module: nn.Module
     learning_rate: float
-    begin: Callable[[TrainingViews, Moment], None] = _begin_nothing
+    begin: Callable[[TrainingViews, ScheduleState], None] = _begin_nothing
     before: Callable[[TrainingView, CaptureView], TrainingView] = _same_view
     after: Callable[[Rendered, CaptureView], Rendered] = _same_picture
     penalty: Callable[[], Mapping[str, Tensor]] = dict
@@ -75,7 +75,7 @@ class TrainedParts(nn.Module):
         self.networks = nn.ModuleList([avatar.field, avatar.superres])
         self.corrections = nn.ModuleDict({correction.name: correction.module for correction in corrections})
 
-    def worn_by(self, avatar: Avatar) -> Avatar:
+    def with_networks(self, avatar: Avatar) -> Avatar:
         """The avatar with these networks."""
         radiance_field, superres = self.networks
         return replace(avatar, field=radiance_field, superres=superres)

@@ -14,7 +14,7 @@ from ..captures.capture import Capture, Split
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from .config import LossConfig
-from .losses import window_loss
+from .losses import crop_loss
 from .refinement import Refinement, RefinementConfig
 from .step import render_view
 from .views import TrainingViews
@@ -68,7 +68,7 @@ def _fit(refinement: Refinement, views: TrainingViews, avatar: Avatar, config: P
         refinement.begin_step(views, step, done)
         view = refinement.refined(views.get(index, 0), views.views[index].pose_index)
         low, image = render_view(avatar, views, view)
-        loss = window_loss(low, image, view.target, view.is_inside, config.loss, None).total + refinement.penalty()
+        loss = crop_loss(low, image, view.target, view.is_inside, config.loss, None).total + refinement.penalty()
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()

@@ -35,7 +35,7 @@ class PreviewResult(NamedTuple):
         save_sheet(self.sheet, path)
 
 
-class Preview:
+class HeldOutPreview:
     """A capture's views that are looked at again and again while an avatar learns.
 
     Args:

@@ -12,8 +12,8 @@ from ..nerf.avatar import Avatar
 from .clock import Clock, Every
 from .config import ReportConfig
 from .journal import Journal, LogFile, TensorBoard
-from .preview import Preview
-from .schedule import Moment, Schedule
+from .preview import HeldOutPreview
+from .schedule import Schedule, ScheduleState
 from .step import StepResult
 
 
@@ -27,7 +27,7 @@ def preview_path(output: Path) -> Path:
     return output.with_suffix(".preview.png")
 
 
-class Report:
+class TrainingReport:
     """Told of every step. A context: it ends the bar and closes the journals.
 
     Args:
@@ -50,7 +50,7 @@ class Report:
         config: ReportConfig,
         schedule: Schedule,
         clock: Clock,
-        preview: Preview,
+        preview: HeldOutPreview,
         output: Path | None,
         first_step: int,
     ):
@@ -64,7 +64,7 @@ class Report:
         self._journals = _open_journals(output, config, first_step) if output else []
         self._bar = self._new_bar()
 
-    def __enter__(self) -> Report:
+    def __enter__(self) -> TrainingReport:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -72,7 +72,7 @@ class Report:
         for journal in self._journals:
             journal.close()
 
-    def step(self, moment: Moment, result: StepResult, look: Callable[[], Avatar]) -> None:
+    def step(self, moment: ScheduleState, result: StepResult, look: Callable[[], Avatar]) -> None:
         """A step was taken; `look` gives the avatar as it is now."""
         self._rate = moment.rate
         self._skipped += bool(result.faulty_files)

@@ -12,7 +12,7 @@ from .config import TrainConfig
 from .perceptual import perceptual_ramp
 
 
-class Moment(NamedTuple):
+class ScheduleState(NamedTuple):
     """One step's place in training.
 
     Attributes:
@@ -47,12 +47,12 @@ class Schedule:
         """Whether training ends here."""
         return self.done(step, seconds) >= self.whole
 
-    def at(self, step: int, seconds: float = 0.0) -> Moment:
+    def at(self, step: int, seconds: float = 0.0) -> ScheduleState:
         """The moment of a step that begins after so many seconds: linear warm-up, then cosine decay."""
         config, done = self.config, self.done(step, seconds)
         decay = 0.5 * (1 + cos(pi * done / self.whole))
         rate = self._warmth(step, done) * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
-        return Moment(step, done / self.whole, rate, perceptual_ramp(done / self.whole, config.loss))
+        return ScheduleState(step, done / self.whole, rate, perceptual_ramp(done / self.whole, config.loss))
 
     def _warmth(self, step: int, done: float) -> float:
         if self.config.minutes is None:

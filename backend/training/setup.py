@@ -18,7 +18,7 @@ from .perceptual import PerceptualDistance
 
 
 @dataclass(frozen=True)
-class Task:
+class TrainingSetup:
     """What is fitted to what.
 
     Attributes:
@@ -38,7 +38,7 @@ class Task:
     origin: Origin | None = None
 
 
-class Outcome(NamedTuple):
+class TrainingResult(NamedTuple):
     """A finished training.
 
     Attributes:
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
     held_out: dict[str, float]
 
 
-def run_identity(task: Task, config: TrainConfig, precision: Precision, view_count: int) -> str:
+def run_identity(task: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
     """Everything that shapes the result: a checkpoint goes on only with the same."""
     corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in task.corrections}
     origin = task.origin.sha256 if task.origin else None
@@ -62,7 +62,7 @@ def run_identity(task: Task, config: TrainConfig, precision: Precision, view_cou
     return json.dumps([asdict(config), avatar_config, capture, view_count, precision, corrections, origin])
 
 
-def provenance_of(task: Task, config: TrainConfig, precision: Precision, progress: Progress) -> dict[str, Any]:
+def provenance_of(task: TrainingSetup, config: TrainConfig, precision: Precision, progress: Progress) -> dict[str, Any]:
     """What the avatar's header says of its training."""
     provenance = {
         "made_by": "livehand train",

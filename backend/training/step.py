@@ -17,11 +17,11 @@ from ..nerf.shade import shade
 from ..rendering.renderer import Precision
 from .clock import Clock
 from .config import TrainConfig
-from .losses import window_loss
+from .losses import crop_loss
 from .parts import Correction, Rendered, TrainedParts, set_rates
 from .perceptual import PerceptualDistance
 from .processes import Processes
-from .schedule import Moment, views_of_step
+from .schedule import ScheduleState, views_of_step
 from .views import TrainingView, TrainingViews
 
 
@@ -78,7 +78,7 @@ class Stepper:
     perceptual: PerceptualDistance | None = None
     corrections: tuple[Correction, ...] = ()
 
-    def take(self, moment: Moment) -> StepResult:
+    def take(self, moment: ScheduleState) -> StepResult:
         """Render and compare the step's views, and move the weights unless something is not finite."""
         set_rates(self.optimiser, moment.rate)
         self.optimiser.zero_grad(set_to_none=True)
@@ -94,7 +94,7 @@ class Stepper:
             self.optimiser.step()
         return StepResult(terms, tuple(self.views.views[index].file for index, _ in faulty))
 
-    def _losses(self, visits: list[tuple[int, int]], moment: Moment) -> tuple[dict[str, float], list[float]]:
+    def _losses(self, visits: list[tuple[int, int]], moment: ScheduleState) -> tuple[dict[str, float], list[float]]:
         """Mean terms, and the loss of each visit; leaves this process's share of the gradient behind."""
         mine = self.machine.processes.share(range(len(visits)))
         means: dict[str, Tensor] = {}
@@ -109,7 +109,7 @@ class Stepper:
         summed = self.machine.processes.sum(torch.cat([losses, torch.stack(list(means.values()))])).tolist()
         return dict(zip(means, summed[len(visits) :], strict=True)), summed[: len(visits)]
 
-    def _loss(self, index: int, jitter: int, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
+    def _loss(self, index: int, jitter: int, moment: ScheduleState) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss of one view, and its terms by name."""
         view, source = self.views.get(index, jitter), self.views.views[index]
         self.clock.waiting_s = self.views.waited_s
@@ -119,7 +119,7 @@ class Stepper:
         perceptual = self.perceptual if moment.perceptual > 0 else None
         patches = torch.Generator().manual_seed(hash((self.config.seed, moment.step, index)) % 2**63)
         with self._autocast():
-            terms = window_loss(
+            terms = crop_loss(
                 *rendered, view.target, view.is_inside, self.config.loss, perceptual, moment.perceptual, patches
             )
         penalties = {name: value for correction in self.corrections for name, value in correction.penalty().items()}

@@ -20,13 +20,13 @@ from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
 from ..nerf.conditions import FrameConditions
-from ..nerf.crop import Window
-from ..nerf.rays import HandInView, SurfaceRays, View, ray_directions, view_of
+from ..nerf.crop import Crop
+from ..nerf.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors, ray_directions
 from ..nerf.sampler import SamplerConfig
 from ..nerf.trace import trace
 from ..records.errors import LiveHandError
-from ..rendering.renderer import window_of
-from .crop_store import WindowStore
+from ..rendering.renderer import crop_of
+from .crop_store import CropStore
 
 
 class TrainingView(NamedTuple):
@@ -41,7 +41,7 @@ class TrainingView(NamedTuple):
         mesh: of the pose.
     """
 
-    view: View
+    view: CameraTensors
     target: Tensor
     is_inside: Tensor
     rays: SurfaceRays
@@ -100,10 +100,10 @@ class TrainingViews:
         return posed
 
     def get(self, index: int, jitter: int) -> TrainingView:
-        """View `index` with its `jitter`-th set of samples."""
+        """CameraTensors `index` with its `jitter`-th set of samples."""
         window = self._windows[index]
         mesh, conditions = self._poses[self.views[index].pose_index]
-        view = view_of(window.camera_of(self.views[index].camera), self.device)
+        view = camera_tensors(window.camera_of(self.views[index].camera), self.device)
         return TrainingView(
             view=view,
             target=self._target(index),
@@ -126,9 +126,9 @@ class TrainingViews:
         of_pose = {index for index, view in enumerate(self.views) if view.pose_index == pose_index}
         self._traced = {key: rays for key, rays in self._traced.items() if key[0] not in of_pose}
 
-    def _window(self, view: CaptureView) -> Window | None:
+    def _window(self, view: CaptureView) -> Crop | None:
         mesh, _ = self._poses[view.pose_index]
-        return window_of(mesh, view.camera, self.sampler)
+        return crop_of(mesh, view.camera, self.sampler)
 
     def _target(self, index: int) -> Float[Tensor, "4 H W"]:
         pixels = torch.as_tensor(self._pixels.get(index)).to(self.device)
@@ -137,22 +137,22 @@ class TrainingViews:
         return target
 
     @cached_property
-    def _pixels(self) -> WindowStore:
+    def _pixels(self) -> CropStore:
         sizes_px = [(2 * window.width, 2 * window.height) for window in self._windows]
         capture, views, windows = self.capture, self.views, self._windows  # not self: the store's threads would keep it
 
         def decode(index: int) -> np.ndarray:
             return windows[index].cut(capture.read_pixels(views[index]))
 
-        return WindowStore(sizes_px, decode, capture.folder)
+        return CropStore(sizes_px, decode, capture.folder)
 
-    def _inside(self, index: int, window: Window) -> Tensor:
+    def _inside(self, index: int, window: Crop) -> Tensor:
         width, height = self.views[index].camera.size_px
         x = torch.arange(2 * window.width, device=self.device) + 2 * window.x0
         y = torch.arange(2 * window.height, device=self.device) + 2 * window.y0
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
-    def _rays(self, index: int, jitter: int, view: View, mesh: PosedMesh) -> SurfaceRays:
+    def _rays(self, index: int, jitter: int, view: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
             self._traced[index, jitter] = _packed(trace(HandInView(mesh, self.topology, view), self.sampler, generator))
@@ -167,7 +167,7 @@ def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
     return rays.pixel.int(), rays.t, rays.dt, rays.is_stopped, face, barycentric, (samples.height_m * 1000).half()
 
 
-def _unpacked(packed: tuple[Tensor, ...], view: View) -> SurfaceRays:
+def _unpacked(packed: tuple[Tensor, ...], view: CameraTensors) -> SurfaceRays:
     pixel, t, dt, is_stopped, face, barycentric, height_mm = packed
     pixel, barycentric = pixel.long(), barycentric.float()
     barycentric = torch.cat([1 - barycentric.sum(1, keepdim=True), barycentric], 1)

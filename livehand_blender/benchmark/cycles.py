@@ -15,7 +15,7 @@ from pathlib import Path
 import bpy
 
 from ...backend.benchmark.cases import SYNC
-from ...backend.benchmark.motion import Moment
+from ...backend.benchmark.motion import MotionFrame
 from ...backend.benchmark.stopwatch import Stages, Stopwatch
 from ...backend.hand.builtin.beauty import detailed_surface
 from ...backend.hand.model_file import load_default_hand
@@ -46,7 +46,7 @@ class CyclesHand:
                 image.pack()  # the folder may go before the first render
         return cls(scene, surface)
 
-    def render(self, moment: Moment, samples: int) -> Stages:
+    def render(self, moment: MotionFrame, samples: int) -> Stages:
         """Render one frame, denoised; what synchronising and rendering took, the pose being set already."""
         self.surface.set_pose(moment.pose)
         set_camera(self.scene, moment.camera)

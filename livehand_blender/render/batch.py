@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...backend.batch.progress import Failed
-from ...backend.batch.report import Report
+from ...backend.batch.report import RunReport
 from ...backend.records.errors import LiveHandError
 from .plan import SequencePlan
 from .sequence import write_sequence
 
 
-def write_batch(plans: Sequence[SequencePlan], report: Report) -> None:
+def write_batch(plans: Sequence[SequencePlan], report: RunReport) -> None:
     """Render shots; what fails is told to the report, at once."""
     for plan in plans:
         tell = report.of(plan.shot)

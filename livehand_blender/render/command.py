@@ -13,7 +13,7 @@ from typing import Any
 from ...backend.avatars.library import SKINS, avatar_path
 from ...backend.batch.chunk import ALL, Chunk
 from ...backend.batch.folders import folders_of, writable_folder
-from ...backend.batch.report import Report
+from ...backend.batch.report import RunReport
 from ...backend.batch.workers import run_workers, stop_with_parent
 from ...backend.runtime.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
         FailedInPart: a shot failed.
     """
     folders = folders_of(args.shots, args.output)
-    report = Report(folders, args.output, args.json, is_quiet=args.worker is not None)
+    report = RunReport(folders, args.output, args.json, is_quiet=args.worker is not None)
     if args.worker is not None:
         _work(args, folders, report, in_blender)
     elif args.jobs > 1:
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
     return report.result()
 
 
-def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: Report, in_blender: Callable) -> None:
+def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunReport, in_blender: Callable) -> None:
     """As a worker: whoever started it tells people of its end."""
     stop_with_parent()
     try:
@@ -93,7 +93,7 @@ def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: Report
         sys.exit(INTERRUPTED)
 
 
-def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: Report, in_blender: Callable) -> None:
+def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunReport, in_blender: Callable) -> None:
     from .batch import write_batch
     from .plan import SequencePlan
 

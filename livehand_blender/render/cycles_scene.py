@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.composition import Layer
+from ...backend.rendering.composition import SceneLayer
 from .passes import read_pass
 
 
@@ -37,7 +37,7 @@ def read_scene(
     return {name: read_pass(passes.find_by_name(name, view), size_px) for name in names}
 
 
-def scene_layer(passes: Mapping[str, np.ndarray]) -> Layer:
+def scene_layer(passes: Mapping[str, np.ndarray]) -> SceneLayer:
     """The scene's picture, and where it stands before the hands."""
     combined = passes["Combined"]
-    return Layer(combined[..., :3], combined[..., 3], passes["Depth"][..., 0])
+    return SceneLayer(combined[..., :3], combined[..., 3], passes["Depth"][..., 0])

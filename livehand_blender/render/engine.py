@@ -23,7 +23,7 @@ from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.rendering.cryptomatte import crypto_metadata
 from ...backend.rendering.frame_queue import FrameQueue
-from ...backend.rendering.frame_task import FrameTask, Moment
+from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.exposure import Lens, read_lens
 from ..scene.look import in_scene_colours
@@ -31,7 +31,7 @@ from ..scene.proxy import hidden_from_camera, hide_from_camera
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, read_scene, scene_layer
-from .frame_setup import Stage, set_stage
+from .frame_setup import FrameSetup, read_frame_setup
 from .layer import Output, Pending
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
@@ -39,7 +39,7 @@ from .panels import unregister_panels as unregister_panels
 from .passes import CRYPTOMATTE, SURFACE_PASSES, ScenePasses, cryptomatte_passes, drawn_passes, fill_pass, wanted_passes
 from .picture import Picture, draw_picture
 from .renderer_loading import load_renderer_in_blender
-from .viewport.studio import Studio
+from .viewport.studio import ViewportShared
 from .viewport.viewport import viewport_of
 
 LOGGER = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class LiveHandRender(CyclesEngine):
     def register(cls):
         """Called by Blender with the class."""
         cls.hands_session = Session(load_renderer_in_blender)
-        cls.studio = Studio(cls.hands_session)
+        cls.studio = ViewportShared(cls.hands_session)
 
     @classmethod
     def unregister(cls):
@@ -129,8 +129,8 @@ class LiveHandRender(CyclesEngine):
         output = Output.of(depsgraph)
         pending = [self._begin(depsgraph, view) for view in self._views(depsgraph.scene.render)]
         queue = self.required_session().queue
-        if queue is not None and queue.foreseen_frame is not None:
-            self._foresee(depsgraph, queue, queue.foreseen_frame)
+        if queue is not None and queue.prefetchable_frame is not None:
+            self._prefetch(depsgraph, queue, queue.prefetchable_frame)
         if output.is_in_scene:
             hide_from_camera(depsgraph)
             self.add_pass("Depth", 1, "Z", layer=output.layer)  # Cycles fills it, asked for by the layer or not
@@ -161,11 +161,11 @@ class LiveHandRender(CyclesEngine):
             return Pending(view, stage, partial(self._run, stage.task))
         return Pending(view, stage, queue.ask(stage.task).result)
 
-    def _stage(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> Stage:
+    def _stage(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> FrameSetup:
         self.update_stats("", "LiveHand | reading the hands")
         session, read_camera = self.required_session(), partial(self._camera, depsgraph, is_stereo)
         with session.rendering:  # a 3D view may be loading the same avatar
-            return set_stage(depsgraph, session, read_camera, self.frame_set)
+            return read_frame_setup(depsgraph, session, read_camera, self.frame_set)
 
     def _camera(self, depsgraph: bpy.types.Depsgraph, is_stereo: bool) -> tuple[Camera, Lens | None]:
         """The region's camera as the depsgraph stands, and its lens."""
@@ -179,7 +179,7 @@ class LiveHandRender(CyclesEngine):
         whole = read_camera(evaluated, depsgraph.scene.render, eye)
         return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
 
-    def _run(self, task: FrameTask) -> tuple[Moment, ...] | None:
+    def _run(self, task: FrameTask) -> tuple[ExposureFrames, ...] | None:
         """The task's frames; None where the user has stopped the render."""
         from ...backend.rendering.renderer import (
             RenderStopped,  # brings torch with it, which a renderer has loaded already
@@ -191,17 +191,17 @@ class LiveHandRender(CyclesEngine):
         except RenderStopped:
             return None
 
-    def _foresee(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
+    def _prefetch(self, depsgraph: bpy.types.Depsgraph, queue: FrameQueue, frame: int) -> None:
         """Queue a later frame's task. It is read from this very depsgraph, which is then set back."""
         now = depsgraph.scene.frame_current
         try:
             self.frame_set(frame, 0.0)
             with contextlib.suppress(LiveHandError):  # what is wrong there stops that frame when its turn has come
-                queue.foresee(self._stage(depsgraph, is_stereo=False).task)
+                queue.prefetch(self._stage(depsgraph, is_stereo=False).task)
         finally:
             self.frame_set(now, 0.0)
 
-    def _finish(self, output: Output, pending: Pending, moments: tuple[Moment, ...]) -> None:
+    def _finish(self, output: Output, pending: Pending, moments: tuple[ExposureFrames, ...]) -> None:
         """Compose a view's picture and hand it to Blender."""
         scene, around = {}, None
         if output.is_in_scene:

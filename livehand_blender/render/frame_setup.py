@@ -11,9 +11,9 @@ from ...backend.avatars.session import Device, Session
 from ...backend.hand.model import HandModel
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.frame_task import FrameTask, HandRenderer, Task
+from ...backend.rendering.frame_task import FrameTask, HandRenderer, HandTask
 from ..rig.hand import find_hands, mesh_of
-from ..scene.exposure import SHARP, Lens, Moment, moments_of, seen_at
+from ..scene.exposure import SHARP, ExposureSample, Lens, exposure_samples, seen_at
 from ..scene.grade import Grade
 from ..scene.shot import HandSource, hand_source, read_shot, visible_hands
 
@@ -22,7 +22,7 @@ SetFrame = Callable[[int, float], None]
 
 
 @dataclass(frozen=True)
-class Actor:
+class HandInstance:
     """One hand that a frame shows.
 
     Attributes:
@@ -43,14 +43,16 @@ class Actor:
 
 
 @dataclass(frozen=True)
-class Stage:
+class FrameSetup:
     """The hands of a frame, in one order, and their work: every moment's tasks are in that order."""
 
-    actors: tuple[Actor, ...]
+    actors: tuple[HandInstance, ...]
     task: FrameTask
 
 
-def set_stage(depsgraph: bpy.types.Depsgraph, session: Session, read_camera: ReadCamera, set_frame: SetFrame) -> Stage:
+def read_frame_setup(
+    depsgraph: bpy.types.Depsgraph, session: Session, read_camera: ReadCamera, set_frame: SetFrame
+) -> FrameSetup:
     """The frame as the depsgraph stands, and, where it is blurred, a little before and after.
 
     Args:
@@ -70,19 +72,21 @@ def set_stage(depsgraph: bpy.types.Depsgraph, session: Session, read_camera: Rea
     hands = visible_hands(depsgraph)
     actors = tuple(_actor(hand, session, _device(scene)) for hand in hands)
     camera, lens = read_camera()
-    moments = moments_of(scene, lens) if actors else ()
+    moments = exposure_samples(scene, lens) if actors else ()
     if moments == (SHARP,):
-        return Stage(actors, FrameTask((_tasks(depsgraph, actors, camera),)))
-    return Stage(actors, FrameTask(tuple(_through_the_shutter(depsgraph, actors, moments, read_camera, set_frame))))
+        return FrameSetup(actors, FrameTask((_tasks(depsgraph, actors, camera),)))
+    return FrameSetup(
+        actors, FrameTask(tuple(_through_the_shutter(depsgraph, actors, moments, read_camera, set_frame)))
+    )
 
 
 def _through_the_shutter(
     depsgraph: bpy.types.Depsgraph,
-    actors: Sequence[Actor],
-    moments: Sequence[Moment],
+    actors: Sequence[HandInstance],
+    moments: Sequence[ExposureSample],
     read_camera: ReadCamera,
     set_frame: SetFrame,
-) -> Iterator[tuple[Task, ...]]:
+) -> Iterator[tuple[HandTask, ...]]:
     now = depsgraph.scene.frame_current
     stands_at = 0.0
     try:
@@ -103,19 +107,19 @@ def _split(frame: int, offset: float) -> tuple[int, float]:
     return frame + whole, offset - whole
 
 
-def _tasks(depsgraph: bpy.types.Depsgraph, actors: Sequence[Actor], camera: Camera) -> tuple[Task, ...]:
+def _tasks(depsgraph: bpy.types.Depsgraph, actors: Sequence[HandInstance], camera: Camera) -> tuple[HandTask, ...]:
     evaluated = (depsgraph.scene.objects[actor.name].evaluated_get(depsgraph) for actor in actors)
     return tuple(
-        Task(actor.renderer, read_shot(hand, depsgraph, camera, len(actor.model.v_template)))
+        HandTask(actor.renderer, read_shot(hand, depsgraph, camera, len(actor.model.v_template)))
         for actor, hand in zip(actors, evaluated, strict=True)
     )
 
 
-def _actor(hand: bpy.types.Object, session: Session, device: Device) -> Actor:
+def _actor(hand: bpy.types.Object, session: Session, device: Device) -> HandInstance:
     source = hand_source(hand)
     model = session.hand(source.model_path)
     renderer = session.renderer(source.avatar_path, model, device)
-    return Actor(hand.name, mesh_of(hand.original).name, source, model, renderer, Grade.of_hand(hand))
+    return HandInstance(hand.name, mesh_of(hand.original).name, source, model, renderer, Grade.of_hand(hand))
 
 
 def _device(scene: bpy.types.Scene) -> Device:

@@ -11,11 +11,11 @@ import bpy
 from ...backend.avatars.session import Session
 from ...backend.batch.frame_paths import FrameParts, FramePaths, not_written
 from ...backend.batch.interruption import Interruption
-from ...backend.batch.leases import Claim, Claims
+from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.provenance import HandRecord, frame_record, save_record
 from ...backend.records.errors import LiveHandError
 from ...backend.rendering.frame_queue import FrameQueue
-from ...backend.rendering.frame_task import Task
+from ...backend.rendering.frame_task import HandTask
 from ...backend.runtime.stdout import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
 from .output import OutputSettings, literal_path
@@ -42,7 +42,7 @@ class FrameWriter:
     queue: FrameQueue
     interruption: Interruption
 
-    def write(self, paths: FramePaths, formats: Sequence[str], claims: Claims, claim: Claim) -> bool:
+    def write(self, paths: FramePaths, formats: Sequence[str], claims: FrameLeases, claim: Lease) -> bool:
         """Render a frame once and save it in every format, and its record beside it.
 
         Returns:
@@ -102,16 +102,16 @@ class FrameWriter:
         except OSError as error:
             raise not_written(path, str(error.strerror)) from error
 
-    def _hand_tasks(self) -> list[Task]:
+    def _hand_tasks(self) -> list[HandTask]:
         """Each hand once, however many view layers show it, at the moment nearest to the frame itself."""
-        tasks: list[Task] = []
+        tasks: list[HandTask] = []
         for asked in self.queue.asked:
             for task in asked.moments[0] if asked.moments else ():
                 if not any(task.is_same_as(other) for other in tasks):
                     tasks.append(task)
         return tasks
 
-    def _hand_record(self, task: Task) -> HandRecord:
+    def _hand_record(self, task: HandTask) -> HandRecord:
         renderer = task.renderer
         return HandRecord(
             task.shot.pose, renderer.avatar.name, self.session.avatar_path(renderer), renderer.hand.sha256

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import bpy
 
-from ...backend.rendering.frame_task import Moment
+from ...backend.rendering.frame_task import ExposureFrames
 from ..scene.camera import render_region
 from .cycles_scene import is_in_scene
-from .frame_setup import Stage
+from .frame_setup import FrameSetup
 from .passes import Pass, cryptomatte_passes, wanted_passes
 
 
@@ -24,8 +24,8 @@ class Pending(NamedTuple):
     """
 
     view: str
-    stage: Stage
-    wait: Callable[[], tuple[Moment, ...] | None]
+    stage: FrameSetup
+    wait: Callable[[], tuple[ExposureFrames, ...] | None]
 
 
 class Output(NamedTuple):

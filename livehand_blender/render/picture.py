@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...backend.records.shot import Frame, empty_frame
-from ...backend.rendering.composition import Layer, joined, mean_frame, over, visible_parts
-from ...backend.rendering.frame_task import Moment
+from ...backend.rendering.composition import SceneLayer, joined, mean_frame, over, visible_parts
+from ...backend.rendering.frame_task import ExposureFrames
 from ..scene.grade import graded
-from .frame_setup import Stage
+from .frame_setup import FrameSetup
 
 if TYPE_CHECKING:
     from ...backend.rendering.surface_maps import SurfaceMaps
@@ -45,11 +45,11 @@ class Picture:
 
 
 def draw_picture(
-    stage: Stage,
-    moments: Sequence[Moment],
+    stage: FrameSetup,
+    moments: Sequence[ExposureFrames],
     size_px: tuple[int, int],
     convert: Callable[[Frame], Frame],
-    around: Layer | None,
+    around: SceneLayer | None,
     needs_surface: bool,
 ) -> Picture:
     """Compose what was rendered.
@@ -83,7 +83,7 @@ def _mean(exposure: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Fram
     return mean_frame([joined(parts) for parts in exposure]) if exposure else empty_frame(size_px)
 
 
-def _coverage(stage: Stage, shown: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
+def _coverage(stage: FrameSetup, shown: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
     by_hand = zip(*shown, strict=True)
     return {
         actor.mesh_name: np.mean([part.alpha for part in parts], axis=0)
@@ -91,7 +91,7 @@ def _coverage(stage: Stage, shown: Sequence[Sequence[Frame]]) -> dict[str, np.nd
     }
 
 
-def _surface(stage: Stage) -> SurfaceMaps:
+def _surface(stage: FrameSetup) -> SurfaceMaps:
     """At the moment nearest to the frame itself: mean normals or places lie nowhere."""
     from ...backend.rendering.surface_maps import (  # bring torch, which may be missing until a render
         nearest_maps,

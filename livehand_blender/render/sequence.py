@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from ...backend.batch.folders import writable_folder
 from ...backend.batch.frame_paths import FramePaths, frames_with_leftovers
 from ...backend.batch.interruption import Interruption
-from ...backend.batch.leases import Claim, Claims
+from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.progress import FrameProgress, FrameState, ShotOpened, Tell, Warned
 from ...backend.runtime.stdout import blender_silenced
 from ..scene.camera import output_size_px
@@ -43,7 +43,7 @@ def write_sequence(plan: SequencePlan, tell: Tell) -> None:
         writable_folder(plan.folder) as now_ns,
         session.queueing() as queue,
         Interruption(queue.stop) as interruption,
-        Claims(plan.folder, plan.shot.stem) as claims,
+        FrameLeases(plan.folder, plan.shot.stem) as claims,
     ):
         with blender_silenced():
             scene = open_shot(plan.shot)
@@ -64,7 +64,7 @@ class FrameJob:
 
     number: int
     frame: int
-    claim: Claim | None
+    claim: Lease | None
     missing: Sequence[str] = ()
 
 
@@ -85,7 +85,7 @@ class _Sequence:
     frames: Sequence[int]
     size_px: tuple[int, int]
     writer: FrameWriter
-    claims: Claims
+    claims: FrameLeases
     since_ns: int
 
     def write(self, tell: Tell) -> None:
@@ -104,7 +104,7 @@ class _Sequence:
             claim = self.claims.take(frame)
             if claim:
                 self._paths(frame).remove_parts()
-                self.claims.give_back(claim)
+                self.claims.release(claim)
 
     def _go_through(self, frames: Sequence[tuple[int, int]], count: int, tell: Tell) -> list[tuple[int, int]]:
         """Write, or skip, what nobody else is rendering; returns what somebody is."""
@@ -118,9 +118,9 @@ class _Sequence:
             tell(FrameProgress(job.frame, job.number, count, state, seconds))
         return left
 
-    def _write(self, frame: int, formats: Sequence[str], claim: Claim) -> FrameState:
+    def _write(self, frame: int, formats: Sequence[str], claim: Lease) -> FrameState:
         is_published = self.writer.write(self._paths(frame), formats, self.claims, claim)
-        self.claims.give_back(claim)
+        self.claims.release(claim)
         return "written" if is_published else "left"
 
     def _jobs(self, frames: Sequence[tuple[int, int]], left: list[tuple[int, int]]) -> Iterator[FrameJob]:
@@ -135,7 +135,7 @@ class _Sequence:
                 continue
             missing = self._missing(frame)  # the last owner may just have finished it
             if not missing:
-                self.claims.give_back(claim)
+                self.claims.release(claim)
             yield FrameJob(number, frame, claim if missing else None, missing)
 
     def _missing(self, frame: int) -> list[str]:

@@ -18,7 +18,7 @@ _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 
 
 @dataclass(frozen=True)
-class Moment:
+class ExposureSample:
     """One of a frame's moments.
 
     Attributes:
@@ -38,10 +38,10 @@ class Lens:
     focus_m: float
 
 
-SHARP = Moment(0.0, (0.0, 0.0))
+SHARP = ExposureSample(0.0, (0.0, 0.0))
 
 
-def moments_of(scene: bpy.types.Scene, lens: Lens | None) -> tuple[Moment, ...]:
+def exposure_samples(scene: bpy.types.Scene, lens: Lens | None) -> tuple[ExposureSample, ...]:
     """The moments of a frame, the one nearest to the frame itself first."""
     is_moving = scene.render.use_motion_blur
     if not is_moving and lens is None:
@@ -54,7 +54,7 @@ def moments_of(scene: bpy.types.Scene, lens: Lens | None) -> tuple[Moment, ...]:
     radius = np.sqrt(np.random.default_rng(0).permutation(share)) if lens else 0 * share
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
     order = np.argsort(np.abs(offsets), kind="stable")
-    return tuple(Moment(float(offsets[k]), (float(points[k, 0]), float(points[k, 1]))) for k in order)
+    return tuple(ExposureSample(float(offsets[k]), (float(points[k, 0]), float(points[k, 1]))) for k in order)
 
 
 def read_lens(camera: bpy.types.Object) -> Lens | None:
@@ -66,7 +66,7 @@ def read_lens(camera: bpy.types.Object) -> Lens | None:
     return Lens(radius_m, max(_focus_m(camera, settings), camera.data.clip_start))
 
 
-def seen_at(camera: Camera, lens: Lens | None, moment: Moment) -> Camera:
+def seen_at(camera: Camera, lens: Lens | None, moment: ExposureSample) -> Camera:
     """The camera as it sees through the moment's point of the lens."""
     return camera if lens is None else camera.through_lens(lens.radius_m * np.array(moment.lens), lens.focus_m)
 

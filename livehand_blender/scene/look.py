@@ -36,7 +36,7 @@ _REC2020_TO_REC709 = np.array(
 )
 
 
-class View(NamedTuple):
+class ViewTransform(NamedTuple):
     """The part of a scene's colour management that is undone."""
 
     display: str
@@ -44,15 +44,15 @@ class View(NamedTuple):
     look: str
 
     @classmethod
-    def of_scene(cls, scene: bpy.types.Scene) -> View:
+    def of_scene(cls, scene: bpy.types.Scene) -> ViewTransform:
         """As it is set now."""
         settings = scene.view_settings
         return cls(scene.display_settings.display_device, settings.view_transform, settings.look)
 
     @property
-    def standard(self) -> View:
+    def standard(self) -> ViewTransform:
         """What the colours are to look like on the same display."""
-        return View(self.display, "Standard", "None")
+        return ViewTransform(self.display, "Standard", "None")
 
 
 def kept_look(rgb_linear: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
@@ -68,7 +68,7 @@ def kept_look(rgb_linear: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
     Raises:
         LiveHandError: the view shows different colours alike (False Color), so that nothing undoes it.
     """
-    view = View.of_scene(scene)
+    view = ViewTransform.of_scene(scene)
     if view == view.standard:
         return rgb_linear
     axis = np.clip(rgb_linear, 0, 1).reshape(-1, 3) ** (1 / _AXIS_POWER)
@@ -95,7 +95,7 @@ def in_scene_colours(frame: Frame, scene: bpy.types.Scene) -> Frame:
 
 
 @lru_cache(maxsize=4)
-def _inverse(view: View) -> np.ndarray:
+def _inverse(view: ViewTransform) -> np.ndarray:
     """[_GRID_SIZE, _GRID_SIZE, _GRID_SIZE, 3] code of each colour of the grid."""
     ticks = np.linspace(0, 1, _GRID_SIZE)
     rgb = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), -1).reshape(-1, 3) ** _AXIS_POWER
@@ -111,7 +111,7 @@ def _inverse(view: View) -> np.ndarray:
     return code.reshape(_GRID_SIZE, _GRID_SIZE, _GRID_SIZE, 3)
 
 
-def _solve(rgb: np.ndarray, wanted: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
+def _solve(rgb: np.ndarray, wanted: np.ndarray, view: ViewTransform) -> tuple[np.ndarray, np.ndarray]:
     """Codes that are shown as `wanted` [N, 3], starting from `rgb`, and what is left of the error [N, 3].
 
     Levenberg's damping, each colour with its own: where the view is flat, or the colour out of reach, steps stay short.
@@ -132,7 +132,7 @@ def _solve(rgb: np.ndarray, wanted: np.ndarray, view: View) -> tuple[np.ndarray,
     return code, error
 
 
-def _probe(code: np.ndarray, wanted: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
+def _probe(code: np.ndarray, wanted: np.ndarray, view: ViewTransform) -> tuple[np.ndarray, np.ndarray]:
     """What is shown too much [N, 3], and its slopes by code [N, 3 shown, 3 code]."""
     codes = np.stack([code, *(code + _PROBE * axis for axis in np.eye(3))])
     shown = _shown(_rgb_of_code(codes.reshape(-1, 3)), view).reshape(codes.shape)
@@ -143,7 +143,7 @@ def _rgb_of_code(code: np.ndarray) -> np.ndarray:
     return np.exp2(code) @ _REC2020_TO_REC709.T
 
 
-def _shown(rgb_linear: np.ndarray, view: View) -> np.ndarray:
+def _shown(rgb_linear: np.ndarray, view: ViewTransform) -> np.ndarray:
     """[N, 3] in [0, 1]: what Blender saves to a 16-bit PNG for linear Rec.709 colours.
 
     It happens in data of its own, away from the open file, so that it may happen in the middle of a render.
@@ -166,7 +166,7 @@ def _shown(rgb_linear: np.ndarray, view: View) -> np.ndarray:
     return rgba[:count, :3].astype(np.float64)
 
 
-def _scene_with(view: View, data: bpy.types.BlendData) -> bpy.types.Scene:
+def _scene_with(view: ViewTransform, data: bpy.types.BlendData) -> bpy.types.Scene:
     scene = data.scenes.new("Colors")
     try:
         scene.display_settings.display_device = view.display

@@ -9,11 +9,11 @@ import bpy
 from bpy.props import StringProperty
 
 from ...backend.avatars.library import SKINS, shipped_avatar_path
-from ...backend.avatars.metadata import AvatarCard
+from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
 from ..scene.shot import hand_source
 from .active_hand import HandTab, OnHand, Tab, polled_hand
-from .avatar_library import Gallery
+from .avatar_library import AvatarLibrary
 from .wrapped_text import draw_wrapped
 
 _PICTURE, _THUMBNAIL = 7.0, 5.0  # scales of icons
@@ -54,12 +54,12 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
     bl_label = "Avatar"
     bl_options = {"DEFAULT_CLOSED"}
 
-    gallery: ClassVar[Gallery]
+    gallery: ClassVar[AvatarLibrary]
 
     @classmethod
     def register(cls):
         """Blender calls it with the class."""
-        cls.gallery = Gallery()
+        cls.gallery = AvatarLibrary()
 
     @classmethod
     def unregister(cls):
@@ -102,7 +102,7 @@ class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):
         self.layout.label(text="More: name a folder in the add-on's preferences")
 
 
-def _draw_card(layout: bpy.types.UILayout, card: AvatarCard, armature: bpy.types.Object) -> None:
+def _draw_card(layout: bpy.types.UILayout, card: AvatarMetadata, armature: bpy.types.Object) -> None:
     if icon := LIVEHAND_PT_avatar.gallery.icon(card):
         layout.template_icon(icon, scale=_PICTURE)
     column = layout.column(align=True)
@@ -124,7 +124,7 @@ def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
     split.popover("LIVEHAND_PT_choose_avatar", text=name, icon="IMAGE_DATA")
 
 
-def facts(card: AvatarCard) -> tuple[str, ...]:
+def facts(card: AvatarMetadata) -> tuple[str, ...]:
     """Lines of text about an avatar: name, licence, figures, origin."""
     licence = f"Licence: {card.licence or 'not stated'}"
     figures = card.figures or ("not measured (livehand evaluate --record)",)
@@ -139,7 +139,7 @@ def _wear(hand: bpy.types.PropertyGroup, path: Path) -> None:
     hand.avatar_path = "" if skin is not None else str(path)
 
 
-def _check_same_hand(card: AvatarCard, armature: bpy.types.Object) -> None:
+def _check_same_hand(card: AvatarMetadata, armature: bpy.types.Object) -> None:
     if card.hand_sha256 != armature.livehand.model_sha256:
         raise LiveHandError(
             f"an avatar must be of the hand's own model; '{card.name}' is of '{card.hand_name}' "

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.avatars.metadata import read_card
+from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.superres import SuperResConfig
@@ -36,9 +36,9 @@ def test_it_says_what_the_file_says(file_of):
     path = file_of(
         provenance={"licence": "CC0", "capture": {"made_by": "livehand capture", "plan": PLAN}},
         metrics={"novel_pose": {**FIGURES, "psnr_full": 99.0}, "test": FIGURES},
-        portrait=picture,
+        thumbnail=picture,
     )
-    card = read_card(path)
+    card = read_metadata(path)
     assert (card.path, card.name, card.hand_name, card.hand_sha256) == (path, "ada", "my_hand", "ab" * 32)
     assert card.licence == "CC0"
     assert card.figures == (
@@ -47,16 +47,16 @@ def test_it_says_what_the_file_says(file_of):
         "on 7 views of unseen poses and cameras",
     )
     assert card.made_from == "livehand capture: 28 poses, 334x512 px"
-    np.testing.assert_array_equal(card.portrait, picture)
+    np.testing.assert_array_equal(card.thumbnail, picture)
 
 
 def test_what_the_file_leaves_open_is_empty(file_of):
-    card = read_card(file_of())
-    assert (card.licence, card.figures, card.made_from, card.portrait) == ("", (), "", None)
+    card = read_metadata(file_of())
+    assert (card.licence, card.figures, card.made_from, card.thumbnail) == ("", (), "", None)
 
 
 def test_the_next_split_speaks_where_the_hardest_was_not_measured(file_of):
-    card = read_card(file_of(metrics={"novel_camera": FIGURES}, provenance={"capture": {"made_by": "my rig"}}))
+    card = read_metadata(file_of(metrics={"novel_camera": FIGURES}, provenance={"capture": {"made_by": "my rig"}}))
     assert card.figures[-1] == "on 7 views of unseen cameras"
     assert card.made_from == "my rig"
 
@@ -67,16 +67,16 @@ def test_other_files_are_refused(tmp_path):
     text.write_text("no tensors")
     for path in (other, text, tmp_path / "missing.safetensors"):
         with pytest.raises(LiveHandError, match="must be a LiveHand avatar"):
-            read_card(path)
+            read_metadata(path)
     save_file({"a": np.zeros(3)}, other, metadata={"livehand": json.dumps({"name": "x"})})
     with pytest.raises(LiveHandError, match="of this version"):
-        read_card(other)
+        read_metadata(other)
 
 
 def test_torch_is_not_loaded():
     """A second of loading would be felt whenever a panel is drawn for the first time."""
     code = (
-        "import sys; from pathlib import Path; from livehand.backend.avatars.metadata import read_card;"
-        f"read_card(Path({str(shipped_avatar_path())!r})); assert 'torch' not in sys.modules"
+        "import sys; from pathlib import Path; from livehand.backend.avatars.metadata import read_metadata;"
+        f"read_metadata(Path({str(shipped_avatar_path())!r})); assert 'torch' not in sys.modules"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -26,12 +26,11 @@ from livehand.backend.benchmark.counts import (
 from livehand.backend.benchmark.floor import floor_ms, floors_ms
 from livehand.backend.benchmark.growth import put_together
 from livehand.backend.benchmark.machine import Peaks
-from livehand.backend.benchmark.motion import Moment, MovingHand, silhouette_px
+from livehand.backend.benchmark.motion import MotionFrame, MovingHand, silhouette_px
 from livehand.backend.benchmark.plot import Curve, Panel, round_up, save_plot
 from livehand.backend.benchmark.rounds import Case, measure_rounds, paired_ratio, stage_spreads
 from livehand.backend.benchmark.stopwatch import Cost, Spread, Stopwatch, spread
 from livehand.backend.geometry.rasterise import rasterise
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.records.camera import Camera
@@ -42,11 +41,6 @@ from PIL import Image
 
 SIZE = (84, 128)
 COUNTS = Counts(100, 200, 3000, 50, 400, (20, 30), (64, 96))
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 class Clock:
@@ -112,7 +106,7 @@ CAMERA = Camera(np.eye(3), np.eye(4), (4, 4))
 def run_rounds(cases, count):
     """Rounds whose moments are told apart by their translation."""
     poses = [replace(HandPose.rest(), transl=np.array([float(k), 0, 0])) for k in range(count)]
-    return measure_rounds(cases, [Moment(pose, CAMERA) for pose in poses])
+    return measure_rounds(cases, [MotionFrame(pose, CAMERA) for pose in poses])
 
 
 def case_of(log, name, wall_ms=1000.0, **kwargs):

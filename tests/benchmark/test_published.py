@@ -11,18 +11,12 @@ from livehand.backend.benchmark.motion import MovingHand
 from livehand.backend.benchmark.published import PublishedRenderer, whole_rays
 from livehand.backend.geometry.closest_point import closest_on_triangles
 from livehand.backend.geometry.mesh import Topology, posed_mesh
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
-from livehand.backend.nerf.rays import view_of
+from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.records.shot import DEPTH_BACKGROUND
 from livehand.backend.rendering.renderer import Renderer
 
 SIZE = (66, 100)
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +71,7 @@ def test_the_compiled_search_is_exact(hand, shot, points):
 def test_every_ray_has_one_interval_from_the_first_to_the_last_surface(hand, shot):
     topology = Topology.of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(shot.vertices, dtype=torch.float32))
-    view = view_of(shot.camera.scaled(0.5), "cpu")
+    view = camera_tensors(shot.camera.scaled(0.5), "cpu")
     rays = whole_rays(mesh, topology, view, 0.005, 16)
     assert rays.t.shape == (len(rays.pixel), 16)
     assert len(rays.pixel.unique()) == len(rays.pixel)

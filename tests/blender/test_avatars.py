@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
-from livehand.backend.avatars.metadata import read_card
+from livehand.backend.avatars.metadata import read_metadata
 from livehand.livehand_blender.scene.shot import hand_source
 from livehand.livehand_blender.ui import avatar_library as gallery_module
-from livehand.livehand_blender.ui.avatar_library import Gallery
+from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
 from livehand.livehand_blender.ui.avatars import facts
 
 
 @pytest.fixture
 def gallery():
-    made = Gallery()
+    made = AvatarLibrary()
     yield made
     made.close()
 
@@ -65,13 +65,13 @@ def test_icons_show_the_portrait(gallery):
         gallery.icon(card)
     (preview,) = gallery._icons.values()
     pixels = np.array(preview.image_pixels_float[:], np.float32).reshape(*tuple(preview.image_size)[::-1], 4)
-    straight = card.portrait / 255
+    straight = card.thumbnail / 255
     expected = np.concatenate([straight[..., :3] * straight[..., 3:], straight[..., 3:]], -1)
     np.testing.assert_allclose(pixels[::-1], expected, atol=1 / 255)
 
 
 def test_an_avatar_without_portrait_has_no_icon(gallery, tmp_path):
-    save_avatar(replace(load_avatar(), portrait=None), tmp_path / "plain.safetensors")
+    save_avatar(replace(load_avatar(), thumbnail=None), tmp_path / "plain.safetensors")
     assert gallery.icon(gallery.card(tmp_path / "plain.safetensors")) == 0
 
 
@@ -97,7 +97,7 @@ def test_what_does_not_fit_is_refused_and_nothing_changes(right_hand, my_folder,
 
 
 def test_facts_are_told(my_folder):
-    card = read_card(shipped_avatar_path())
+    card = read_metadata(shipped_avatar_path())
     lines = facts(card)
     assert lines[:2] == ("light", "Licence: GPL-3.0-or-later")
     assert lines[2:5] == card.figures

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.benchmark.motion import Moment
+from livehand.backend.benchmark.motion import MotionFrame
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.benchmark import command
@@ -14,7 +14,7 @@ from livehand.livehand_blender.benchmark.cycles import CyclesHand
 from livehand.livehand_blender.capture.scene import capture_scene
 
 K = np.array([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]])
-MOMENT = Moment(
+MOMENT = MotionFrame(
     HandPose.rest(), Camera(K, look_at(np.array([0, -1.0, 0]), np.zeros(3), np.array([0, 0, 1.0])), (32, 24))
 )
 

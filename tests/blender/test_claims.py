@@ -1,4 +1,4 @@
-"""Claims on frames: one owner each, whatever dies, sleeps or races."""
+"""FrameLeases on frames: one owner each, whatever dies, sleeps or races."""
 
 import json
 import os
@@ -10,13 +10,13 @@ from collections import Counter
 
 import pytest
 from livehand.backend.batch import leases as claims_module
-from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, Claims, process_space
+from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases, process_space
 from livehand.backend.records.errors import LiveHandError
 
 
 @pytest.fixture
 def claims(tmp_path):
-    with Claims(tmp_path, "wave") as claims:
+    with FrameLeases(tmp_path, "wave") as claims:
         yield claims
 
 
@@ -45,12 +45,12 @@ def test_a_frame_has_one_owner_until_it_is_given_back(claims, tmp_path):
     owner = json.loads(claim.path.read_text())
     assert owner["pid"] == os.getpid()
     assert set(owner) == {"host", "place", "pid", "time"}
-    with Claims(tmp_path, "wave") as other:
+    with FrameLeases(tmp_path, "wave") as other:
         assert other.take(1) is None
         assert other.take(2) is not None
         assert other.take(10001) is not None
     assert names(tmp_path) == [".wave_0001.claim"]  # the other's end gave its own back
-    claims.give_back(claim)
+    claims.release(claim)
     assert names(tmp_path) == []
     assert claims.take(1) is not None
 
@@ -81,7 +81,7 @@ def test_only_the_dead_are_outnumbered_and_then_removed(claims, tmp_path, dead_p
         return
     assert claim.generation == 1
     assert names(tmp_path) == [".wave_0001.claim", ".wave_0001.claim.1"]
-    claims.give_back(claim)
+    claims.release(claim)
     assert names(tmp_path) == []
 
 
@@ -98,7 +98,7 @@ def test_the_owner_notices_that_it_was_taken_over(claims, tmp_path):
     assert claims.holds(claim)
     leave(tmp_path, generation=1)
     assert not claims.holds(claim)
-    claims.give_back(claim)
+    claims.release(claim)
     assert names(tmp_path) == [".wave_0001.claim.1"]
 
 
@@ -119,7 +119,7 @@ def test_the_later_of_two_claims_gives_way(claims, tmp_path, dead_pid, monkeypat
 
 def test_a_claim_is_kept_fresh(tmp_path, monkeypatch):
     monkeypatch.setattr(claims_module, "BEAT_S", 0.01)
-    with Claims(tmp_path, "wave") as claims:
+    with FrameLeases(tmp_path, "wave") as claims:
         path = claims.take(1).path
         os.utime(path, (0, 0))
         end = time.monotonic() + 5
@@ -129,12 +129,12 @@ def test_a_claim_is_kept_fresh(tmp_path, monkeypatch):
 
 
 def test_a_claim_that_cannot_be_written_is_an_error(tmp_path):
-    with Claims(tmp_path, "x" * 300) as claims, pytest.raises(LiveHandError, match="could not be written"):
+    with FrameLeases(tmp_path, "x" * 300) as claims, pytest.raises(LiveHandError, match="could not be written"):
         claims.take(1)
 
 
 def test_of_many_takers_of_a_dead_claim_never_two_win(tmp_path, dead_pid, monkeypatch):
-    """Threads stand for processes: each has Claims of its own, and every frame is given back at once."""
+    """Threads stand for processes: each has FrameLeases of its own, and every frame is given back at once."""
     monkeypatch.setattr(claims_module.os, "getpid", threading.get_native_id)
     frames, owners, overlaps, taken = range(60), Counter(), [], Counter()
     for frame in frames:
@@ -143,7 +143,7 @@ def test_of_many_takers_of_a_dead_claim_never_two_win(tmp_path, dead_pid, monkey
     start = threading.Barrier(4)
 
     def take_all():
-        with Claims(tmp_path, "wave") as claims:
+        with FrameLeases(tmp_path, "wave") as claims:
             start.wait()
             for frame in frames:
                 claim = claims.take(frame)
@@ -154,7 +154,7 @@ def test_of_many_takers_of_a_dead_claim_never_two_win(tmp_path, dead_pid, monkey
                         overlaps.append(frame)
                     time.sleep(0.0005)
                     owners[frame] -= 1
-                    claims.give_back(claim)
+                    claims.release(claim)
 
     threads = [threading.Thread(target=take_all) for _ in range(4)]
     for thread in threads:

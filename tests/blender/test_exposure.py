@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.exposure import SHARP, Lens, Moment, moments_of, read_lens, seen_at
+from livehand.livehand_blender.scene.exposure import SHARP, ExposureSample, Lens, exposure_samples, read_lens, seen_at
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def moving(hand_scene, curves_of):
 
 
 def test_a_sharp_frame_has_one_moment(hand_scene):
-    assert moments_of(hand_scene, None) == (SHARP,)
+    assert exposure_samples(hand_scene, None) == (SHARP,)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_a_sharp_frame_has_one_moment(hand_scene):
 )
 def test_moments_are_spread_evenly_over_the_shutter(moving, position, offsets):
     moving.render.motion_blur_position = position
-    moments = moments_of(moving, None)
+    moments = exposure_samples(moving, None)
     assert sorted(moment.offset_frames for moment in moments) == pytest.approx(offsets)
     assert abs(moments[0].offset_frames) == min(abs(offset) for offset in offsets)
     assert {moment.lens for moment in moments} == {(0.0, 0.0)}
@@ -47,7 +47,7 @@ def test_moments_are_spread_evenly_over_the_shutter(moving, position, offsets):
 
 def test_points_of_the_lens_fill_it_evenly(hand_scene):
     hand_scene.livehand.blur_samples = 64
-    moments = moments_of(hand_scene, Lens(0.01, 1.0))
+    moments = exposure_samples(hand_scene, Lens(0.01, 1.0))
     points = np.array([moment.lens for moment in moments])
     assert {moment.offset_frames for moment in moments} == {0.0}
     radius = np.linalg.norm(points, axis=1)
@@ -73,7 +73,7 @@ def test_the_lens_is_blenders(hand_scene):
 
 def test_a_point_in_focus_stays_where_it_is(hand_scene):
     camera = read_camera(hand_scene.camera, hand_scene.render)
-    beside = seen_at(camera, Lens(0.02, 0.5), Moment(0.0, (0.6, -0.3)))
+    beside = seen_at(camera, Lens(0.02, 0.5), ExposureSample(0.0, (0.6, -0.3)))
     point = camera.origin + 0.5 * camera.ray_directions(np.array([10.0, 20.0]))
     assert beside.project(point)[0] == pytest.approx([10, 20])
     assert np.linalg.norm(beside.origin - camera.origin) == pytest.approx(0.02 * np.hypot(0.6, 0.3))

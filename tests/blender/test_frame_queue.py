@@ -9,7 +9,7 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose, Shot, empty_frame
 from livehand.backend.rendering.frame_queue import FrameQueue
-from livehand.backend.rendering.frame_task import Task
+from livehand.backend.rendering.frame_task import HandTask
 
 SECONDS = 10  # no test waits that long unless it fails
 
@@ -77,14 +77,14 @@ def shot_of(x):
 
 
 def test_the_next_frame_is_rendered_before_it_is_asked_for(queue, renderer):
-    one, two = Task(renderer, shot_of(1)), Task(renderer, renderer.hold(shot_of(2)))
+    one, two = HandTask(renderer, shot_of(1)), HandTask(renderer, renderer.hold(shot_of(2)))
     queue.begin(1, 2)
     first = queue.ask(one)
-    queue.foresee(two)
+    queue.prefetch(two)
     first.result(SECONDS)
     assert renderer.has_begun(two.shot)  # while the caller still has frame 1 in hand
     queue.begin(2, None)
-    second = queue.ask(Task(renderer, shot_of(2)))
+    second = queue.ask(HandTask(renderer, shot_of(2)))
     renderer.release(two.shot)
     second.result(SECONDS)
     assert len(renderer.threads) == 2
@@ -92,10 +92,10 @@ def test_the_next_frame_is_rendered_before_it_is_asked_for(queue, renderer):
 
 
 def test_frames_come_one_at_a_time_and_in_order(queue, renderer):
-    one, two = Task(renderer, renderer.hold(shot_of(1))), Task(renderer, renderer.hold(shot_of(2)))
+    one, two = HandTask(renderer, renderer.hold(shot_of(1))), HandTask(renderer, renderer.hold(shot_of(2)))
     queue.begin(1, 2)
     first = queue.ask(one)
-    queue.foresee(two)
+    queue.prefetch(two)
     assert renderer.has_begun(one.shot)
     assert not renderer.begun[id(two.shot)].is_set()
     renderer.release(one.shot)
@@ -134,9 +134,9 @@ def other_camera(shot, **values):
     ],
 )
 def test_a_guess_that_differs_in_one_number_is_not_taken(queue, renderer, change):
-    asked = Task(renderer, shot_of(2))
+    asked = HandTask(renderer, shot_of(2))
     queue.begin(1, 2)
-    queue.foresee(Task(renderer, change(shot_of(2))))
+    queue.prefetch(HandTask(renderer, change(shot_of(2))))
     queue.begin(2, None)
     frame = queue.ask(asked).result(SECONDS)
     assert frame.alpha.shape == (3, 4)
@@ -146,15 +146,15 @@ def test_a_guess_that_differs_in_one_number_is_not_taken(queue, renderer, change
 def test_an_equal_shot_of_another_renderer_is_not_taken(queue, renderer):
     other = Recorder()
     queue.begin(1, 2)
-    queue.foresee(Task(other, shot_of(2)))
+    queue.prefetch(HandTask(other, shot_of(2)))
     queue.begin(2, None)
-    queue.ask(Task(renderer, shot_of(2))).result(SECONDS)
+    queue.ask(HandTask(renderer, shot_of(2))).result(SECONDS)
     assert len(renderer.threads) == 1
 
 
 def test_a_frame_that_is_asked_for_twice_is_rendered_once(queue, renderer):
     queue.begin(1, None)
-    results = [queue.ask(Task(renderer, shot_of(1))).result(SECONDS) for _ in range(2)]
+    results = [queue.ask(HandTask(renderer, shot_of(1))).result(SECONDS) for _ in range(2)]
     assert results[0] is results[1]
     assert len(renderer.threads) == 1
 
@@ -162,7 +162,7 @@ def test_a_frame_that_is_asked_for_twice_is_rendered_once(queue, renderer):
 def test_equal_frames_are_each_rendered(queue, renderer):
     for frame in (1, 2):
         queue.begin(frame, None)
-        queue.ask(Task(renderer, shot_of(1))).result(SECONDS)
+        queue.ask(HandTask(renderer, shot_of(1))).result(SECONDS)
     assert len(renderer.threads) == 2
 
 
@@ -170,20 +170,20 @@ def test_an_error_belongs_to_its_own_frame(queue, renderer):
     broken = shot_of(2)
     renderer.broken.add(id(broken))
     queue.begin(1, 2)
-    first = queue.ask(Task(renderer, shot_of(1)))
-    queue.foresee(Task(renderer, broken))
+    first = queue.ask(HandTask(renderer, shot_of(1)))
+    queue.prefetch(HandTask(renderer, broken))
     assert first.result(SECONDS)
     queue.begin(2, None)
     with pytest.raises(LiveHandError, match="another hand"):
-        queue.ask(Task(renderer, broken)).result(SECONDS)
+        queue.ask(HandTask(renderer, broken)).result(SECONDS)
 
 
 def test_two_wrong_guesses_running_end_the_guessing(queue, renderer):
     def pass_frame(number, is_right):
         queue.begin(number, number + 1)
-        queue.ask(Task(renderer, shot_of(number))).result(SECONDS)
-        queue.foresee(Task(renderer, shot_of(number + 1 if is_right else 0)))
-        return queue.foreseen_frame
+        queue.ask(HandTask(renderer, shot_of(number))).result(SECONDS)
+        queue.prefetch(HandTask(renderer, shot_of(number + 1 if is_right else 0)))
+        return queue.prefetchable_frame
 
     told = [pass_frame(n, is_right) for n, is_right in enumerate((False, True, False, False), 1)]
     assert told == [2, 3, 4, 5]
@@ -193,11 +193,11 @@ def test_two_wrong_guesses_running_end_the_guessing(queue, renderer):
 def test_what_is_foreseen_and_never_asked_for_is_dropped(queue, renderer):
     running, waiting = renderer.hold(shot_of(2)), renderer.hold(shot_of(3))
     queue.begin(1, 2)
-    queue.foresee(Task(renderer, running))
-    queue.foresee(Task(renderer, waiting))
+    queue.prefetch(HandTask(renderer, running))
+    queue.prefetch(HandTask(renderer, waiting))
     assert renderer.has_begun(running)
     queue.begin(7, None)  # stops the one, and the other never begins
-    assert queue.ask(Task(renderer, shot_of(7))).result(SECONDS)
+    assert queue.ask(HandTask(renderer, shot_of(7))).result(SECONDS)
     assert renderer.stopped == [running]
     assert not renderer.begun[id(waiting)].is_set()
 
@@ -206,7 +206,7 @@ def test_the_end_stops_what_runs_and_leaves_no_thread(renderer):
     held = renderer.hold(shot_of(1))
     with FrameQueue() as queue:
         queue.begin(1, None)
-        queue.ask(Task(renderer, held))
+        queue.ask(HandTask(renderer, held))
         assert renderer.has_begun(held)
     assert not renderer.threads[0].is_alive()
     assert renderer.stopped == [held]

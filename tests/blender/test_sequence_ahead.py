@@ -126,15 +126,15 @@ def test_the_next_frame_is_rendered_while_one_is_written(
 
 
 def test_wrong_guesses_never_show(moving_scene, save_shot, tmp_path, fake_session, read_exr, monkeypatch):
-    foresee = LiveHandRender._foresee
+    prefetch = LiveHandRender._prefetch
 
-    def foresee_another(self, depsgraph, queue, frame):
-        foresee(self, depsgraph, queue, frame + 7 if frame % 2 else frame + 1)
+    def prefetch_another(self, depsgraph, queue, frame):
+        prefetch(self, depsgraph, queue, frame + 7 if frame % 2 else frame + 1)
 
     shot_path = save_shot()
     write_each_frame_alone(shot_path, tmp_path / "alone")
     before = len(shots(fake_session))
-    monkeypatch.setattr(LiveHandRender, "_foresee", foresee_another)
+    monkeypatch.setattr(LiveHandRender, "_prefetch", prefetch_another)
     write(shot_path, tmp_path / "misled")
     assert len(shots(fake_session)) - before <= 4 + 2  # after two wrong guesses there are no more
     assert_same_files(tmp_path / "misled", tmp_path / "alone", read_exr)

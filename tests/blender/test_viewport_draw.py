@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from livehand.livehand_blender.render.viewport import viewport as viewport_module
 from livehand.livehand_blender.render.viewport.draw import PictureTexture, draw_message
-from livehand.livehand_blender.render.viewport.picture import Picture
-from livehand.livehand_blender.render.viewport.studio import Studio
+from livehand.livehand_blender.render.viewport.picture import ViewportImage
+from livehand.livehand_blender.render.viewport.studio import ViewportShared
 from livehand.livehand_blender.render.viewport.view import Rectangle
 from livehand.livehand_blender.render.viewport.viewport import Viewport
 from livehand.livehand_blender.rig.hand import find_hands
@@ -68,7 +68,7 @@ def test_a_picture_lies_in_its_box_upright_over_what_was_there(drawn):
     rgba = np.zeros((2, 3, 4), np.float32)
     rgba[0] = (0.5, 0, 0, 0.5)  # the bottom row
     rgba[1] = (0, 1, 0, 1)
-    texture = PictureTexture(Picture(rgba, (10.0, 20.0, 13.0, 22.0)))
+    texture = PictureTexture(ViewportImage(rgba, (10.0, 20.0, 13.0, 22.0)))
     pixels = drawn(lambda: texture.draw(Rectangle(40, 30, 140, 110), SIZE_PX[1]))
     assert pixels[50, 50:53, :3] == pytest.approx(np.array([[0, 1, 0]] * 3), abs=1e-3)
     assert pixels[51, 50:53, :3] == pytest.approx(np.array([[0.5 + GROUND / 2, GROUND / 2, GROUND / 2]] * 3), abs=1e-3)
@@ -96,7 +96,7 @@ class Engine:
 
 @pytest.fixture
 def studio(fake_session):
-    made = Studio(fake_session)
+    made = ViewportShared(fake_session)
     yield made
     made.close()
 

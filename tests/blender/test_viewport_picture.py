@@ -6,8 +6,8 @@ import pytest
 from livehand.backend.avatars.session import Session
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.shot import empty_frame
-from livehand.livehand_blender.render.viewport.picture import Order, picture_of
-from livehand.livehand_blender.render.viewport.subject import read_subjects
+from livehand.livehand_blender.render.viewport.picture import ViewportRequest, picture_of
+from livehand.livehand_blender.render.viewport.subject import read_viewport_hands
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 
@@ -37,13 +37,13 @@ def test_of_an_empty_frame_there_is_no_picture():
 
 @pytest.fixture
 def subjects(hand_scene):
-    return read_subjects(view_space(), bpy.context.evaluated_depsgraph_get())
+    return read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
 
 
 def test_a_coarse_picture_lies_where_the_full_one_does(hand_scene, subjects, fake_renderer):
     hand_scene.render.resolution_x, hand_scene.render.resolution_y = 240, 320
     camera = read_camera(hand_scene.camera, hand_scene.render)
-    order, session = Order(subjects, camera, np.eye(3, dtype=np.float32)), Session(fake_renderer)
+    order, session = ViewportRequest(subjects, camera, np.eye(3, dtype=np.float32)), Session(fake_renderer)
     full, coarse = (order.render(session, scale, lambda: False) for scale in (1.0, 0.25))
     assert coarse.rgba.shape[0] < full.rgba.shape[0] / 3
     assert coarse.box == pytest.approx(full.box, abs=4)
@@ -54,12 +54,12 @@ def test_a_coarse_picture_lies_where_the_full_one_does(hand_scene, subjects, fak
 def test_two_hands_are_two_subjects_and_one_picture(hand_scene, subjects, fake_renderer):
     bpy.ops.livehand.add_hand(side="left")
     bpy.context.object.location = (-0.06, 0.06, -0.1)
-    both = read_subjects(view_space(), bpy.context.evaluated_depsgraph_get())
+    both = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
     assert len(subjects) == 1
     assert [subject.pose.side for subject in both] == ["right", "left"]
     camera = read_camera(hand_scene.camera, hand_scene.render)
     one, two = (
-        Order(some, camera, np.eye(3, dtype=np.float32)).render(Session(fake_renderer), 1.0, lambda: False)
+        ViewportRequest(some, camera, np.eye(3, dtype=np.float32)).render(Session(fake_renderer), 1.0, lambda: False)
         for some in (subjects, both)
     )
     assert two.rgba[..., 3].sum() > one.rgba[..., 3].sum()
@@ -67,7 +67,7 @@ def test_two_hands_are_two_subjects_and_one_picture(hand_scene, subjects, fake_r
 
 def test_a_hidden_hand_is_no_subject_and_none_gives_no_picture(hand_scene, fake_renderer):
     mesh_of(find_hands(hand_scene)[0]).hide_set(True)
-    none = read_subjects(view_space(), bpy.context.evaluated_depsgraph_get())
+    none = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
     assert none == ()
     camera = Camera(np.eye(3), np.eye(4), (4, 4))
-    assert Order(none, camera, np.eye(3)).render(Session(fake_renderer), 1.0, lambda: False) is None
+    assert ViewportRequest(none, camera, np.eye(3)).render(Session(fake_renderer), 1.0, lambda: False) is None

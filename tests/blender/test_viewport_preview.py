@@ -4,14 +4,14 @@ import threading
 import time
 
 import pytest
-from livehand.backend.rendering.preview_scheduler import Preview
+from livehand.backend.rendering.preview_scheduler import PreviewScheduler
 
 PATIENCE_S = 5
 
 
 @pytest.fixture
 def preview():
-    made = Preview()
+    made = PreviewScheduler()
     yield made
     made.close()
 
@@ -125,7 +125,7 @@ def test_a_forgotten_view_is_stopped_and_leaves_nothing(preview):
 
 
 def test_close_stops_what_runs():
-    preview, gate = Preview(), Gate("coarse")
+    preview, gate = PreviewScheduler(), Gate("coarse")
     preview.ask("view", [gate])
     assert gate.begun.wait(PATIENCE_S)
     preview.close()

@@ -8,14 +8,8 @@ import pytest
 from livehand.backend.captures.capture import load_capture, save_capture_index
 from livehand.backend.captures.check import check_capture, hand_box
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from PIL import Image
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture

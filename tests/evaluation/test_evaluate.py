@@ -14,7 +14,6 @@ from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import encoded_on_black, evaluate_views, score_views, scored_views
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
@@ -29,11 +28,6 @@ from PIL import Image
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")

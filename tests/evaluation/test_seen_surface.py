@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 from livehand.backend.evaluation.seen_surface import seen_surface, vertex_openness
-from livehand.backend.nerf.rays import ray_directions, view_of
+from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.records.camera import Camera, look_at
 
 K = np.array([[300.0, 0, 24], [0, 300, 20], [0, 0, 1]])
@@ -11,7 +11,9 @@ K = np.array([[300.0, 0, 24], [0, 300, 20], [0, 0, 1]])
 
 def above(height=1.0):
     """Looks down the z axis."""
-    return view_of(Camera(K, look_at(np.array([0, 0, height]), np.zeros(3), np.array([0, 1.0, 0])), (48, 40)), "cpu")
+    return camera_tensors(
+        Camera(K, look_at(np.array([0, 0, height]), np.zeros(3), np.array([0, 1.0, 0])), (48, 40)), "cpu"
+    )
 
 
 def test_depth_of_a_sphere_is_the_rays(spheres):

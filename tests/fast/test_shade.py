@@ -105,8 +105,8 @@ def test_without_rays_nothing_is_seen(field, scene):
 def test_geometry_that_is_learnt_goes_by_torch(monkeypatch, field, scene):
     rays, *rest = scene
     used = []
-    original = by_kernels.composite_told
-    monkeypatch.setattr(by_kernels, "composite_told", lambda *a: used.append(None) or original(*a))
+    original = by_kernels.composite_gathered
+    monkeypatch.setattr(by_kernels, "composite_gathered", lambda *a: used.append(None) or original(*a))
     height = rays.samples.height_m.clone().requires_grad_()
     moving = rays._replace(samples=rays.samples._replace(height_m=height))
     shading.shade(field, moving, *rest).alpha.sum().backward()

@@ -8,12 +8,6 @@ from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 def rotations_of(topology, vertices):

@@ -6,12 +6,6 @@ import torch
 from livehand.backend.geometry.closest_point import closest_on_triangles
 from livehand.backend.geometry.mesh import Topology, posed_mesh
 from livehand.backend.geometry.uvh import SurfaceSamples, atlas_uv, interpolate, signed_height
-from livehand.backend.hand.model_file import load_default_hand
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")

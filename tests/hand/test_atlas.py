@@ -5,13 +5,8 @@ import pytest
 import trimesh
 from livehand.backend.hand.atlas import unwrap, unwrap_millimetres, with_cap_chart
 from livehand.backend.hand.cap import cap_faces, capped, flat_cap
-from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.records.errors import LiveHandError
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from livehand.backend.geometry.rasterise import NEAR_M
-from livehand.backend.nerf.crop import BUCKET_PX, MARGIN_PX, Window, hand_window
+from livehand.backend.nerf.crop import BUCKET_PX, MARGIN_PX, Crop, hand_crop
 from livehand.backend.records.camera import Camera
 
 
 def window_of(positions, size_px=(200, 160), depth=1.0, reach=0.0):
     positions = np.array(positions, float)
-    return hand_window(positions, np.full(len(positions), depth), np.full(len(positions), reach), size_px)
+    return hand_crop(positions, np.full(len(positions), depth), np.full(len(positions), reach), size_px)
 
 
 def test_it_holds_the_hand_and_a_margin_in_low_resolution_pixels():
@@ -44,11 +44,11 @@ def test_what_lies_behind_the_camera_does_not_count():
     assert window_of([[60.0, 80.0]], depth=NEAR_M / 2) is None
     depth = np.array([1.0, 1.0, -1.0])
     positions = np.array([[60.0, 80.0], [70.0, 90.0], [0.0, 0.0]])
-    assert hand_window(positions, depth, np.zeros(3), (200, 160)) == window_of(positions[:2])
+    assert hand_crop(positions, depth, np.zeros(3), (200, 160)) == window_of(positions[:2])
 
 
 @pytest.mark.parametrize("size_px", [(20, 30), (33, 47)])
-@pytest.mark.parametrize("window", [Window(2, 3, 4, 5), Window(-3, -2, 16, 32), Window(6, 9, 16, 16)])
+@pytest.mark.parametrize("window", [Crop(2, 3, 4, 5), Crop(-3, -2, 16, 32), Crop(6, 9, 16, 16)])
 def test_pasting_what_was_cut_gives_the_image_back_inside_the_window(size_px, window):
     image = np.random.default_rng(0).normal(size=(size_px[1], size_px[0], 3))
     cut = window.cut(image, outside=7.0)
@@ -64,7 +64,7 @@ def test_pasting_what_was_cut_gives_the_image_back_inside_the_window(size_px, wi
 
 def test_a_window_beside_the_image_touches_nothing():
     image = np.ones((10, 10))
-    for window in (Window(20, 0, 4, 4), Window(-20, 0, 4, 4), Window(0, 30, 4, 4)):
+    for window in (Crop(20, 0, 4, 4), Crop(-20, 0, 4, 4), Crop(0, 30, 4, 4)):
         window.paste(np.zeros((8, 8)), image)
         assert (window.cut(image, outside=3.0) == 3).all()
     assert (image == 1).all()
@@ -73,7 +73,7 @@ def test_a_window_beside_the_image_touches_nothing():
 def test_its_camera_sees_the_windows_part_of_the_view():
     K = np.array([[100.0, 0, 33], [0, 100, 21], [0, 0, 1]])
     camera = Camera(K, np.eye(4), (66, 42))
-    low = Window(-3, 4, 16, 32).camera_of(camera)
+    low = Crop(-3, 4, 16, 32).camera_of(camera)
     assert low.size_px == (16, 32)
     # The corner shared by full pixels (2i..2i+1) is the low pixel's centre.
     np.testing.assert_allclose(

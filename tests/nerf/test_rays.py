@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.uvh import SurfaceSamples
-from livehand.backend.nerf.rays import SurfaceRays, project, ray_directions, ray_origin, split_rays, view_of
+from livehand.backend.nerf.rays import SurfaceRays, camera_tensors, project, ray_directions, ray_origin, split_rays
 from livehand.backend.records.camera import Camera, look_at
 
 SIZE = (41, 37)
@@ -12,14 +12,14 @@ CAMERA = Camera(np.array([[50.0, 0, 20], [0, 60, 18], [0, 0, 1]]), look_at(*np.e
 
 
 def test_view_of_is_the_camera():
-    view = view_of(CAMERA, "cpu")
+    view = camera_tensors(CAMERA, "cpu")
     assert view.size_px == SIZE
     np.testing.assert_allclose(view.K, CAMERA.K)
     np.testing.assert_allclose(view.world2cam.numpy() @ CAMERA.cam2world, np.eye(4), atol=1e-6)
 
 
 def test_rays_and_projection_agree_with_the_camera_record():
-    view = view_of(CAMERA, "cpu")
+    view = camera_tensors(CAMERA, "cpu")
     pixel = torch.tensor([0, 7, 41, 500])
     centres = np.array([[0.5, 0.5], [7.5, 0.5], [0.5, 1.5], [500 % 41 + 0.5, 500 // 41 + 0.5]])
     np.testing.assert_allclose(ray_directions(view, pixel), CAMERA.ray_directions(centres), atol=1e-5)
@@ -30,7 +30,7 @@ def test_rays_and_projection_agree_with_the_camera_record():
 
 
 def test_a_ray_at_a_depth_projects_to_its_pixels_centre():
-    view = view_of(CAMERA, "cpu")
+    view = camera_tensors(CAMERA, "cpu")
     pixel = torch.arange(SIZE[0] * SIZE[1])
     px, depth = project(view, ray_origin(view) + 0.7 * ray_directions(view, pixel))
     torch.testing.assert_close(depth, torch.full_like(depth, 0.7))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.nerf.rays import HandInView, ray_directions, view_of
+from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions
 from livehand.backend.nerf.sampler import SamplerConfig, sample_rays, shell_intervals
 from livehand.backend.records.camera import Camera, look_at
 
@@ -17,7 +17,7 @@ FACET_M = 1e-4
 
 def a_view(origin=(0.11, -0.42, 0.17), focal_px=120.0):
     K = np.array([[focal_px, 0, SIZE[0] / 2 + 0.3], [0, focal_px, SIZE[1] / 2 - 0.2], [0, 0, 1]])
-    return view_of(Camera(K, look_at(np.array(origin), np.zeros(3), np.array([0, 0, 1.0])), SIZE), "cpu")
+    return camera_tensors(Camera(K, look_at(np.array(origin), np.zeros(3), np.array([0, 0, 1.0])), SIZE), "cpu")
 
 
 def crossings(view, centre, radius):

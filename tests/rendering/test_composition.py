@@ -8,11 +8,11 @@ import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.rays import project, view_of
+from livehand.backend.nerf.rays import camera_tensors, project
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.depth_profile import DepthProfile
 from livehand.backend.records.shot import DEPTH_BACKGROUND, Frame, HandPose, Shot
-from livehand.backend.rendering.composition import Layer, joined, mean_frame, over, visible_parts
+from livehand.backend.rendering.composition import SceneLayer, joined, mean_frame, over, visible_parts
 from livehand.backend.rendering.renderer import Renderer
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -127,7 +127,7 @@ def test_odd_sizes(size):
 
 def test_over_a_scene():
     hands = joined(visible_parts([a_frame(1.0, 0.75, (1, 0, 0), slice(0, 6))]))
-    scene = Layer(np.full((SIZE[1], SIZE[0], 3), 0.4, np.float32), scene_at(0.8), scene_at(3.0))
+    scene = SceneLayer(np.full((SIZE[1], SIZE[0], 3), 0.4, np.float32), scene_at(0.8), scene_at(3.0))
     whole = over(hands, scene)
     np.testing.assert_allclose(whole.rgb[0, 0], [0.75 + 0.1, 0.1, 0.1], atol=1e-6)
     np.testing.assert_allclose(whole.rgb[0, -1], 0.4)
@@ -178,7 +178,7 @@ def test_a_plane_cuts_the_hand_where_it_should(posed_shot):
 
 def mesh_depth(shot):
     """[H, W] depth of the mesh's nearest front face, m; infinite where there is none."""
-    view = view_of(shot.camera, "cpu")
+    view = camera_tensors(shot.camera, "cpu")
     positions_px, depth = project(view, torch.as_tensor(shot.vertices, dtype=torch.float32))
     hits = rasterise(positions_px, depth, torch.as_tensor(load_default_hand().f), view.size_px)
     width, height = view.size_px

@@ -2,9 +2,9 @@
 
 import numpy as np
 import torch
-from livehand.backend.nerf.crop import Window
+from livehand.backend.nerf.crop import Crop
 from livehand.backend.records.shot import DEPTH_BACKGROUND, empty_frame
-from livehand.backend.rendering.decode import develop
+from livehand.backend.rendering.decode import decode_frame
 
 
 def test_developing_by_hand():
@@ -15,7 +15,7 @@ def test_developing_by_hand():
     image[:, 1, 0] = torch.tensor([0.3, 0.3, 0.3, -0.2])
     image[:, 1, 1] = torch.tensor([0.1, 0.1, 0.1, 0.4])
     depth = torch.tensor([[0.7, torch.inf], [0.7, 0.7]])
-    frame = develop(image, depth, Window(0, 0, 1, 1), (2, 2))
+    frame = decode_frame(image, depth, Crop(0, 0, 1, 1), (2, 2))
     half = ((0.5 + 0.055) / 1.055) ** 2.4
     np.testing.assert_allclose(frame.rgb[0, 0], [half * 0.5, 0.5, 0.5], rtol=1e-5)
     np.testing.assert_allclose(frame.rgb[0, 1], [0, 1, ((0.3 + 0.055) / 1.055) ** 2.4], rtol=1e-5)
@@ -27,7 +27,7 @@ def test_developing_by_hand():
 def test_the_windows_place_in_the_frame():
     """A window that reaches past the upper left corner; what it does not cover is empty."""
     image, depth = torch.ones(4, 4, 4), torch.full((4, 4), 0.6)
-    frame = develop(image, depth, Window(-1, -1, 2, 2), (5, 3))
+    frame = decode_frame(image, depth, Crop(-1, -1, 2, 2), (5, 3))
     expected = np.zeros((3, 5))
     expected[:2, :2] = 1
     np.testing.assert_array_equal(frame.alpha, expected)

@@ -10,7 +10,6 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf import maps as image
 from livehand.backend.nerf import shade as shading
 from livehand.backend.nerf.avatar import PRESETS, AvatarConfig, new_avatar
@@ -21,7 +20,7 @@ from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import DEPTH_BACKGROUND, HandPose, Shot
-from livehand.backend.rendering.renderer import Renderer, RenderStopped, window_of
+from livehand.backend.rendering.renderer import Renderer, RenderStopped, crop_of
 
 SIZE = (66, 88)
 SMALL = AvatarConfig(
@@ -35,11 +34,6 @@ SMALL = AvatarConfig(
 STOP = 1.5 / 256
 # Share of pixels whose ray may see its samples in another order, or miss a face, by rounding alone.
 FLIPPED = 5e-4
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 def an_avatar(hand, config=SMALL, seed=0):
@@ -341,7 +335,7 @@ def test_the_window_holds_the_shell_in_anisotropic_pixels(hand, stretch):
     topology = Topology.of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(shot.vertices, dtype=torch.float32))
     config = SamplerConfig(4, 0.02)
-    window = window_of(mesh, shot.camera, config)
+    window = crop_of(mesh, shot.camera, config)
     pixels, _ = shot.camera.project((mesh.vertices + 0.0195 * mesh.normals).numpy())
     inside = pixels.clip(0, shot.camera.size_px)  # what lies past the image is not rendered
     first = 2 * np.array([window.x0 + MARGIN_PX, window.y0 + MARGIN_PX])

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 import torch
-from livehand.backend.runtime.thread_limits import spin_briefly, working_threads
+from livehand.backend.runtime.thread_limits import limit_spinning, thread_limit
 
 NAMES = ("GOMP_SPINCOUNT", "KMP_BLOCKTIME")
 
@@ -14,7 +14,7 @@ NAMES = ("GOMP_SPINCOUNT", "KMP_BLOCKTIME")
 def test_both_libraries_are_told(monkeypatch):
     for name in NAMES:
         monkeypatch.delenv(name, raising=False)
-    spin_briefly()
+    limit_spinning()
     assert int(os.environ["GOMP_SPINCOUNT"]) <= 100_000
     assert int(os.environ["KMP_BLOCKTIME"]) <= 10
 
@@ -22,7 +22,7 @@ def test_both_libraries_are_told(monkeypatch):
 def test_what_the_user_has_set_stays(monkeypatch):
     for name in NAMES:
         monkeypatch.setenv(name, "7")
-    spin_briefly()
+    limit_spinning()
     assert [os.environ[name] for name in NAMES] == ["7", "7"]
 
 
@@ -42,7 +42,7 @@ def test_threads_are_few_within_and_as_before_after_an_error():
     usual = torch.get_num_threads()
 
     def fail():
-        with working_threads(usual + 2):
+        with thread_limit(usual + 2):
             assert torch.get_num_threads() == usual + 2
             raise ZeroDivisionError
 

@@ -107,7 +107,7 @@ def test_a_cameras_look_is_worn_where_it_is_asked_for(kind, tmp_path):
             parameter += 0.01
         plain = avatar.superres(maps)
         for cameras in ([1], [0, 1, 2]):
-            worn = calibration.worn_by(avatar, cameras)
+            worn = calibration.with_networks(avatar, cameras)
             gain, bias = (values[:, None, None] for values in calibration.of_cameras(cameras))
             expected = torch.cat([gain * plain[0, :3] + bias * plain[0, 3:], plain[0, 3:]])
             torch.testing.assert_close(worn.superres(maps)[0], expected)

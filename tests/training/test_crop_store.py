@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training import crop_store as window_store
-from livehand.backend.training.crop_store import WindowStore
+from livehand.backend.training.crop_store import CropStore
 
 SIZES = [(4, 6), (3, 2), (10, 10), (1, 1), (7, 5)]
 
@@ -51,7 +51,7 @@ def eventually(holds):
 
 @pytest.mark.parametrize("budget", [10_000, 0])
 def test_windows_are_what_was_decoded_in_memory_and_in_a_file(tmp_path, budget):
-    store = WindowStore(SIZES, Decoder(), tmp_path, budget)
+    store = CropStore(SIZES, Decoder(), tmp_path, budget)
     for index in (2, 0, 4, 1, 3, 2, 0):
         np.testing.assert_array_equal(store.get(index), window(index))
     assert list(tmp_path.iterdir()) == []  # the file has no name to be left behind
@@ -60,7 +60,7 @@ def test_windows_are_what_was_decoded_in_memory_and_in_a_file(tmp_path, budget):
 
 def test_all_are_decoded_ahead_and_once(tmp_path):
     decoder = Decoder()
-    store = WindowStore(SIZES, decoder, tmp_path)
+    store = CropStore(SIZES, decoder, tmp_path)
     assert not decoder.calls  # nothing before the first request
     store.get(4)
     assert eventually(lambda: len(decoder.calls) == 5)
@@ -72,7 +72,7 @@ def test_all_are_decoded_ahead_and_once(tmp_path):
 def test_what_is_not_there_yet_is_decoded_on_the_spot(tmp_path):
     """The threads are held at the first two windows; the others do not wait for them."""
     decoder = Decoder(is_free=False)
-    store = WindowStore(SIZES, decoder, tmp_path)
+    store = CropStore(SIZES, decoder, tmp_path)
     np.testing.assert_array_equal(store.get(4), window(4))
     assert eventually(lambda: {0, 1} <= set(decoder.calls))
     np.testing.assert_array_equal(store.get(3), window(3))
@@ -86,7 +86,7 @@ def test_what_is_not_there_yet_is_decoded_on_the_spot(tmp_path):
 def test_where_there_is_no_room_windows_are_decoded_again(tmp_path, monkeypatch):
     monkeypatch.setattr(window_store, "_DISK_SHARE", 0.0)
     decoder = Decoder()
-    store = WindowStore(SIZES, decoder, tmp_path, budget_bytes=4 * 24 + 4 * 6)  # the first two
+    store = CropStore(SIZES, decoder, tmp_path, budget_bytes=4 * 24 + 4 * 6)  # the first two
     for _ in range(3):
         for index in range(5):
             np.testing.assert_array_equal(store.get(index), window(index))
@@ -98,7 +98,7 @@ def test_a_folder_that_cannot_be_written_to_is_done_without(tmp_path, monkeypatc
         raise PermissionError("read-only")
 
     monkeypatch.setattr(window_store.tempfile, "TemporaryFile", refused)
-    store = WindowStore(SIZES, Decoder(), tmp_path, budget_bytes=100)
+    store = CropStore(SIZES, Decoder(), tmp_path, budget_bytes=100)
     np.testing.assert_array_equal(store.get(2), window(2))
 
 
@@ -108,7 +108,7 @@ def test_faults_reach_whoever_asks_and_no_one_else(tmp_path):
             raise LiveHandError("image 1 is no picture")
         return window(index)
 
-    store = WindowStore(SIZES, decode, tmp_path)
+    store = CropStore(SIZES, decode, tmp_path)
     for _ in range(2):
         for index in (0, 2, 3, 4):
             np.testing.assert_array_equal(store.get(index), window(index))
@@ -118,7 +118,7 @@ def test_faults_reach_whoever_asks_and_no_one_else(tmp_path):
 
 def test_a_dropped_store_ends_its_threads(tmp_path):
     decoder = Decoder(is_free=False)
-    store = WindowStore(SIZES, decoder, tmp_path)
+    store = CropStore(SIZES, decoder, tmp_path)
     store.get(4)
     assert eventually(lambda: {0, 1} <= set(decoder.calls))
     gone = weakref.ref(store)

@@ -9,7 +9,6 @@ import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.evaluation.perceptual.vgg import PerceptualLoss
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.rays import HandInView
@@ -24,7 +23,7 @@ from livehand.backend.training.config import LossConfig, ReportConfig, TrainConf
 from livehand.backend.training.loop import train
 from livehand.backend.training.losses import LossTerms
 from livehand.backend.training.parts import TrainedParts, optimiser_of
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine, Stepper
 from livehand.backend.training.views import TrainingViews, _packed, _unpacked
 from livehand.livehand_blender.cli import COMMANDS
@@ -36,11 +35,6 @@ SMALL = AvatarConfig(
 CPU = torch.device("cpu")
 SHORT = TrainConfig(steps=60, warmup_steps=5, checkpoint_every=20, learning_rate=1e-2, plane_learning_rate=3e-2)
 SILENT = ReportConfig(preview_minutes=0.0)
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture
@@ -58,7 +52,7 @@ def losses(monkeypatch):
 
 
 def run(capture, hand, output, config=SHORT, resume=False, avatar_config=SMALL, precision="fp32", **task):
-    task = Task(capture, hand, avatar_config, **task)
+    task = TrainingSetup(capture, hand, avatar_config, **task)
     return train(task, config, output, Machine(CPU, precision), SILENT, resume).avatar
 
 

@@ -8,7 +8,7 @@ from livehand.backend.evaluation.perceptual.backbones import Backbone, _vgg16
 from livehand.backend.evaluation.perceptual.lpips import LpipsDistance
 from livehand.backend.evaluation.perceptual.vgg import _LAYERS, PerceptualLoss
 from livehand.backend.training.config import LossConfig
-from livehand.backend.training.losses import window_loss
+from livehand.backend.training.losses import crop_loss
 from livehand.backend.training.perceptual import load_perceptual_loss, patch_corner, perceptual_ramp
 from safetensors.torch import save_file
 
@@ -38,18 +38,18 @@ def test_each_term_by_hand():
         "low_l2": ((low - halved(target)) ** 2).mean(),
     }
     for name, value in expected.items():
-        ours = window_loss(low, image, target, inside, replace(NOTHING, **{name: 3.0}), None)
+        ours = crop_loss(low, image, target, inside, replace(NOTHING, **{name: 3.0}), None)
         torch.testing.assert_close(ours.total, 3 * value)
         torch.testing.assert_close(getattr(ours, TERM_OF[name]), 3 * value)
         assert sum(float(term) > 0 for term in ours[:-1]) == 1
-    together = window_loss(low, image, target, inside, LossConfig(), None)
+    together = crop_loss(low, image, target, inside, LossConfig(), None)
     weights = LossConfig()
     torch.testing.assert_close(together.total, sum(getattr(weights, name) * value for name, value in expected.items()))
 
 
 def test_a_perfect_window_costs_nothing():
     _, _, target, inside = windows()
-    assert float(window_loss(halved(target), target, target, inside, LossConfig(), None).total) < 1e-12
+    assert float(crop_loss(halved(target), target, target, inside, LossConfig(), None).total) < 1e-12
 
 
 def test_what_lies_outside_the_image_counts_nothing(perceptual):
@@ -57,7 +57,7 @@ def test_what_lies_outside_the_image_counts_nothing(perceptual):
     inside[:, :3] = False  # cuts through the second low-resolution column
     for distance in (None, perceptual):
         image, low = (value.detach().requires_grad_() for value in (image, low))
-        window_loss(low, image, target, inside, replace(LossConfig(), perceptual=1.0), distance).total.backward()
+        crop_loss(low, image, target, inside, replace(LossConfig(), perceptual=1.0), distance).total.backward()
         assert image.grad[:, :, :3].abs().max() == 0
         assert image.grad[:, :, 3:].abs().min() > 0
         assert low.grad[:, :, :2].abs().max() == 0
@@ -91,15 +91,15 @@ def test_the_loss_adds_the_distance_at_both_resolutions(perceptual):
     config = replace(NOTHING, perceptual=2.0)
     expected = perceptual(image[None, :3], target[None, :3]) + perceptual(low[None, :3], halved(target)[None, :3])
     for rise in (1.0, 0.25):
-        ours = window_loss(low, image, target, inside, config, perceptual, rise)
+        ours = crop_loss(low, image, target, inside, config, perceptual, rise)
         torch.testing.assert_close(ours.total, 2 * rise * expected)
         torch.testing.assert_close(ours.perceptual, 2 * rise * expected)
-    assert float(window_loss(low, image, target, inside, config, perceptual, 0.0).total) == 0
+    assert float(crop_loss(low, image, target, inside, config, perceptual, 0.0).total) == 0
 
 
 def test_lpips_serves_as_the_perceptual_term(lpips):
     low, image, target, inside = windows(32, 36)
-    ours = window_loss(low, image, target, inside, replace(NOTHING, perceptual=2.0), lpips)
+    ours = crop_loss(low, image, target, inside, replace(NOTHING, perceptual=2.0), lpips)
     expected = lpips(image[None, :3], target[None, :3]) + lpips(low[None, :3], halved(target)[None, :3])
     torch.testing.assert_close(ours.total, 2 * expected)
 
@@ -113,7 +113,7 @@ def test_a_patch_is_seen_at_both_resolutions(perceptual):
     expected = perceptual(image[None, :3, *cut], target[None, :3, *cut])
     expected = expected + perceptual(low[None, :3, *half_cut], halved(target)[None, :3, *half_cut])
     generator = torch.Generator().manual_seed(3)
-    ours = window_loss(low, image, target, inside, config, perceptual, generator=generator)
+    ours = crop_loss(low, image, target, inside, config, perceptual, generator=generator)
     torch.testing.assert_close(ours.total, 2 * expected)
 
 
@@ -161,7 +161,7 @@ def test_every_term_has_finite_gradients_at_extremes(case, region, name, percept
     config = replace(NOTHING, **{weight: 1.0}, perceptual_region=region, perceptual_patch_px=32)
     distance = {"perceptual": perceptual, "lpips": lpips}.get(name)
     inside = torch.ones(32, 36, dtype=torch.bool)
-    terms = window_loss(low, image, target, inside, config, distance)
+    terms = crop_loss(low, image, target, inside, config, distance)
     terms.total.backward()
     assert terms.total.isfinite()
     for gradient in (image.grad, low.grad):
@@ -179,7 +179,7 @@ def test_the_gradient_is_the_finite_difference(perceptual, lpips):
     along = torch.randn(image.shape, generator=generator).double(), torch.randn(low.shape, generator=generator).double()
 
     def loss(step, distance):
-        return window_loss(low + step * along[1], image + step * along[0], target, inside, config, distance).total
+        return crop_loss(low + step * along[1], image + step * along[0], target, inside, config, distance).total
 
     for distance in (None, perceptual.double(), lpips.double()):
         step = torch.zeros((), dtype=torch.float64, requires_grad=True)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
@@ -14,18 +13,13 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.origin import first_avatar, load_origin
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine
 
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )
 MACHINE, SILENT = Machine(torch.device("cpu")), ReportConfig(preview_minutes=0.0)
-
-
-@pytest.fixture
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture
@@ -42,7 +36,7 @@ def test_training_begins_with_the_avatars_weights(hand, saved, painted_capture, 
         for key, value in getattr(load_avatar(saved), part).state_dict().items():
             assert torch.equal(value, getattr(avatar, part).state_dict()[key])
     assert avatar.name == "a"
-    task = Task(painted_capture, hand, SMALL, origin=load_origin(saved))
+    task = TrainingSetup(painted_capture, hand, SMALL, origin=load_origin(saved))
     still = TrainConfig(steps=1, learning_rate=0.0, plane_learning_rate=0.0)
     outcome = train(task, still, tmp_path / "b.safetensors", MACHINE, SILENT)
     for key, value in load_avatar(saved).field.state_dict().items():
@@ -61,7 +55,7 @@ def test_avatars_of_other_hands_and_networks_are_refused(hand, saved):
 
 
 def test_a_checkpoint_of_another_origin_is_refused(hand, saved, painted_capture, tmp_path):
-    task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=2, checkpoint_every=1)
+    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=2, checkpoint_every=1)
     train(task, config, tmp_path / "b.safetensors", MACHINE, SILENT)
     with pytest.raises(LiveHandError, match="must be of the same capture and settings"):
         train(replace(task, origin=load_origin(saved)), config, tmp_path / "b.safetensors", MACHINE, SILENT, True)

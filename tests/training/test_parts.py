@@ -14,7 +14,7 @@ from livehand.backend.training.checkpoint import checkpoint_path
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.parts import Correction, Rendered, TrainedParts, optimiser_of, set_rates
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine
 from safetensors import safe_open
 
@@ -78,7 +78,7 @@ def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_
         after=gain,
         penalty=lambda: {"gain_l2": gain.log_gain.square().sum() * 1e-3},
     )
-    task = Task(painted_capture, load_default_hand(), SMALL, corrections=(correction,))
+    task = TrainingSetup(painted_capture, load_default_hand(), SMALL, corrections=(correction,))
     output = tmp_path / "a.safetensors"
     outcome = train(
         task,

@@ -12,12 +12,11 @@ from livehand.backend.captures.capture import Capture, CaptureView, load_capture
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.training.config import LossConfig
-from livehand.backend.training.losses import window_loss
+from livehand.backend.training.losses import crop_loss
 from livehand.backend.training.pose_fit import PoseFitConfig, fit_poses
 from livehand.backend.training.pose_noise import pose_error, with_noise
 from livehand.backend.training.refined_capture import save_refined_capture
@@ -30,11 +29,6 @@ CPU = torch.device("cpu")
 SIZE = (48, 64)
 DIRECTIONS = ([0, 1, 0.2], [0.9, 0.4, -0.6], [-0.3, -0.8, 0.5])
 ALL = RefinementConfig(surface_deviation_m=0.001, start_share=0.0, retrace_every=4)
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +121,7 @@ def test_the_pictures_derivatives_are_finite_differences(capture, hand, avatar):
 
     def loss():
         low, image = render_view(avatar, views, refinement.refined(view, 0))
-        return window_loss(low, image, target, view.is_inside, LossConfig(colour_l1=0.0), None).total
+        return crop_loss(low, image, target, view.is_inside, LossConfig(colour_l1=0.0), None).total
 
     generator = torch.Generator().manual_seed(4)
     for name, parameter in refinement.named_parameters():

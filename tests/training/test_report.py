@@ -9,7 +9,6 @@ import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.evaluation.evaluate import score_views
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
@@ -20,10 +19,10 @@ from livehand.backend.training.clock import Clock, Every
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.journal import LogFile, TensorBoard
 from livehand.backend.training.loop import train
-from livehand.backend.training.preview import Preview, _spread_order
-from livehand.backend.training.report import Report, preview_path
+from livehand.backend.training.preview import HeldOutPreview, _spread_order
+from livehand.backend.training.report import TrainingReport, preview_path
 from livehand.backend.training.schedule import Schedule
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine, StepResult
 from PIL import Image
 
@@ -32,11 +31,6 @@ SMALL = AvatarConfig(
 )
 CPU = torch.device("cpu")
 SILENT = ReportConfig(preview_minutes=0.0, log_every=4)
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +49,8 @@ def now(monkeypatch):
 @pytest.fixture
 def report_of(painted_capture, hand, tmp_path):
     def report(config, train_config, clock, first_step=0):
-        preview = Preview(painted_capture, hand, CPU, config.preview_views)
-        return Report(config, Schedule(train_config), clock, preview, tmp_path / "a.safetensors", first_step)
+        preview = HeldOutPreview(painted_capture, hand, CPU, config.preview_views)
+        return TrainingReport(config, Schedule(train_config), clock, preview, tmp_path / "a.safetensors", first_step)
 
     return report
 
@@ -133,11 +127,11 @@ def test_previews_come_by_the_clock_and_show_what_evaluation_measures(
 
 def test_a_preview_takes_the_first_split_that_shows_the_hand(painted_capture, hand, avatar):
     only_training = replace(painted_capture, views=painted_capture.of_split("train"))
-    assert Preview(only_training, hand, CPU, 4).of(avatar).sheet.shape == (32, 24 * 12, 3)
-    assert len(Preview(only_training, hand, CPU, 4)._views) == 4
-    assert len(Preview(painted_capture, hand, CPU, 4)._views) == 2
+    assert HeldOutPreview(only_training, hand, CPU, 4).of(avatar).sheet.shape == (32, 24 * 12, 3)
+    assert len(HeldOutPreview(only_training, hand, CPU, 4)._views) == 4
+    assert len(HeldOutPreview(painted_capture, hand, CPU, 4)._views) == 2
     nothing = replace(painted_capture, views=())
-    assert Preview(nothing, hand, CPU, 4).of(avatar) is None
+    assert HeldOutPreview(nothing, hand, CPU, 4).of(avatar) is None
 
 
 @pytest.mark.parametrize("count", [1, 5, 40, 97])
@@ -152,8 +146,8 @@ def test_any_beginning_of_the_preview_order_is_spread(count):
 def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     schedule = Schedule(TrainConfig(steps=2))
-    preview = Preview(painted_capture, hand, CPU, 2)
-    with Report(ReportConfig(preview_minutes=1e-9), schedule, Clock(), preview, None, 0) as report:
+    preview = HeldOutPreview(painted_capture, hand, CPU, 2)
+    with TrainingReport(ReportConfig(preview_minutes=1e-9), schedule, Clock(), preview, None, 0) as report:
         report.step(schedule.at(0), StepResult({"total": 1.0}, ("bad.png",)), lambda: avatar)
         report.finish(1, avatar)
     assert not list(tmp_path.iterdir())
@@ -162,7 +156,7 @@ def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsy
 
 def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand, tmp_path, capsys):
     output = tmp_path / "a.safetensors"
-    task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=4, warmup_steps=1)
+    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=4, warmup_steps=1)
     outcome = train(task, config, output, Machine(CPU), ReportConfig())
     scores = score_views(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     expected = np.mean([score.figures["psnr_full"] for score in scores])
@@ -172,7 +166,7 @@ def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand
 
 
 def test_looking_changes_nothing(painted_capture, hand, tmp_path):
-    task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=6, warmup_steps=1)
+    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=6, warmup_steps=1)
     often = ReportConfig(preview_minutes=1e-9, preview_views=1, log_every=1)
     looked, blind = (
         train(task, config, tmp_path / f"{name}.safetensors", Machine(CPU), reporting)
@@ -198,7 +192,7 @@ def test_tensorboard_holds_figures_and_pictures(painted_capture, hand, tmp_path)
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     board = tmp_path / "board"
-    task, config = Task(painted_capture, hand, SMALL), TrainConfig(steps=8, warmup_steps=1)
+    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8, warmup_steps=1)
     reporting = ReportConfig(log_every=4, tensorboard=board)
     train(task, config, tmp_path / "a.safetensors", Machine(CPU), reporting)
     events = EventAccumulator(str(board)).Reload()
@@ -228,4 +222,6 @@ def test_tensorboard_that_is_missing_is_told(painted_capture, hand, tmp_path, mo
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     reporting = ReportConfig(tensorboard=tmp_path / "board")
     with pytest.raises(LiveHandError, match=r'pip install "livehand\[tensorboard\]"'):
-        train(Task(painted_capture, hand, SMALL), TrainConfig(steps=8), tmp_path / "a", Machine(CPU), reporting)
+        train(
+            TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8), tmp_path / "a", Machine(CPU), reporting
+        )

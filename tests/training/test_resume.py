@@ -20,7 +20,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine
 
 SMALL = AvatarConfig(
@@ -38,7 +38,7 @@ import torch
 from livehand.backend.captures.capture import load_capture
 from livehand.backend.training import checkpoint
 sys.path.insert(0, sys.argv[1])
-from test_resume import CONFIG, SILENT, SMALL, CPU, Machine, Task, load_default_hand, train
+from test_resume import CONFIG, SILENT, SMALL, CPU, Machine, TrainingSetup, load_default_hand, train
 
 replace, count = Path.replace, [0]
 
@@ -49,13 +49,14 @@ def dies(path, target):
     return replace(path, target)
 
 Path.replace = dies
-train(Task(load_capture(sys.argv[2]), load_default_hand(), SMALL), CONFIG, Path(sys.argv[3]), Machine(CPU), SILENT)
+setup = TrainingSetup(load_capture(sys.argv[2]), load_default_hand(), SMALL)
+train(setup, CONFIG, Path(sys.argv[3]), Machine(CPU), SILENT)
 """
 
 
 @pytest.fixture
 def task(painted_capture):
-    return Task(painted_capture, load_default_hand(), SMALL)
+    return TrainingSetup(painted_capture, load_default_hand(), SMALL)
 
 
 def weights(avatar):

@@ -16,10 +16,10 @@ from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.faults import FaultStreak
 from livehand.backend.training.loop import train
-from livehand.backend.training.losses import window_loss
+from livehand.backend.training.losses import crop_loss
 from livehand.backend.training.parts import TrainedParts, optimiser_of
 from livehand.backend.training.schedule import Schedule, views_of_step
-from livehand.backend.training.setup import Task
+from livehand.backend.training.setup import TrainingSetup
 from livehand.backend.training.step import Machine, Stepper
 from livehand.backend.training.views import TrainingViews
 
@@ -67,10 +67,10 @@ def spoil(monkeypatch, is_bad, spoilt):
     """Losses of the views that `is_bad` names become `spoilt(loss)`; a view is known by its truth."""
 
     def loss(low, image, target, *rest):
-        terms = window_loss(low, image, target, *rest)
+        terms = crop_loss(low, image, target, *rest)
         return terms._replace(total=spoilt(terms.total)) if is_bad(target) else terms
 
-    monkeypatch.setattr(step_module, "window_loss", loss)
+    monkeypatch.setattr(step_module, "crop_loss", loss)
 
 
 def no_gradient(loss):
@@ -96,7 +96,7 @@ def test_a_step_that_is_not_finite_is_skipped(stepper_of, views, monkeypatch, sp
 def test_training_goes_on_past_one_bad_image_and_counts(painted_capture, views, tmp_path, monkeypatch):
     truth = views.get(2, 0).target
     spoil(monkeypatch, lambda target: torch.equal(target, truth), lambda loss: loss / 0)
-    task, silent = Task(painted_capture, views.hand, SMALL), ReportConfig(preview_minutes=0.0)
+    task, silent = TrainingSetup(painted_capture, views.hand, SMALL), ReportConfig(preview_minutes=0.0)
     config = replace(SHORT, steps=12)
     outcome = train(task, config, tmp_path / "a.safetensors", Machine(CPU), silent)
     assert (outcome.progress.step, outcome.progress.skipped) == (12, 2)  # two epochs of six images
@@ -107,7 +107,7 @@ def test_training_goes_on_past_one_bad_image_and_counts(painted_capture, views, 
 
 def test_training_ends_where_nothing_is_finite(painted_capture, views, tmp_path, monkeypatch):
     spoil(monkeypatch, lambda target: True, lambda loss: loss * torch.nan)
-    task = Task(painted_capture, views.hand, SMALL)
+    task = TrainingSetup(painted_capture, views.hand, SMALL)
     with pytest.raises(LiveHandError, match=r"in 3 steps, with the images \d_\d\.png, \d_\d\.png, \d_\d\.png; look"):
         train(task, replace(SHORT, max_skipped=3), tmp_path / "a.safetensors", Machine(CPU), ReportConfig())
     assert not (tmp_path / "a.safetensors").exists()
@@ -127,10 +127,10 @@ def test_waiting_for_data_is_measured(stepper_of, views, monkeypatch):
 
     def slow_loss(*arguments):
         now[0] += 1
-        return window_loss(*arguments)
+        return crop_loss(*arguments)
 
     monkeypatch.setattr(TrainingViews, "waited_s", 1.5)
-    monkeypatch.setattr(step_module, "window_loss", slow_loss)
+    monkeypatch.setattr(step_module, "crop_loss", slow_loss)
     stepper = stepper_of(replace(SHORT, batch=2))
     stepper.take(Schedule(stepper.config).at(0))
     assert stepper.clock.session_s == 2

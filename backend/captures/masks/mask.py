@@ -40,7 +40,7 @@ class MaskConfig:
     """Of GrabCut."""
 
 
-class Regions(NamedTuple):
+class MaskRegions(NamedTuple):
     """Of an image [H, W], bool: the mesh's silhouette; surely hand; maybe hand; forearm outside the silhouette."""
 
     silhouette: np.ndarray
@@ -70,7 +70,7 @@ def hand_regions(
     faces: np.ndarray,
     camera: Camera,
     config: MaskConfig,
-) -> Regions:
+) -> MaskRegions:
     """What a posed hand (m, world) says of its image."""
     cv2 = load_opencv()
     silhouette = _silhouette(vertices, faces, camera)
@@ -80,7 +80,7 @@ def hand_regions(
     forearm = _forearm(vertices, joints, camera, config.forearm_mm / 1000)
     is_hand = silhouette.astype(np.uint8)
     outline = cv2.dilate(is_hand, np.ones((3, 3), np.uint8)) > 0  # the edge's own pixels stay the hand's
-    return Regions(
+    return MaskRegions(
         silhouette=silhouette,
         core=core if core.any() else silhouette,
         near=_grown(silhouette, config.dilate_mm * px_of_mm),
@@ -88,13 +88,15 @@ def hand_regions(
     )
 
 
-def grabcut_mask(image: UInt8[np.ndarray, "H W 3"], regions: Regions, config: MaskConfig) -> Bool[np.ndarray, "H W"]:
+def grabcut_mask(
+    image: UInt8[np.ndarray, "H W 3"], regions: MaskRegions, config: MaskConfig
+) -> Bool[np.ndarray, "H W"]:
     """Where the hand is in an sRGB-encoded image; deterministic."""
     mask = np.zeros(regions.silhouette.shape, bool)
     if not regions.silhouette.any():
         return mask
     window = _window(regions.near | regions.forearm)
-    found = _cut(image[window], Regions(*(region[window] for region in regions)), config)
+    found = _cut(image[window], MaskRegions(*(region[window] for region in regions)), config)
     mask[window] = _largest_component((found | regions.core[window]) & ~regions.forearm[window])
     return mask
 
@@ -140,7 +142,7 @@ def _window(region: np.ndarray) -> tuple[slice, slice]:
     return tuple(slice(max(0, int(at[0]) - _MARGIN_PX), int(at[-1]) + 1 + _MARGIN_PX) for at in (rows, columns))  # type: ignore[return-value]
 
 
-def _cut(image: np.ndarray, regions: Regions, config: MaskConfig) -> np.ndarray:
+def _cut(image: np.ndarray, regions: MaskRegions, config: MaskConfig) -> np.ndarray:
     cv2 = load_opencv()
     labels = np.full(image.shape[:2], cv2.GC_BGD, np.uint8)
     labels[regions.near] = cv2.GC_PR_BGD

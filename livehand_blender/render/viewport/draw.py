@@ -11,7 +11,7 @@ import blf
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from .picture import Picture
+from .picture import ViewportImage
 from .view import Rectangle
 
 _FONT = 0
@@ -24,7 +24,7 @@ _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 class PictureTexture:
     """A picture on the GPU. Made and drawn where Blender draws."""
 
-    def __init__(self, picture: Picture):
+    def __init__(self, picture: ViewportImage):
         height, width, _ = picture.rgba.shape
         pixels = gpu.types.Buffer("FLOAT", picture.rgba.size, picture.rgba.ravel())
         self._texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=pixels)

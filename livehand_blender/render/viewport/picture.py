@@ -13,16 +13,16 @@ from ....backend.avatars.session import Session
 from ....backend.records.camera import Camera
 from ....backend.records.shot import Frame
 from ....backend.rendering.composition import joined, visible_parts
-from ....backend.runtime.thread_limits import working_threads
+from ....backend.runtime.thread_limits import thread_limit
 from ...scene.grade import graded
-from .subject import Subject
+from .subject import ViewportHand
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
 # cores a picture takes twice as long with two threads as with one.
 _THREADS = max(1, (os.cpu_count() or 1) // 4)
 
 
-class Picture(NamedTuple):
+class ViewportImage(NamedTuple):
     """What is drawn over a view.
 
     Attributes:
@@ -35,7 +35,7 @@ class Picture(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Order:
+class ViewportRequest:
     """A picture that is asked for.
 
     Attributes:
@@ -44,11 +44,11 @@ class Order:
         to_working_space: [3, 3], from linear Rec.709 (`rec709_to_working_space`).
     """
 
-    subjects: tuple[Subject, ...]
+    subjects: tuple[ViewportHand, ...]
     camera: Camera
     to_working_space: np.ndarray
 
-    def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> Picture | None:
+    def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """The picture at `scale` times the view's resolution; None where no hand is in view.
 
         Raises:
@@ -57,7 +57,7 @@ class Order:
         camera = self.camera.scaled(scale)
         with session.rendering:
             tasks = [subject.task(session, camera) for subject in self.subjects]
-            with working_threads(_THREADS):
+            with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:
             return None
@@ -65,7 +65,7 @@ class Order:
         return picture_of(joined(visible_parts(looks)), scale, self.to_working_space)
 
 
-def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> Picture | None:
+def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> ViewportImage | None:
     """Cut a frame of `scale` times a view's resolution to what is in it; None where nothing is."""
     rows, columns = (np.flatnonzero(frame.alpha.any(axis)) for axis in (1, 0))
     if not len(rows):
@@ -74,4 +74,4 @@ def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> Pict
     rgb = frame.rgb[top:bottom, left:right] @ to_working_space.T
     rgba = np.concatenate([rgb, frame.alpha[top:bottom, left:right, None]], -1)
     box = (left / scale, top / scale, right / scale, bottom / scale)
-    return Picture(np.ascontiguousarray(rgba[::-1], np.float32), box)
+    return ViewportImage(np.ascontiguousarray(rgba[::-1], np.float32), box)

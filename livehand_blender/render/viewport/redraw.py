@@ -6,7 +6,7 @@ import weakref
 
 import bpy
 
-from ....backend.rendering.preview_scheduler import Preview
+from ....backend.rendering.preview_scheduler import PreviewScheduler
 
 _INTERVAL_S = 0.01
 
@@ -14,7 +14,7 @@ _INTERVAL_S = 0.01
 class RedrawTimer:
     """Only Blender's thread may tag a view, so it looks every hundredth of a second for what the other has done."""
 
-    def __init__(self, preview: Preview):
+    def __init__(self, preview: PreviewScheduler):
         self._preview = preview
         # Weakly: Cycles ends an engine's session when Python lets go of it, which must not be later than Blender does.
         self._engines: dict[object, weakref.ref[bpy.types.RenderEngine]] = {}

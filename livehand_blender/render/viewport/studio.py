@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from ....backend.avatars.session import Session
-from ....backend.rendering.preview_scheduler import Preview
+from ....backend.rendering.preview_scheduler import PreviewScheduler
 from .redraw import RedrawTimer
 
 
-class Studio:
+class ViewportShared:
     """The session's avatars, one thread and one timer. It belongs to the registered render engine."""
 
     def __init__(self, session: Session):
         self.session = session
-        self.preview = Preview()
+        self.preview = PreviewScheduler()
         self.timer = RedrawTimer(self.preview)
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from ....backend.avatars.session import Device, Session
 from ....backend.records.camera import Camera
 from ....backend.records.shot import HandPose, Shot
-from ....backend.rendering.frame_task import Task
+from ....backend.rendering.frame_task import HandTask
 from ...rig.hand import mesh_of
 from ...rig.pose import read_hand_pose
 from ...scene.grade import Grade
@@ -18,7 +18,7 @@ from ...scene.shot import HandSource, hand_source, visible_hands, world_vertices
 
 
 @dataclass(frozen=True)
-class Subject:
+class ViewportHand:
     """One hand: its files, the device, its colours, its pose, and its posed vertices [V, 3] in the world, m."""
 
     source: HandSource
@@ -27,7 +27,7 @@ class Subject:
     pose: HandPose
     vertices: np.ndarray
 
-    def task(self, session: Session, camera: Camera) -> Task:
+    def task(self, session: Session, camera: Camera) -> HandTask:
         """The work of rendering it; loads the avatar, which can take seconds.
 
         Raises:
@@ -35,10 +35,10 @@ class Subject:
         """
         hand = session.hand(self.source.model_path)
         renderer = session.renderer(self.source.avatar_path, hand, self.device)
-        return Task(renderer, Shot(self.pose, self.vertices, camera))
+        return HandTask(renderer, Shot(self.pose, self.vertices, camera))
 
 
-def read_subjects(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[Subject, ...]:
+def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[ViewportHand, ...]:
     """All hands that a 3D view shows.
 
     Raises:
@@ -48,7 +48,7 @@ def read_subjects(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) 
     device = Device(settings.device, settings.precision)
     meshes = ((hand, mesh_of(hand.original)) for hand in visible_hands(depsgraph))
     return tuple(
-        Subject(
+        ViewportHand(
             hand_source(hand),
             device,
             Grade.of_hand(hand),

@@ -32,14 +32,14 @@ class Rectangle(NamedTuple):
         return self.right - self.left, self.bottom - self.top
 
 
-class View(NamedTuple):
+class RegionView(NamedTuple):
     """What a 3D view shows: the camera of a rectangle of its region, px."""
 
     camera: Camera
     rectangle: Rectangle
 
 
-def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> View | None:
+def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> RegionView | None:
     """The view of the context's region, cut to the render border; None where the border lies outside.
 
     Raises:
@@ -52,7 +52,7 @@ def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> Vie
     )
     if min(rectangle.size_px) <= 0:
         return None
-    return View(camera.cropped(rectangle.left, rectangle.top, rectangle.size_px), rectangle)
+    return RegionView(camera.cropped(rectangle.left, rectangle.top, rectangle.size_px), rectangle)
 
 
 def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Camera:

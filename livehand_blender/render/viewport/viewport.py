@@ -11,10 +11,10 @@ from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import is_equal
 from ...scene.colour import rec709_to_working_space
 from .draw import PictureTexture, draw_message
-from .picture import Order
-from .studio import Studio
-from .subject import Subject, read_subjects
-from .view import View, read_view
+from .picture import ViewportRequest
+from .studio import ViewportShared
+from .subject import ViewportHand, read_viewport_hands
+from .view import RegionView, read_view
 
 LOGGER = logging.getLogger(__name__)
 
@@ -32,18 +32,18 @@ def viewport_of(engine) -> Viewport:
 class Viewport:
     """One 3D view. It belongs to the engine that Blender makes for the view, and holds on to nothing of Blender's."""
 
-    def __init__(self, studio: Studio):
+    def __init__(self, studio: ViewportShared):
         self._studio = studio
-        self._subjects: tuple[Subject, ...] = ()
+        self._subjects: tuple[ViewportHand, ...] = ()
         self._problem = ""  # what keeps the hands from being read
-        self._asked: tuple[Order, tuple[float, ...]] | None = None
+        self._asked: tuple[ViewportRequest, tuple[float, ...]] | None = None
         self._texture: PictureTexture | None = None
         self._message = ""  # what came of the last request instead of a picture
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Read the hands as they stand now."""
         try:
-            self._subjects, self._problem = read_subjects(context.space_data, depsgraph), ""
+            self._subjects, self._problem = read_viewport_hands(context.space_data, depsgraph), ""
         except Exception as error:
             self._subjects, self._problem = (), _words(error)
 
@@ -58,7 +58,7 @@ class Viewport:
         if message:
             draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
 
-    def _draw_view(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, view: View | None) -> str:
+    def _draw_view(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, view: RegionView | None) -> str:
         """Draw the picture, and return the message that belongs to it."""
         if view is None:
             return ""
@@ -68,8 +68,8 @@ class Viewport:
             self._texture.draw(view.rectangle, context.region.height)
         return self._message
 
-    def _ask(self, engine: bpy.types.RenderEngine, view: View, scales: tuple[float, ...]) -> None:
-        order = Order(self._subjects, view.camera, rec709_to_working_space())
+    def _ask(self, engine: bpy.types.RenderEngine, view: RegionView, scales: tuple[float, ...]) -> None:
+        order = ViewportRequest(self._subjects, view.camera, rec709_to_working_space())
         if self._asked and is_equal((order, scales), self._asked):
             return
         if self._asked is None and self._subjects:
@@ -85,7 +85,7 @@ class Viewport:
             self._texture = PictureTexture(outcome.value) if outcome.value else None
 
 
-def _scales(view: View, context: bpy.types.Context) -> tuple[float, ...]:
+def _scales(view: RegionView, context: bpy.types.Context) -> tuple[float, ...]:
     """Sizes of the pictures to ask for, of the view's own: a coarse one and, unless an animation plays, a full one."""
     full = 1 / _pixel_size(context)
     coarse = min(full / 2, _COARSE_PX / max(view.camera.size_px))

@@ -12,7 +12,6 @@ from livehand.backend.captures.masks.mask import MaskConfig, grabcut_mask, hand_
 from livehand.backend.captures.masks.mask_capture import mask_capture
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
@@ -22,11 +21,6 @@ from PIL import Image
 
 SIZE = (72, 96)
 CONFIG = MaskConfig()
-
-
-@pytest.fixture(scope="module")
-def hand():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")

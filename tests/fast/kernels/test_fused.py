@@ -6,7 +6,7 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.nerf.field import FieldConfig, PlaneField, build_field
-from livehand.backend.nerf.rays import HandInView, View
+from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.shade import shade
 from livehand.backend.nerf.volume import Composite
@@ -187,7 +187,7 @@ def test_one_pixel_and_one_row(odd, scene, size_px):
     hand, view = scene
     K = view.K.clone()
     K[:2, 2] += torch.tensor(size_px) / 2 - torch.tensor(view.size_px) / 2
-    marched = Marched(odd, hand, View(K, view.world2cam, size_px))
+    marched = Marched(odd, hand, CameraTensors(K, view.world2cam, size_px))
     assert len(marched.pixel) > 0
     assert_same(marched)
 
@@ -256,7 +256,7 @@ def test_decoding_in_pieces_is_decoding_at_once(odd, monkeypatch):
     generator = torch.Generator().manual_seed(0)
     alpha = torch.rand(30, generator=generator)
     told = Composite(
-        torch.randn(30, odd.told_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3, alpha[:, None]
+        torch.randn(30, odd.gathered_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3, alpha[:, None]
     )
     direction = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
     monkeypatch.setattr(marching, "_RAYS_DECODED_AT_ONCE", 7)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.geometry.tolerances import NEAR_M
-from livehand.backend.nerf.rays import View, project
+from livehand.backend.nerf.rays import CameraTensors, project
 
 if find_spec("numba") is None:
     pytest.skip("numba is not installed", allow_module_level=True)
@@ -175,7 +175,7 @@ def test_a_camera_within_the_mesh(posed):
     hand = posed("open")
     K, world2cam = torch.tensor([[40.0, 0, 15], [0, 40, 15], [0, 0, 1]]), torch.eye(4)
     world2cam[:3, 3] = -hand.mesh.vertices[hand.mesh.vertices[:, 0].argsort()[len(hand.mesh.vertices) // 2]]
-    view = View(K, world2cam, (30, 30))
+    view = CameraTensors(K, world2cam, (30, 30))
     scene = (*project(view, hand.mesh.vertices), hand.topology.faces, (30, 30))
     expected = fragments_of(*scene)
     assert len(expected) > 20

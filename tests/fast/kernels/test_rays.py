@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
-from livehand.backend.nerf.rays import HandInView, View
+from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.trace import trace_with_torch
 
@@ -102,7 +102,7 @@ def test_one_pixel_row_or_column(scene, size_px):
     mesh, topology, view = scene
     K = view.K.clone()
     K[:2, 2] += torch.tensor(size_px) / 2 - torch.tensor(view.size_px) / 2
-    assert len(assert_same(mesh, topology, View(K, view.world2cam, size_px)).pixel) > 0
+    assert len(assert_same(mesh, topology, CameraTensors(K, view.world2cam, size_px)).pixel) > 0
 
 
 def test_a_hand_past_the_images_border(posed, seen_from):
@@ -123,7 +123,7 @@ def test_a_camera_within_the_shell_and_within_the_hand(posed, height_m):
     world2cam = torch.eye(4)
     world2cam[:3, :3] = torch.stack([torch.linalg.cross(along, normal), -normal, along])
     world2cam[:3, 3] = -world2cam[:3, :3] @ (hand.mesh.vertices[vertex] + height_m * normal)
-    view = View(torch.tensor([[24.0, 0, 16], [0, 24, 15], [0, 0, 1]]), world2cam, (32, 30))
+    view = CameraTensors(torch.tensor([[24.0, 0, 16], [0, 24, 15], [0, 0, 1]]), world2cam, (32, 30))
     rays = assert_same(hand.mesh, hand.topology, view)
     assert len(rays.pixel) > 0
     assert rays.t.isfinite().all()
