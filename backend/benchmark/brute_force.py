@@ -20,7 +20,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..rendering.device import has_numba
+from ..rendering.backends import has_numba
 
 _BLOCK = 64  # samples of the compiled loop that share a face's numbers
 _CHUNK = 128  # samples of the dense search: 9 tables of [128, F] stay in a CPU's cache

@@ -14,9 +14,10 @@ from PIL import Image
 from ..avatars.file import load_avatar
 from ..hand.model import HandModel
 from ..nerf.avatar import PRESETS, Avatar, new_avatar
+from ..nerf.backend import Precision, Stage
 from ..records.errors import LiveHandError
 from ..records.shot import Frame, Shot
-from ..rendering.renderer import Precision, Renderer, Stage
+from ..rendering.renderer import Renderer
 from ..rendering.srgb import linear_to_srgb
 from .published import PublishedRenderer
 from .stopwatch import Cost, Stages, Stopwatch, total

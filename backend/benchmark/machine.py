@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch.nn.functional import conv2d
 
-from ..rendering.device import has_numba
+from ..rendering.backends import has_numba
 
 # Large, and as tall and narrow as a small network over a chunk of samples: CPUs run the one or the other faster.
 _PRODUCTS = {"cpu": ((2048, 2048, 2048), (4096, 256, 256)), "cuda": ((8192, 8192, 8192),)}

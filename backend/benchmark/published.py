@@ -24,7 +24,9 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
+from ..hand.topology import topology_of
 from ..nerf.avatar import Avatar
+from ..nerf.backend import Stage
 from ..nerf.conditions import FieldInputs
 from ..nerf.crop import Crop
 from ..nerf.maps import low_resolution_maps
@@ -32,7 +34,6 @@ from ..nerf.rays import CameraTensors, camera_tensors, project, ray_directions, 
 from ..nerf.volume import Composite, Steps
 from ..records.shot import Frame, Shot
 from ..rendering.decode import decode_frame
-from ..rendering.renderer import Stage
 from .brute_force import nearest_faces
 
 _RAYS_AT_ONCE = 1024
@@ -82,13 +83,13 @@ class PublishedRenderer:
         on_stage("superres")
         maps, depth = low_resolution_maps(low, rays.pixel, view.size_px)
         image = self.avatar.superres(maps[None].contiguous())[0]
-        on_stage("decode_frame")
+        on_stage("decode")
         depth = depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
         return decode_frame(image, depth, Crop(0, 0, *low_camera.size_px), shot.camera.size_px)
 
     @cached_property
     def _topology(self) -> Topology:
-        return Topology.of(self.hand, self.device)
+        return topology_of(self.hand, self.device)
 
     @property
     def _samples_per_ray(self) -> int:

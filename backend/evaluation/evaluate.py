@@ -13,10 +13,11 @@ from ..captures.capture import Capture, CaptureView, Split
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
+from ..nerf.backend import Precision
 from ..records.errors import LiveHandError
 from ..records.shot import Frame, Shot
 from ..rendering.decode import straight_srgb
-from ..rendering.renderer import Precision, Renderer
+from ..rendering.renderer import Renderer
 from .distances import Distance
 from .figures import view_figures
 from .posed_hands import PosedHands

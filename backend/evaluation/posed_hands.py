@@ -12,6 +12,7 @@ from torch import Tensor
 from ..captures.capture import CaptureView
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import HandModel
+from ..hand.topology import topology_of
 from ..nerf.rays import camera_tensors
 from ..records.shot import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
@@ -46,7 +47,7 @@ class PosedHands:
         if index not in self._posed:
             side = self._sides[index]
             if side not in self._topologies:
-                self._topologies[side] = Topology.of(self._hand.for_side(side))
+                self._topologies[side] = topology_of(self._hand.for_side(side))
             topology = self._topologies[side]
             mesh = posed_mesh(topology, torch.as_tensor(self._vertices[index], dtype=torch.float32))
             self._posed[index] = _Posed(topology, mesh, vertex_openness(mesh, topology))

@@ -9,8 +9,9 @@ from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
-from ..geometry.visibility import DIRECTIONS, direction_frames, visibility_transfer
+from ..geometry.visibility import DIRECTIONS, direction_frames
 from ..nerf.rays import CameraTensors, project
+from ..rendering.backends import choose_backend
 
 _MIN_COSINES = 1e-3  # a vertex without a normal faces no direction; all others reach about 8
 
@@ -35,7 +36,7 @@ def vertex_openness(mesh: PosedMesh, topology: Topology) -> Tensor:
     """[V] cosine-weighted share of the sky's directions that each vertex sees past the rest of the hand, 0..1."""
     directions = direction_frames(DIRECTIONS, mesh.vertices.device)[:, 2]
     all_of_it = (mesh.normals @ directions.T).clamp(min=0).sum(1)
-    return visibility_transfer(mesh, topology).sum(1) / all_of_it.clamp(min=_MIN_COSINES)
+    return choose_backend(mesh.vertices.device).visibility(mesh, topology).sum(1) / all_of_it.clamp(min=_MIN_COSINES)
 
 
 def seen_surface(mesh: PosedMesh, topology: Topology, openness: Tensor, view: CameraTensors) -> SeenSurface:

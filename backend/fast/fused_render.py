@@ -1,99 +1,109 @@
-"""Low-resolution rays of a field of planes, by the kernels: marched, then decoded."""
+"""Low-resolution rays of a field of planes: traced, queried and composited by one fused kernel, then decoded."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ..nerf.backend import Precision, RenderedRays, RenderHooks, autocast
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
 from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
-from ..nerf.rays import HandInView, ray_directions, ray_origin
+from ..nerf.rays import HandInView
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
 from .kernels.compiled import in_parallel
-from .kernels.fused import march
+from .kernels.fused import render_rays
 from .kernels.planes import BLOCK
-from .shell import ShellCrossings, live_pixels, surface_arrays
+from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
+from .shell import live_rays, rasterise_shell, surface_of
 
-# Rays marched between two looks at `should_stop`.
-_RAYS_AT_ONCE = 1 << 15
-_RAYS_DECODED_AT_ONCE = 1 << 12
-
-
-class PackedField(NamedTuple):
-    """A field's tables and weights as the kernel takes them; indexed by position in `kernels.march`.
-
-    Attributes:
-        table: flat texels of all planes, the relief's last, channels padded to whole blocks.
-        layout: [planes, 5] start in the table, resolution, heights, channels with their padding, and without.
-        texels_m: [planes] size of a texel on the skin.
-        relief_gain: factor of the relief.
-        pose_channels: of the local pose.
-        near_bias: [hidden].
-        near_weight: [inputs, hidden], inputs padded with zeros to a multiple of 4.
-        density_weight: [hidden].
-        density_bias: of the density.
-        slope: of the density's prior over height.
-        prior: its offset.
-    """
-
-    table: np.ndarray
-    layout: np.ndarray
-    texels_m: np.ndarray
-    relief_gain: np.float32
-    pose_channels: int
-    near_bias: np.ndarray
-    near_weight: np.ndarray
-    density_weight: np.ndarray
-    density_bias: np.float32
-    slope: np.float32
-    prior: np.float32
-
-    @classmethod
-    def of(cls, field: PlaneField) -> PackedField:
-        """Pack a field."""
-        planes = [*field.planes, field.relief]
-        tables = [_padded(plane.table, BLOCK) for plane in planes]
-        starts = np.cumsum([0, *(table.size for table in tables)])
-        widths = [(table.shape[1], plane.channels) for plane, table in zip(planes, tables, strict=True)]
-        sizes = [(plane.resolution, plane.heights, *width) for plane, width in zip(planes, widths, strict=True)]
-        return cls(
-            table=np.concatenate([table.ravel() for table in tables]),
-            layout=np.array([(start, *size) for start, size in zip(starts, sizes, strict=False)]),
-            texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
-            relief_gain=np.float32(RELIEF_GAIN),
-            pose_channels=LOCAL_POSE_CHANNELS,
-            near_bias=_array(field.near.bias),
-            near_weight=np.ascontiguousarray(_padded(field.near.weight, 4).T),
-            density_weight=_array(field.density.weight)[0].copy(),
-            density_bias=np.float32(_array(field.density.bias)[0]),
-            slope=np.float32(PRIOR_SLOPE),
-            prior=np.float32(PRIOR_OFFSET),
-        )
+# Rays between two calls of `before_chunk`.
+_RAYS_PER_CHUNK = 1 << 15
+# Rays per call of the decoder: its activations stay in the cache.
+_RAYS_PER_DECODE = 1 << 12
 
 
-class Marched(NamedTuple):
-    """R rays of N samples.
+@dataclass(frozen=True)
+class FusedRayRenderer:
+    """One field with its tables packed for the kernels."""
 
-    Attributes:
-        pixel: [R] row * width + column.
-        direction: [R, 3] unit length, world.
-        told: composited features.
-        t: [R, N] depth of each sample that was asked for, m.
-        dt: [R] depth step of the samples, m.
-    """
+    field: PlaneField
+    config: SamplerConfig
+    precision: Precision = "fp32"
 
-    pixel: Tensor
-    direction: Tensor
-    told: Composite
-    t: Tensor
-    dt: Tensor
+    def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
+        """As `RayRenderer`."""
+        hooks.on_stage("rasterise")
+        crossings = rasterise_shell(hand, self.config)
+        hooks.on_stage("sample")
+        pixel, directions, rays = live_rays(crossings, hand)
+        surface, skin, units = surface_of(hand.mesh, hand.topology), self._skin(hand, conditions), self._units(hand)
+        gathered, t, dt = self._buffers(len(pixel))
+        out = RayOutputs(*(values.numpy() for values in (*gathered, t, dt)))
+        for start in range(0, len(pixel), _RAYS_PER_CHUNK):
+            hooks.before_chunk()
+            in_parallel(
+                lambda first, last, start=start: render_rays(
+                    rays, crossings, surface, skin, self._packed, units, start + first, start + last, out
+                ),
+                min(_RAYS_PER_CHUNK, len(pixel) - start),
+                torch.get_num_threads(),
+            )
+        hooks.on_stage("field")
+        with autocast(pixel.device, self.precision):
+            composite = self._decode(gathered, directions / directions.norm(dim=-1, keepdim=True))
+        return RenderedRays(pixel, composite, t, dt)
+
+    def _skin(self, hand: HandInView, conditions: FrameConditions) -> Skin:
+        channels = torch.cat([conditions.vertex_channels, self.field.light_code(conditions.visibility)], -1)
+        return Skin(hand.topology.corner_uv.numpy(), channels.numpy())
+
+    def _units(self, hand: HandInView) -> RayUnits:
+        values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale)
+        return RayUnits(self.config.samples_per_ray, *(np.float32(value) for value in values))
+
+    def _buffers(self, rays: int) -> tuple[Composite, Tensor, Tensor]:
+        """Composited gathered features, sample depths [R, N] and steps [R]; all zero."""
+        samples = self.config.samples_per_ray
+        sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
+        return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
+
+    def _decode(self, gathered: Composite, view: Tensor) -> Composite:
+        chunks = zip(*(values.split(_RAYS_PER_DECODE) for values in (*gathered, view)), strict=True)
+        channels = [self.field.decode(Composite(*chunk), view).channels for *chunk, view in chunks]
+        return gathered._replace(channels=torch.cat(channels))
+
+    @cached_property
+    def _packed(self) -> PackedField:
+        return packed(self.field)
+
+
+def packed(field: PlaneField) -> PackedField:
+    """The tables and weights of a field as the kernels take them."""
+    planes = [*field.feature_planes, field.relief]
+    tables = [_padded(plane.table, BLOCK) for plane in planes]
+    starts = np.cumsum([0, *(table.size for table in tables)])[:-1]
+    layout = [
+        (start, plane.resolution, plane.heights, table.shape[1], plane.channels)
+        for start, plane, table in zip(starts, planes, tables, strict=True)
+    ]
+    return PackedField(
+        table=np.concatenate([table.ravel() for table in tables]),
+        layout=np.array(layout),
+        texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
+        relief_gain=np.float32(RELIEF_GAIN),
+        pose_channels=LOCAL_POSE_CHANNELS,
+        near_bias=_array(field.near.bias),
+        near_weight=np.ascontiguousarray(_padded(field.near.weight, 4).T),
+        density_weight=_array(field.density.weight)[0].copy(),
+        density_bias=np.float32(_array(field.density.bias)[0]),
+        slope=np.float32(PRIOR_SLOPE),
+        prior=np.float32(PRIOR_OFFSET),
+    )
 
 
 def _array(values: Tensor) -> np.ndarray:
@@ -103,63 +113,3 @@ def _array(values: Tensor) -> np.ndarray:
 def _padded(values: Tensor, block: int) -> np.ndarray:
     """[rows, columns] with columns of zeros added up to a whole number of blocks."""
     return np.pad(_array(values), ((0, 0), (0, -values.shape[1] % block)))
-
-
-@dataclass(frozen=True)
-class Marcher:
-    """One field, its tables packed for the kernels. The field must not be trained on while this lives."""
-
-    field: PlaneField
-    config: SamplerConfig
-
-    def march(
-        self,
-        layers: ShellCrossings,
-        hand: HandInView,
-        conditions: FrameConditions,
-        before_chunk: Callable[[], None] = lambda: None,
-    ) -> Marched:
-        """All rays that meet the shell.
-
-        Args:
-            layers: the rasterised shell.
-            hand: before its camera.
-            conditions: of the pose.
-            before_chunk: called between chunks of rays; what it raises ends the march.
-        """
-        mesh, topology, view = hand
-        pixel = torch.as_tensor(live_pixels(layers))
-        directions = ray_directions(view, pixel)
-        exposure = self.field.exposure(conditions.visibility)
-        channels = torch.cat([conditions.vertex_channels, exposure], -1)
-        units = (np.float32(value) for value in (self.config.shell_m, view.focal_px, mesh.scale))
-        inputs = (
-            *(values.numpy() for values in (pixel, directions, ray_origin(view))),
-            tuple(layers),
-            surface_arrays(mesh, topology),
-            (topology.corner_uv.numpy(), channels.numpy()),
-            self._packed,
-            (self.config.samples_per_ray, *units),
-        )
-        rays, samples = len(pixel), self.config.samples_per_ray
-        sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
-        told = Composite(*(torch.zeros(size) for size in sizes))
-        t, dt = torch.zeros(rays, samples), torch.zeros(rays)
-        out = [values.numpy() for values in (*told, t, dt)]
-        for first in range(0, rays, _RAYS_AT_ONCE):
-            before_chunk()
-            count = min(_RAYS_AT_ONCE, rays - first)
-            in_parallel(
-                lambda a, b, first=first: march(*inputs, first + a, first + b, *out), count, torch.get_num_threads()
-            )
-        return Marched(pixel, directions / directions.norm(dim=-1, keepdim=True), told, t, dt)
-
-    def decode(self, told: Composite, direction: Tensor) -> Composite:
-        """What the field makes of composited features, in pieces that stay in the cache."""
-        pieces = zip(*(values.split(_RAYS_DECODED_AT_ONCE) for values in (*told, direction)), strict=True)
-        channels = [self.field.decode(Composite(*told), direction).channels for *told, direction in pieces]
-        return told._replace(channels=torch.cat(channels))
-
-    @cached_property
-    def _packed(self) -> PackedField:
-        return PackedField.of(self.field)

@@ -1,4 +1,4 @@
-"""`FeaturePlane` by the CPU's kernels, with gradients: the same values, many times faster than torch's gathers."""
+"""`FeaturePlane.forward` by the kernels, with gradients: the same values, many times faster than torch's gathers."""
 
 from __future__ import annotations
 
@@ -9,19 +9,27 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ..nerf.encoding import FeaturePlane
+from .kernels.compiled import in_parallel
+from .kernels.planes import place_gradient, read_samples, table_gradient
+
 Sizes = tuple[int, int, int]
 """Resolution, heights, channels of a plane."""
 
 
-class PlaneRead(torch.autograd.Function):
-    """Features of one plane [S, C] at uv [S, 2] and height [S], each times its fade [S]."""
+def read_plane(
+    plane: FeaturePlane, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"], fade: Float[Tensor, " S"]
+) -> Float[Tensor, "S C"]:
+    """As `FeaturePlane.forward`."""
+    return _PlaneRead.apply(plane.table, uv, height, fade, (plane.resolution, plane.heights, plane.channels))
+
+
+class _PlaneRead(torch.autograd.Function):
+    """Features of one plane [S, C] at uv [S, 2] and height [S], multiplied by fade [S]."""
 
     @staticmethod
     def forward(ctx: Any, table: Tensor, uv: Tensor, height: Tensor, fade: Tensor, sizes: Sizes) -> Tensor:
         """All of one floating-point type, on the CPU."""
-        from .kernels.compiled import in_parallel
-        from .kernels.planes import read_samples
-
         places = tuple(values.detach().contiguous() for values in (uv, height, fade))
         flat = table.detach().contiguous().view(-1)
         out = flat.new_empty(len(uv), sizes[2])
@@ -40,7 +48,7 @@ class PlaneRead(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
-        """Gradients of the table and, where one of them is asked for, of the place."""
+        """Gradients of the table and, if needed, of uv, height and fade."""
         table, *places = ctx.saved_tensors
         of_features = outward[0].contiguous()
         of_table = _table_gradient(table, places, of_features, ctx.sizes) if ctx.needs_input_grad[0] else None
@@ -53,9 +61,6 @@ class PlaneRead(torch.autograd.Function):
 def _table_gradient(
     table: Float[Tensor, "T C"], places: list[Tensor], outward: Float[Tensor, "S C"], sizes: Sizes
 ) -> Float[Tensor, "T C"]:
-    from .kernels.compiled import in_parallel
-    from .kernels.planes import table_gradient
-
     gradient = torch.zeros_like(table, memory_format=torch.contiguous_format)
     uv, height, fade, flat, total = (values.numpy() for values in (*places, outward.view(-1), gradient.view(-1)))
     in_parallel(
@@ -69,9 +74,6 @@ def _table_gradient(
 def _place_gradient(
     table: Float[Tensor, "T C"], places: list[Tensor], outward: Float[Tensor, "S C"], sizes: Sizes
 ) -> Float[Tensor, "S 4"]:
-    from .kernels.compiled import in_parallel
-    from .kernels.planes import place_gradient
-
     gradient = outward.new_zeros(len(outward), 4)
     texels, uv, height, fade, flat, total = (
         values.numpy() for values in (table.contiguous().view(-1), *places, outward.view(-1), gradient)

@@ -1,7 +1,7 @@
-"""What a field of planes tells along traced rays, by the kernels, with gradients: the costly half of `shading.shade`.
+"""`nerf.shade.shade` on the CPU, by the kernels, with gradients to the field's weights.
 
-One function from the field's weights to composited features, its gradient written out: the same as torch's own, which
-spends its time on temporary copies of all that the samples are told.
+One autograd function leads from the weights to composited gathered features, with its gradient written out. torch's
+own gradient has the same values but spends its time on temporary copies of all gathered features.
 """
 
 from __future__ import annotations
@@ -17,27 +17,30 @@ from torch.nn.functional import softplus
 from ..geometry.mesh import Topology
 from ..geometry.uvh import SurfaceSamples
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
-from ..nerf.encoding import FeaturePlane
-from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
+from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PaperField, PlaneField
+from ..nerf.rays import HandInView, SurfaceRays
+from ..nerf.shade import RayGeometry
+from ..nerf.shade import shade as shade_reference
 from ..nerf.volume import Composite, Steps
 from .kernels import gather as kernels
 from .kernels import planes as plane_kernels
 from .kernels.compiled import in_parallel
+from .planes import read_plane
 
-# An optical depth that lets 1e-13 through, as in `volume`.
+# An optical depth of transmittance 1e-13, as in `nerf.volume`.
 _OPAQUE = 30.0
 
 
-class Scene(NamedTuple):
-    """What the samples lie on; nothing here is learnt.
+class Samples(NamedTuple):
+    """Samples on the surface; nothing here is learned.
 
     Attributes:
         samples: [S] on the surface.
-        height: [S] in shells.
+        height: [S] in units of the shell.
         footprint_m: [S] width of a pixel there.
         steps: of the rays.
         topology: of the hand.
-        channels: [V, C] of the vertices: normal, rotation, local pose, exposure.
+        channels: [V, C] of the vertices: normal, rotation, local pose, light.
     """
 
     samples: SurfaceSamples
@@ -48,45 +51,57 @@ class Scene(NamedTuple):
     channels: Tensor
 
 
-def composite_gathered(
-    field: PlaneField,
-    samples: SurfaceSamples,
-    topology: Topology,
+def shade(
+    field: PaperField | PlaneField,
+    rays: SurfaceRays,
+    hand: HandInView,
     conditions: FrameConditions,
-    footprint_m: Float[Tensor, " S"],
-    steps: Steps,
     shell_m: float,
 ) -> Composite:
-    """What `PlaneField.decode` takes; gradients reach the field's weights, not the geometry."""
-    exposure = field.exposure(conditions.visibility).float()
-    channels = torch.cat([conditions.vertex_channels, exposure.detach()], 1)
-    scene = Scene(samples, samples.height_m / shell_m, footprint_m, steps, topology, channels)
+    """Query the field at the samples and composite each ray.
+
+    The kernels have no gradient to the geometry: where one is asked for, and for the paper's field, torch computes all
+    but the reading of planes.
+    """
+    geometry = RayGeometry.of(rays, hand)
+    if not isinstance(field, PlaneField) or _needs_geometry_gradient(rays, conditions, geometry.steps):
+        return shade_reference(field, rays, hand, conditions, shell_m, read_plane)
+    light = field.light_code(conditions.visibility).float()
+    channels = torch.cat([conditions.vertex_channels, light.detach()], 1)
+    height = rays.samples.height_m / shell_m
+    samples = Samples(rays.samples, height, geometry.footprint_m, geometry.steps, hand.topology, channels)
     weights = (field.near.weight, field.near.bias, field.density.weight, field.density.bias)
-    tables = [plane.table for plane in (*field.planes, field.relief)]
-    return Composite(*_AlongRays.apply(field, scene, exposure, *weights, *tables))
+    tables = [plane.table for plane in (*field.feature_planes, field.relief)]
+    gathered = Composite(*_CompositeAlongRays.apply(field, samples, light, *weights, *tables))
+    return field.decode(gathered, geometry.view)
 
 
-class _AlongRays(torch.autograd.Function):
-    """What `Composite` holds, from exposure [V, E], the density's weights and the planes' tables.
+def _needs_geometry_gradient(rays: SurfaceRays, conditions: FrameConditions, steps: Steps) -> bool:
+    geometry = (*rays.samples, conditions.vertex_channels, conditions.visibility, rays.directions, *steps)
+    return torch.is_grad_enabled() and any(values.requires_grad for values in geometry)
 
-    The samples' weights come out without a gradient: nothing that is trained on looks at them.
+
+class _CompositeAlongRays(torch.autograd.Function):
+    """From the light code [V, E], the density's weights and the planes' tables to the fields of `Composite`.
+
+    The samples' weights have no gradient: no loss uses them.
     """
 
     @staticmethod
     def forward(
-        ctx: Any, field: PlaneField, scene: Scene, exposure: Tensor, *weights: Tensor
+        ctx: Any, field: PlaneField, samples: Samples, light: Tensor, *weights: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         near_weight, near_bias, density_weight, density_bias, *tables = (w.detach() for w in weights)
         precision = torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else torch.float32
-        planes = _planes_of(field, scene)
-        uv, told, relief = _tell(planes, tables, scene, field.gathered_channels)
-        near = told[:, : near_weight.shape[1]].to(precision)
+        planes = _planes_of(field, samples)
+        uv, gathered, relief = _gather(planes, tables, samples, field.gathered_channels)
+        near = gathered[:, : near_weight.shape[1]].to(precision)
         hidden = torch.addmm(near_bias.to(precision), near, near_weight.to(precision).T).relu_()
         raw = torch.addmm(density_bias.to(precision), hidden, density_weight.to(precision).T)[:, 0]
-        logit = raw.float() + PRIOR_SLOPE * scene.height + PRIOR_OFFSET
-        seen, weight, after = _composite(logit, told, scene.steps)
-        ctx.planes, ctx.scene, ctx.shape = planes, scene, exposure.shape
-        ctx.kept = uv, told, relief, near, hidden, logit, weight, after
+        logit = raw.float() + PRIOR_SLOPE * samples.height + PRIOR_OFFSET
+        seen, weight, after = _composite(logit, gathered, samples.steps)
+        ctx.planes, ctx.samples, ctx.shape = planes, samples, light.shape
+        ctx.kept = uv, gathered, relief, near, hidden, logit, weight, after
         ctx.save_for_backward(near_weight, density_weight, *tables, *seen)
         ctx.mark_non_differentiable(weight)
         return *seen, weight
@@ -95,25 +110,27 @@ class _AlongRays(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *outward: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         near_weight, density_weight, *tables, _, alpha, depth = ctx.saved_tensors
-        uv, told, relief, near, hidden, logit, weight, after = ctx.kept
-        scene, precision = ctx.scene, near.dtype
-        of_told, of_optical = torch.empty_like(told), torch.empty_like(weight)
-        arrays = _arrays(scene.steps.t, told.view(-1), weight, after, alpha, depth)
+        uv, gathered, relief, near, hidden, logit, weight, after = ctx.kept
+        samples, precision = ctx.samples, near.dtype
+        of_gathered, of_optical = torch.empty_like(gathered), torch.empty_like(weight)
+        arrays = _arrays(samples.steps.t, gathered.view(-1), weight, after, alpha, depth)
         _run(
             len(weight),
             kernels.composite_gradient,
             arrays,
             _arrays(*outward[:3]),
-            _arrays(of_told.view(-1), of_optical),
+            _arrays(of_gathered.view(-1), of_optical),
         )
-        of_logit = (of_optical * scene.steps.step_mm[:, None]).view(-1) * logit.sigmoid()
+        of_logit = (of_optical * samples.steps.step_mm[:, None]).view(-1) * logit.sigmoid()
         of_raw = of_logit.to(precision)[:, None]
         of_hidden = (of_raw @ density_weight.to(precision)).mul_(hidden.sign())  # ten times faster than a mask
-        of_told[:, : near.shape[1]] += of_hidden @ near_weight.to(precision)
+        of_gathered[:, : near.shape[1]] += of_hidden @ near_weight.to(precision)
         of_density = (of_raw.T @ hidden).float(), of_logit.sum(0, keepdim=True)
         of_near = (of_hidden.T @ near).float(), of_hidden.sum(0, dtype=torch.float32)
-        of_tables, of_exposure = _tell_gradient(ctx.planes, tables, scene, uv, told, relief, of_told, ctx.shape)
-        return None, None, of_exposure, *of_near, *of_density, *of_tables
+        of_tables, of_light = _gather_gradient(
+            ctx.planes, tables, samples, uv, gathered, relief, of_gathered, ctx.shape
+        )
+        return None, None, of_light, *of_near, *of_density, *of_tables
 
 
 class _Plane(NamedTuple):
@@ -123,37 +140,37 @@ class _Plane(NamedTuple):
     fade: Tensor
 
 
-def _planes_of(field: PlaneField, scene: Scene) -> list[_Plane]:
+def _planes_of(field: PlaneField, samples: Samples) -> list[_Plane]:
     """The field's planes, the relief's last."""
-    planes = [plane for plane in (*field.planes, field.relief) if isinstance(plane, FeaturePlane)]
-    fades = [field.fade(plane, scene.footprint_m) for plane in planes]
+    planes = [*field.feature_planes, field.relief]
+    fades = [field.fade(plane, samples.footprint_m) for plane in planes]
     fades[-1] = RELIEF_GAIN * fades[-1]
     sizes = [(plane.resolution, plane.heights, plane.channels) for plane in planes]
     return [_Plane(size, fade) for size, fade in zip(sizes, fades, strict=True)]
 
 
-def _tell(
-    planes: list[_Plane], tables: list[Tensor], scene: Scene, columns: int
+def _gather(
+    planes: list[_Plane], tables: list[Tensor], samples: Samples, columns: int
 ) -> tuple[Float[Tensor, "S 2"], Float[Tensor, "S K"], Float[Tensor, "S 3"]]:
-    """Atlas coordinates of the samples, all they are told, and the relief's offset."""
-    count = len(scene.height)
-    uv, told, relief = (torch.empty(count, width) for width in (2, columns, 3))
-    face, barycentric, faces, channels, corner_uv = _surface(scene)
-    _run(count, kernels.lay_on_atlas, (face, barycentric, corner_uv), (), _arrays(uv))
+    """Atlas coordinates of the samples, their gathered features, and the relief's offset."""
+    count = len(samples.height)
+    uv, gathered, relief = (torch.empty(count, width) for width in (2, columns, 3))
+    face, barycentric, faces, channels, corner_uv = _surface(samples)
+    _run(count, kernels.atlas_coordinates, (face, barycentric, corner_uv), (), _arrays(uv))
     *others, bumps = zip(planes, tables, strict=True)
     at = 0
     for plane, table in others:
-        _read(plane, table, uv, scene.height, told, at)
+        _read(plane, table, uv, samples.height, gathered, at)
         at += plane.sizes[2]
-    _read(*bumps, uv, scene.height, relief, 0)
-    where = (face, barycentric, *_arrays(scene.height, relief), faces, channels, LOCAL_POSE_CHANNELS)
-    flat = told.view(-1).numpy()
+    _read(*bumps, uv, samples.height, relief, 0)
+    where = (face, barycentric, *_arrays(samples.height, relief), faces, channels, LOCAL_POSE_CHANNELS)
+    flat = gathered.view(-1).numpy()
     in_parallel(
-        lambda first, last: kernels.tell_surface(*where, first, last, flat, columns, at),
+        lambda first, last: kernels.gather_features(*where, first, last, flat, columns, at),
         count,
         torch.get_num_threads(),
     )
-    return uv, told, relief
+    return uv, gathered, relief
 
 
 def _read(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, out: Tensor, at: int) -> None:
@@ -168,50 +185,50 @@ def _read(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, out: Tensor,
 
 
 def _composite(
-    logit: Float[Tensor, " S"], told: Float[Tensor, "S K"], steps: Steps
+    logit: Float[Tensor, " S"], gathered: Float[Tensor, "S K"], steps: Steps
 ) -> tuple[tuple[Tensor, Tensor, Tensor], Tensor, Tensor]:
-    """(channels, alpha, depth), and per sample its weight and what is left behind it [R, N]."""
+    """(channels, alpha, depth), and each sample's weight and the transmittance behind it, both [R, N]."""
     optical_depth = softplus(logit).view(steps.t.shape) * steps.step_mm[:, None]
     optical_depth[:, -1] += _OPAQUE * steps.is_stopped
     clear = torch.exp(-optical_depth)
     rays, weight, after = len(clear), torch.empty_like(clear), torch.empty_like(clear)
-    seen = torch.empty(rays, told.shape[1]), torch.empty(rays), torch.empty(rays)
-    _run(rays, kernels.composite_rays, _arrays(clear, steps.t, told.view(-1)), (), _arrays(weight, after, *seen))
+    seen = torch.empty(rays, gathered.shape[1]), torch.empty(rays), torch.empty(rays)
+    _run(rays, kernels.composite_rays, _arrays(clear, steps.t, gathered.view(-1)), (), _arrays(weight, after, *seen))
     return seen, weight, after
 
 
-def _tell_gradient(
+def _gather_gradient(
     planes: list[_Plane],
     tables: list[Tensor],
-    scene: Scene,
+    samples: Samples,
     uv: Float[Tensor, "S 2"],
-    told: Float[Tensor, "S K"],
+    gathered: Float[Tensor, "S K"],
     relief: Float[Tensor, "S 3"],
     outward: Float[Tensor, "S K"],
-    exposure_shape: torch.Size,
+    light_shape: torch.Size,
 ) -> tuple[list[Tensor], Tensor]:
-    """Gradients of the tables and of the vertices' exposure [V, E] from those of all that was told."""
-    face, barycentric, faces, channels, _ = _surface(scene)
-    columns = told.shape[1]
+    """Gradients of the tables and of the vertices' light [V, E] from those of the gathered features."""
+    face, barycentric, faces, channels, _ = _surface(samples)
+    columns = gathered.shape[1]
     widths = [plane.sizes[2] for plane in planes[:-1]]
     starts = [sum(widths[:k]) for k in range(len(widths))]
     of_tables = [
-        _table_gradient(plane, table, uv, scene.height, outward, at)
+        _table_gradient(plane, table, uv, samples.height, outward, at)
         for plane, table, at in zip(planes[:-1], tables[:-1], starts, strict=True)
     ]
     normal_at = sum(widths) + 2 + LOCAL_POSE_CHANNELS
     of_relief = torch.empty_like(relief)
-    where = (face, barycentric, relief.numpy(), faces, channels, *_arrays(told.view(-1), outward.view(-1)))
+    where = (face, barycentric, relief.numpy(), faces, channels, *_arrays(gathered.view(-1), outward.view(-1)))
     in_parallel(
         lambda first, last: kernels.relief_gradient(*where, columns, normal_at, first, last, of_relief.numpy()),
         len(relief),
         torch.get_num_threads(),
     )
-    of_tables.append(_table_gradient(planes[-1], tables[-1], uv, scene.height, of_relief, 0))
-    of_exposure = torch.zeros(exposure_shape)
+    of_tables.append(_table_gradient(planes[-1], tables[-1], uv, samples.height, of_relief, 0))
+    of_light = torch.zeros(light_shape)
     flat = outward.view(-1).numpy()
-    kernels.vertex_gradient(face, barycentric, faces, flat, columns, normal_at + 6, of_exposure.numpy())
-    return of_tables, of_exposure
+    kernels.vertex_gradient(face, barycentric, faces, flat, columns, normal_at + 6, of_light.numpy())
+    return of_tables, of_light
 
 
 def _table_gradient(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, outward: Tensor, at: int) -> Tensor:
@@ -227,10 +244,10 @@ def _table_gradient(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, ou
     return gradient
 
 
-def _surface(scene: Scene) -> list[Any]:
-    """As the kernels take it: face, barycentric, faces, the vertices' channels, corner_uv."""
-    samples, topology = scene.samples, scene.topology
-    return _arrays(samples.face, samples.barycentric, topology.faces, scene.channels, topology.corner_uv)
+def _surface(samples: Samples) -> list[Any]:
+    """Arrays for the kernels: face, barycentric, faces, the vertices' channels, corner_uv."""
+    on_surface, topology = samples.samples, samples.topology
+    return _arrays(on_surface.face, on_surface.barycentric, topology.faces, samples.channels, topology.corner_uv)
 
 
 def _arrays(*values: Tensor) -> list[Any]:
@@ -238,5 +255,5 @@ def _arrays(*values: Tensor) -> list[Any]:
 
 
 def _run(count: int, kernel: Any, inputs: Any, more: Any, out: Any) -> None:
-    """A kernel over [0, count), whose arguments are inputs, the range, and what it fills."""
+    """Run a kernel over [0, count): its arguments are inputs, the range, and the outputs."""
     in_parallel(lambda first, last: kernel(*inputs, *more, first, last, *out), count, torch.get_num_threads())

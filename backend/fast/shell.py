@@ -1,75 +1,61 @@
-"""The rasterised shell: one rasterisation per frame, which all sampling starts from."""
+"""The rasterised shell: one rasterisation per frame, from which all samples are placed."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
+from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
-from ..nerf.rays import HandInView, project
+from ..nerf.rays import HandInView, project, ray_directions, ray_origin
 from ..nerf.sampler import SamplerConfig
 from .kernels.compiled import in_parallel
-from .kernels.raster import nearest_depth, surface_layers
+from .kernels.raster import find_crossings, nearest_depth
 from .kernels.rays import find_live
+from .kernels.records import ProjectedMesh, Rays, ShellCrossings, Surface
 from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 
 
-class ShellCrossings(NamedTuple):
-    """The rasterised shell over P pixels of a view.
-
-    Attributes:
-        depth: [P, L] crossings of the inflated mesh, nearest first, m.
-        face: [P, L] their faces; a back face f as -1 - f.
-        crossings: [P] how many there are.
-        inner: [P] depth of the deflated mesh's first front, m; infinite where there is none.
-    """
-
-    depth: np.ndarray
-    face: np.ndarray
-    crossings: np.ndarray
-    inner: np.ndarray
-
-
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
-    """The layers of the inflated mesh and the first front of the deflated one."""
-    mesh, topology, view = hand
+    """The crossings of the inflated mesh, and the first front face of the deflated one."""
+    mesh, topology, camera = hand
     shell = config.shell_m * mesh.scale * mesh.normals
-    outer = [values.numpy() for values in project(view, mesh.vertices + shell)]
-    inner = [values.numpy() for values in project(view, mesh.vertices - shell)]
-    faces, (width, height) = topology.faces.numpy(), view.size_px
+    faces, (width, height) = topology.faces.numpy(), camera.size_px
+    outer, inner = (
+        ProjectedMesh(positions_px.numpy(), depth.numpy(), faces)
+        for positions_px, depth in (project(camera, mesh.vertices + shell), project(camera, mesh.vertices - shell))
+    )
     pixels = width * height
-    layers = ShellCrossings(
+    crossings = ShellCrossings(
         depth=np.empty((pixels, config.max_layers), np.float32),
         face=np.empty((pixels, config.max_layers), np.int32),
-        crossings=np.zeros(pixels, np.int32),
+        counts=np.zeros(pixels, np.int32),
         inner=np.full(pixels, np.inf, np.float32),
     )
 
     def rasterise_rows(first: int, last: int) -> None:
-        surface_layers((*outer, faces), width, first, last, layers.depth, layers.face, layers.crossings)
-        nearest_depth((*inner, faces), width, first, last, False, layers.inner)
+        find_crossings(outer, width, first, last, crossings)
+        nearest_depth(inner, width, first, last, False, crossings.inner)
 
     in_parallel(rasterise_rows, height, torch.get_num_threads())
-    return layers
+    return crossings
 
 
-def live_pixels(layers: ShellCrossings) -> np.ndarray:
-    """[R] the pixels whose rays have anything to sample."""
-    is_live = np.zeros(len(layers.crossings), np.bool_)
-    in_parallel(
-        lambda first, last: find_live(tuple(layers), first, last, is_live), len(is_live), torch.get_num_threads()
-    )
-    return is_live.nonzero()[0]
+def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:
+    """Pixels [R] and directions [R, 3] of the rays that have anything to sample, also as the kernels take them."""
+    is_live = np.zeros(len(crossings.counts), np.bool_)
+    in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live), torch.get_num_threads())
+    pixel = torch.as_tensor(is_live.nonzero()[0])
+    directions = ray_directions(hand.camera, pixel)
+    return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origin(hand.camera).numpy())
 
 
-def surface_arrays(mesh: PosedMesh, topology: Topology) -> tuple[np.ndarray, ...]:
-    """What laying samples on the posed surface needs: shapes, those around, neighbours, faces, vertices, normals."""
+def surface_of(mesh: PosedMesh, topology: Topology) -> Surface:
+    """The posed mesh prepared for closest-point searches."""
     vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), topology.neighbours.numpy()
     shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
     around = np.empty((len(faces), FACE_COLUMNS, neighbours.shape[1] - 1), np.float32)
     threads = torch.get_num_threads()
     in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes), len(faces), threads)
     in_parallel(lambda first, last: gather_shapes(shapes, neighbours, first, last, around), len(faces), threads)
-    return shapes, around, neighbours, faces, vertices, mesh.normals.numpy()
+    return Surface(shapes, around, neighbours, faces, vertices, mesh.normals.numpy())

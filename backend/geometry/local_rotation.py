@@ -1,8 +1,8 @@
-"""How the surface has turned, about each vertex, from the template to the pose.
+"""The rotation of the surface about each vertex, from the template to the pose.
 
-Where the surface faces is not enough to shade its fine relief: a tendon's two flanks differ by how they lie to the
-light, so the field must know the light's direction in the skin's own frame. The rotation is read off the posed mesh,
-not off the joints, so it holds for sculpted hands, foreign rigs and turned armature objects too.
+The normal alone cannot shade fine relief: the two flanks of a tendon differ by how they lie to the light, so the field
+needs the light's direction in the skin's own frame. The rotation is computed from the posed mesh, not from the joints,
+so it also holds for sculpted hands, retargeted rigs and rotated armature objects.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..hand.model import HandModel
-
 _MIN_LENGTH = 1e-12  # m; a tangent this short has no direction and becomes zero
 
 
 class LocalFrames(NamedTuple):
-    """A tangent of every vertex as a combination of its edges, and the template's frames.
+    """The tangent of every vertex as a combination of its edges, and the template's frames.
 
     Attributes:
-        neighbours: [V, K] vertex indices, the vertex itself where there are fewer.
-        weights: [V, K] of the edges to the neighbours; the weighted sum is the tangent.
-        template: [V, 3, 3] rows tangent, bitangent, normal, unit length, in the canonical hand's axes.
+        neighbours: [V, K] vertex indices, padded with the vertex itself.
+        weights: [V, K] weights of the edges to the neighbours; their weighted sum is the tangent.
+        template: [V, 3, 3] rows tangent, bitangent, normal; unit length, canonical axes.
     """
 
     neighbours: Tensor
@@ -33,13 +31,16 @@ class LocalFrames(NamedTuple):
     template: Tensor
 
     @classmethod
-    def of(cls, model: HandModel, device: torch.device | str, mirror: np.ndarray | None = None) -> LocalFrames:
-        """The frames of a model; `mirror` [3] takes its template to the canonical hand's, where that is its mirror."""
-        vertices, neighbours = model.v_template, _neighbour_table(model.f, len(model.v_template))
-        frames = _template_frames(vertices, model.f)
+    def of(
+        cls, vertices: np.ndarray, faces: np.ndarray, device: torch.device | str, mirror: np.ndarray | None = None
+    ) -> LocalFrames:
+        """The frames of a template mesh; `mirror` [3] turns it into its canonical mirror image (None: it is canonical).
+
+        The weights are the least-squares combination of edges that gives the tangent in the template.
+        """
+        neighbours, frames = _neighbour_table(faces, len(vertices)), _template_frames(vertices, faces)
         edges = vertices[neighbours] - vertices[:, None]
         in_plane = np.einsum("vkc,vac->vka", edges, frames[:, :2])  # [V, K, 2]
-        # Least squares: the combination of edges that is the tangent in the template, and stays one when it deforms.
         gram = np.einsum("vka,vkb->vab", in_plane, in_plane)
         weights = np.einsum("vka,vab->vkb", in_plane, np.linalg.pinv(gram))[..., 0]
         canonical = frames if mirror is None else frames * mirror

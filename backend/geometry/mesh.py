@@ -1,36 +1,33 @@
-"""The posed hand as a triangle mesh: what stays the same over all poses, and what a pose adds.
+"""A posed triangle mesh: what all poses share, and what one pose adds.
 
-V vertices, F faces, T atlas vertices, all tensors on one device. Lengths in metres of the world; `scale` says how much
-larger than its template the posed hand is, so that everything learnt in the template's metres carries over.
+V vertices, F faces; all tensors lie on one device. Lengths are metres of the world; `scale` is the posed mesh's size
+relative to its template, so that everything learnt in the template's metres carries over.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..hand.model import MIRROR_POINT, HandModel
-from ..records.shot import Side
 from .local_rotation import LocalFrames
 from .tolerances import LANES
 
 
 class Topology(NamedTuple):
-    """What all poses of a hand share.
+    """What all poses of a mesh share.
 
     Attributes:
         faces: [F, 3] vertex indices.
         corner_uv: [F, 3, 2] atlas coordinates of each face's corners.
         neighbours: [F, 1 + K] each face, and the faces that share a vertex with it; itself again up to K, a multiple of
             LANES.
-        edges: [E, 2] vertex indices, for the scale.
-        edge_length_m: [] mean edge length of the template.
-        lbs_weights: [V, 16].
-        parents: [16].
-        frames: of every vertex, to tell how the surface turns.
+        edges: [E, 2] vertex indices.
+        edge_length_m: [] mean edge length of the template, from which a posed mesh's scale follows.
+        frames: the template's local frame at every vertex.
     """
 
     faces: Tensor
@@ -38,26 +35,36 @@ class Topology(NamedTuple):
     neighbours: Tensor
     edges: Tensor
     edge_length_m: Tensor
-    lbs_weights: Tensor
-    parents: Tensor
     frames: LocalFrames
 
     @classmethod
-    def of(cls, model: HandModel, device: torch.device | str = "cpu", canonical_side: Side | None = None) -> Topology:
-        """The model's topology on a device; `canonical_side` is the hand's whose look it wears (None: its own)."""
-        is_mirrored = canonical_side not in (None, model.side)
-        faces = torch.as_tensor(model.f, device=device)
-        template = torch.as_tensor(model.v_template, dtype=torch.float32, device=device)
-        edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    def of(
+        cls,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        corner_uv: np.ndarray,
+        device: torch.device | str = "cpu",
+        mirror: np.ndarray | None = None,
+    ) -> Topology:
+        """The topology of a template mesh.
+
+        Args:
+            vertices: [V, 3] m.
+            faces: [F, 3] vertex indices.
+            corner_uv: [F, 3, 2] atlas coordinates.
+            device: of the tensors.
+            mirror: [3] factors that turn the template into its canonical mirror image; None: it is canonical.
+        """
+        indices = torch.as_tensor(faces, device=device)
+        template = torch.as_tensor(vertices, dtype=torch.float32, device=device)
+        edges = torch.cat([indices[:, [0, 1]], indices[:, [1, 2]], indices[:, [2, 0]]])
         return cls(
-            faces=faces,
-            corner_uv=torch.as_tensor(model.vt[model.ft], dtype=torch.float32, device=device),
-            neighbours=face_neighbours(faces),
+            faces=indices,
+            corner_uv=torch.as_tensor(corner_uv, dtype=torch.float32, device=device),
+            neighbours=face_neighbours(indices),
             edges=edges,
             edge_length_m=mean_edge_length(template, edges),
-            lbs_weights=torch.as_tensor(model.lbs_weights, dtype=torch.float32, device=device),
-            parents=torch.as_tensor(model.parents, device=device),
-            frames=LocalFrames.of(model, device, MIRROR_POINT if is_mirrored else None),
+            frames=LocalFrames.of(vertices, faces, device, mirror),
         )
 
 

@@ -1,4 +1,4 @@
-"""What the field is told beside the position: the pose near each vertex once a frame, and the view of each sample."""
+"""What the field is conditioned on: per vertex once a frame (pose, rotation, visibility), per ray the view."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from torch import Tensor
 from ..geometry.local_rotation import local_rotations
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples, atlas_uv, interpolate
-from ..geometry.visibility import visibility_transfer
+from ..hand.topology import Skinning
 
 LOCAL_POSE_CHANNELS = 9
-EXPOSURE_CHANNELS = 8
+LIGHT_CHANNELS = 8
 
 
 class FieldInputs(NamedTuple):
-    """S = R * N samples of R rays as the field sees them.
+    """Inputs of the field at S = R * N samples of R rays.
 
     Attributes:
         uv: [S, 2] in [0, 1].
         height: [S] signed height over the surface, in units of the shell: -1..1.
         normal: [S, 3] posed surface normal, world.
-        rotation: [S, 3, 3] how the surface has turned there, canonical hand -> world.
+        rotation: [S, 3, 3] local rotation of the surface, canonical hand -> world.
         local_pose: [S, 9] skin-weighted axis-angle, rad, of the joints that move the point, their parents and children.
-        exposure: [S, 8] light the point gets, self-shadowing included, in a learnt code.
+        light: [S, 8] learned code of the light that reaches the point, with self-shadowing.
         view: [R, 3] unit direction of each ray, world.
         theta: [48] the whole hand's axis-angle pose, rad.
         footprint_m: [S] width of a pixel at the sample, in the template's metres.
@@ -37,28 +37,28 @@ class FieldInputs(NamedTuple):
     normal: Tensor
     rotation: Tensor
     local_pose: Tensor
-    exposure: Tensor
+    light: Tensor
     view: Tensor
     theta: Tensor
     footprint_m: Tensor
 
 
-def vertex_local_pose(theta: Float[Tensor, "16 3"], topology: Topology) -> Float[Tensor, "V 9"]:
-    """Each vertex' own joints, their parents and their children, blended by skinning weight.
+def vertex_local_pose(theta: Float[Tensor, "16 3"], skinning: Skinning) -> Float[Tensor, "V 9"]:
+    """Axis-angle of each vertex's joints, of their parents and of their children, blended by skinning weight, rad.
 
-    The root's rotation is left out: it turns the hand as a whole, and normals and view already say where it faces.
+    The root's rotation is left out: it turns the whole hand, which normals and view directions already express.
     """
     fingers = theta.clone()
     fingers[0] = 0
-    parents = topology.parents.clamp(min=0)
+    parents = skinning.parents.clamp(min=0)
     of_parent = fingers[parents]
     of_child = torch.zeros_like(fingers).index_add(0, parents[1:], fingers[1:])
-    of_child[0] = 0  # five fingers meet at the wrist: their sum says nothing
-    return topology.lbs_weights @ torch.cat([fingers, of_parent, of_child], -1)
+    of_child[0] = 0  # the sum over five fingers carries no information
+    return skinning.lbs_weights @ torch.cat([fingers, of_parent, of_child], -1)
 
 
 class FrameConditions(NamedTuple):
-    """What is computed once per frame.
+    """Conditions of one posed hand, computed once per frame.
 
     Attributes:
         theta: [48] rad.
@@ -71,41 +71,49 @@ class FrameConditions(NamedTuple):
     visibility: Tensor
 
     @classmethod
-    def of(cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh) -> FrameConditions:
-        """The conditions of one posed hand; `theta` mirrored to the avatar's own side."""
-        return cls.with_visibility(theta, topology, mesh, visibility_transfer(mesh, topology))
-
-    @classmethod
-    def with_visibility(
-        cls, theta: Float[Tensor, "16 3"], topology: Topology, mesh: PosedMesh, visibility: Float[Tensor, "V K"]
+    def of(
+        cls,
+        theta: Float[Tensor, "16 3"],
+        skinning: Skinning,
+        topology: Topology,
+        mesh: PosedMesh,
+        visibility: Float[Tensor, "V K"],
     ) -> FrameConditions:
-        """The conditions where the visibility is known: the rest has gradients to the pose and the mesh."""
+        """The conditions, with gradients to the pose and the mesh.
+
+        Args:
+            theta: rad, mirrored to the avatar's own side.
+            skinning: of the hand.
+            topology: of the mesh.
+            mesh: the pose.
+            visibility: as `RenderBackend.visibility` gives it.
+        """
         rotation = local_rotations(mesh.vertices, mesh.normals, topology.frames).flatten(1)
-        channels = torch.cat([mesh.normals, rotation, vertex_local_pose(theta, topology)], -1)
+        channels = torch.cat([mesh.normals, rotation, vertex_local_pose(theta, skinning)], -1)
         return cls(theta.reshape(-1), channels, visibility)
 
 
-def field_inputs(
+def gather_field_inputs(
     samples: SurfaceSamples,
     topology: Topology,
     frame: FrameConditions,
-    vertex_exposure: Float[Tensor, "V E"],
+    vertex_light: Float[Tensor, "V E"],
     view: Float[Tensor, "R 3"],
     footprint_m: Float[Tensor, " S"],
     shell_m: float,
 ) -> FieldInputs:
-    """Gather what the field needs at each sample."""
-    per_vertex = torch.cat([frame.vertex_channels, vertex_exposure.to(frame.vertex_channels.dtype)], -1)
+    """Interpolate the per-vertex conditions at each sample."""
+    per_vertex = torch.cat([frame.vertex_channels, vertex_light.to(frame.vertex_channels.dtype)], -1)
     channels = interpolate(per_vertex, topology, samples)
-    sizes = [3, 9, LOCAL_POSE_CHANNELS, vertex_exposure.shape[1]]
-    normal, rotation, local_pose, exposure = channels.split(sizes, -1)
+    sizes = [3, 9, LOCAL_POSE_CHANNELS, vertex_light.shape[1]]
+    normal, rotation, local_pose, light = channels.split(sizes, -1)
     return FieldInputs(
         uv=atlas_uv(topology, samples),
         height=samples.height_m / shell_m,
         normal=torch.nn.functional.normalize(normal, dim=-1),
         rotation=rotation.reshape(-1, 3, 3),
         local_pose=local_pose,
-        exposure=exposure,
+        light=light,
         view=view,
         theta=frame.theta,
         footprint_m=footprint_m,
@@ -115,7 +123,7 @@ def field_inputs(
 def view_features(normal: Float[Tensor, "R 3"], view: Float[Tensor, "R 3"]) -> Float[Tensor, "R 5"]:
     """Reflected ray, n.v, and Schlick's Fresnel factor.
 
-    A raw view direction lets the field learn the training cameras by heart (2.6 dB worse from new cameras).
+    A raw view direction overfits to the training cameras (2.6 dB worse from new cameras).
     """
     facing = -(normal * view).sum(-1, keepdim=True)
     reflected = view + 2 * facing * normal

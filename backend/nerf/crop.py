@@ -1,7 +1,7 @@
-"""The part of the image where the hand is: all that is rendered.
+"""The crop of the image that holds the hand: only this part is rendered.
 
-A window is laid on the low-resolution grid (half the image's size) and reaches past the hand by a margin, past the
-image's border too where the hand does, so that super-resolution never sees an artificial edge.
+A crop lies on the low-resolution grid (half the image's size) and extends past the hand by a margin, past the image's
+border too if the hand does, so that super-resolution never sees an artificial edge.
 """
 
 from __future__ import annotations
@@ -10,13 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry.mesh import PosedMesh
 from ..geometry.tolerances import NEAR_M
 from ..records.camera import Camera
+from .rays import camera_tensors, project
+from .sampler import SamplerConfig
 
 MARGIN_PX = 6
 """Low-resolution pixels around the hand: the reach of the super-resolution's convolutions."""
 BUCKET_PX = 16
-"""Crop sizes are multiples of this, so that convolutions meet few shapes."""
+"""Crop sizes are multiples of this, so that convolutions see few shapes."""
 
 
 @dataclass(frozen=True)
@@ -29,22 +32,22 @@ class Crop:
     height: int
 
     def camera_of(self, camera: Camera) -> Camera:
-        """The low-resolution camera of the window."""
+        """The low-resolution camera of the crop."""
         return camera.scaled(0.5).cropped(self.x0, self.y0, (self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
-        """Copy full-resolution window values [2 height, 2 width, ...] into the image, in place."""
+        """Copy full-resolution crop values [2 height, 2 width, ...] into the image, in place."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def paste_low_resolution(self, values: np.ndarray, image: np.ndarray) -> None:
-        """Copy low-resolution window values [height, width, ...] into an image of half the size, in place."""
+        """Copy low-resolution crop values [height, width, ...] into an image of half the size, in place."""
         rows, inner_rows = _overlap_1d(self.y0, self.height, image.shape[0])
         columns, inner_columns = _overlap_1d(self.x0, self.width, image.shape[1])
         image[rows, columns] = values[inner_rows, inner_columns]
 
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
-        """The full-resolution window [2 height, 2 width, ...] of an image; `outside` fills what lies past it."""
+        """The full-resolution crop [2 height, 2 width, ...] of an image; `outside` fills what lies beyond it."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         values = np.full((2 * self.height, 2 * self.width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]
@@ -56,10 +59,18 @@ class Crop:
         return rows, columns, inner_rows, inner_columns
 
 
+def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Crop | None:
+    """The crop of a posed hand and its shell; None if nothing of it is in view."""
+    tensors = camera_tensors(camera, mesh.vertices.device)
+    positions_px, depth = project(tensors, mesh.vertices)
+    reach_px = tensors.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
+    return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)
+
+
 def hand_crop(
     positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int]
 ) -> Crop | None:
-    """The window of projected vertices [V, 2] that reach `reach_px` [V] about them; None where nothing is in view."""
+    """The crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
     in_front = depth > NEAR_M
     if not in_front.any():
         return None
@@ -75,6 +86,6 @@ def hand_crop(
 
 
 def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:
-    """Where [start, start + length) overlaps [0, limit): as a slice of the image, and as one of the window."""
+    """Where [start, start + length) overlaps [0, limit): as a slice of the image, and as one of the crop."""
     first, last = max(start, 0), max(min(start + length, limit), 0)
     return slice(first, max(first, last)), slice(first - start, max(first, last) - start)

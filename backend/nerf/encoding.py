@@ -1,13 +1,12 @@
-"""How positions enter the field: sines of growing frequency, or learned feature planes over the atlas."""
+"""Encodings of position: sines of growing frequency, and learned feature planes over the atlas."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-
-from ..fast.planes import PlaneRead
-from ..rendering.device import has_kernels
 
 
 def positional_encoding(x: Float[Tensor, "*n C"], octaves: int) -> Float[Tensor, "*n D"]:
@@ -32,19 +31,12 @@ class FeaturePlane(nn.Module):
         self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"], fade: Float[Tensor, " S"]
     ) -> Float[Tensor, "S C"]:
         """Features at atlas coordinates in [0, 1] and heights in [-1, 1] (the shell), times `fade`."""
-        if has_kernels(uv.device):
-            sizes = self.resolution, self.heights, self.channels
-            return PlaneRead.apply(self.table, uv, height, fade, sizes)
-        return self.read_with_torch(uv, height) * fade[:, None]
-
-    def read_with_torch(self, uv: Float[Tensor, "S 2"], height: Float[Tensor, " S"]) -> Float[Tensor, "S C"]:
-        """Features without fading, on any device, and the reference of the kernels."""
         texel, weights = self._corners(uv)
         layer, layer_weights = self._layers(height)
         index = texel[:, :, None] * self.heights + layer[:, None, :]  # [S, 4, 2]
         weights = weights[:, :, None] * layer_weights[:, None, :]
         rows = nn.functional.embedding(index.flatten(1), self.table)
-        return (weights.flatten(1)[..., None] * rows).sum(1)
+        return (weights.flatten(1)[..., None] * rows).sum(1) * fade[:, None]
 
     def _corners(self, uv: Tensor) -> tuple[Tensor, Tensor]:
         """The four texels around each point [S, 4], and their bilinear weights."""
@@ -67,3 +59,7 @@ class FeaturePlane(nn.Module):
         share = position - first
         below = first.long()
         return torch.stack([below, below + 1], -1), torch.stack([1 - share, share], -1)
+
+
+PlaneReader = Callable[[FeaturePlane, Tensor, Tensor, Tensor], Tensor]
+"""(plane, uv [S, 2], height [S], fade [S]) -> features [S, C]; `FeaturePlane.forward` is the reference."""

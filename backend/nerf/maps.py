@@ -1,8 +1,6 @@
-"""From rays to the picture: low-resolution maps, and super-resolution of them."""
+"""From rays to the image: low-resolution maps, and their super-resolution."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -10,51 +8,36 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..records.depth_profile import DepthProfile
+from .backend import RenderedRays
 from .crop import MARGIN_PX, Crop
 from .volume import Composite
 
-# Low-resolution pixels enlarged at once; a larger picture is enlarged in bands, which bounds the memory.
-_PIXELS_AT_ONCE = 1 << 17
+# Low-resolution pixels per call of super-resolution; larger images are enlarged in bands, which bounds memory.
+_PIXELS_PER_BAND = 1 << 17
 
 
-class SeenRays(NamedTuple):
-    """R low-resolution rays of N samples, and what is seen along them.
-
-    Attributes:
-        pixel: [R] row * width + column, in the window.
-        composite: what is seen.
-        t: [R, N] depth of each sample, m.
-        dt: [R] depth step of the samples, m.
-    """
-
-    pixel: Tensor
-    composite: Composite
-    t: Tensor
-    dt: Tensor
-
-
-def depth_profile(seen: SeenRays, window: Crop, size_px: tuple[int, int]) -> DepthProfile:
-    """The rays' profile on the whole image's low-resolution grid."""
-    in_window = np.full(window.height * window.width, -1, np.int32)
-    in_window[seen.pixel.cpu().numpy()] = np.arange(len(seen.pixel), dtype=np.int32)
+def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
+    """The rays' depth profile on the low-resolution grid of the whole image."""
+    in_crop = np.full(crop.height * crop.width, -1, np.int32)
+    in_crop[rays.pixel.cpu().numpy()] = np.arange(len(rays.pixel), dtype=np.int32)
     row = np.full([(side + 1) // 2 for side in reversed(size_px)], -1, np.int32)
-    window.paste_low_resolution(in_window.reshape(window.height, window.width), row)
-    arrays = (values.float().cpu().numpy() for values in (seen.t, seen.dt, seen.composite.weights))
+    crop.paste_low_resolution(in_crop.reshape(crop.height, crop.width), row)
+    arrays = (values.float().cpu().numpy() for values in (rays.t, rays.dt, rays.composite.weights))
     return DepthProfile(row, *arrays)
 
 
 def image_of(
     superres: nn.Module, low: Composite, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
-    """Super-resolved RGBA, not clamped, and depth (infinite where no ray met the hand), at twice `size_px`."""
+    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand), at twice `size_px`."""
     maps, depth = low_resolution_maps(low, pixel, size_px)
     return enlarge_maps(superres, maps), depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
 
 
 def enlarge_maps(superres: nn.Module, maps: Float[Tensor, "33 h w"]) -> Float[Tensor, "4 H W"]:
-    """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam shows."""
+    """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
     height, width = maps.shape[1:]
-    rows = max(1, _PIXELS_AT_ONCE // width)
+    rows = max(1, _PIXELS_PER_BAND // width)
     bands = []
     for first in range(0, height, rows):
         last = min(first + rows, height)

@@ -1,4 +1,4 @@
-"""Camera rays as tensors: where they start and point, and, once traced, where their samples lie over the skin.
+"""Camera rays as tensors: their origins and directions and, once traced, where their samples lie over the skin.
 
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
 """
@@ -26,26 +26,20 @@ class CameraTensors(NamedTuple):
 
     @property
     def focal_px(self) -> Tensor:
-        """[] the focal length of square pixels as large as these, px: the geometric mean of both axes'."""
+        """[] focal length, px: the geometric mean of both axes."""
         return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
 
 
 class HandInView(NamedTuple):
-    """A posed hand before a (low-resolution) camera: where rays meet what.
-
-    Attributes:
-        mesh: the pose.
-        topology: of the hand.
-        view: the camera.
-    """
+    """A posed hand and the (low-resolution) camera that sees it."""
 
     mesh: PosedMesh
     topology: Topology
-    view: CameraTensors
+    camera: CameraTensors
 
 
 class SurfaceRays(NamedTuple):
-    """R rays as in `RaySamples`, their N samples laid on the surface."""
+    """R rays as in `RaySamples`, with their N samples projected onto the surface."""
 
     pixel: Tensor
     directions: Tensor
@@ -58,7 +52,7 @@ class SurfaceRays(NamedTuple):
 def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
     """The camera as tensors.
 
-    The rigid matrix is turned round by hand: numpy's inverse wakes a thread that then spins for 100 ms, on a core that
+    The rigid matrix is inverted by hand: numpy's inverse wakes a BLAS thread that then spins for 100 ms on a core that
     the frame needs.
     """
     rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
@@ -71,29 +65,29 @@ def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
     )
 
 
-def project(view: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
+def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
     """World points -> (px, depth m)."""
-    in_camera = points @ view.world2cam[:3, :3].T + view.world2cam[:3, 3]
-    homogeneous = in_camera @ view.K.T
+    in_camera = points @ camera.world2cam[:3, :3].T + camera.world2cam[:3, 3]
+    homogeneous = in_camera @ camera.K.T
     return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
 
 
-def ray_directions(view: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
+def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
     """World directions of depth 1 through pixel centres."""
-    width = view.size_px[0]
-    ones = torch.ones_like(pixel, dtype=view.K.dtype)
-    centre = torch.stack([pixel % width + 0.5, pixel // width + 0.5, ones], -1).to(view.K.dtype)
-    return centre @ torch.linalg.inv(view.K).T @ view.world2cam[:3, :3]
+    width = camera.size_px[0]
+    ones = torch.ones_like(pixel, dtype=camera.K.dtype)
+    centre = torch.stack([pixel % width + 0.5, pixel // width + 0.5, ones], -1).to(camera.K.dtype)
+    return centre @ torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
 
 
-def ray_origin(view: CameraTensors) -> Float[Tensor, 3]:
+def ray_origin(camera: CameraTensors) -> Float[Tensor, 3]:
     """The camera's centre, world, m."""
-    return -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
+    return -camera.world2cam[:3, :3].T @ camera.world2cam[:3, 3]
 
 
-def split_rays(rays: SurfaceRays, at_once: int) -> list[SurfaceRays]:
-    """The same rays in chunks; at least one chunk, also of no rays."""
+def split_rays(rays: SurfaceRays, size: int) -> list[SurfaceRays]:
+    """The same rays in chunks of `size` rays; at least one chunk, even if there are no rays."""
     per_ray = rays.t.shape[1]
-    by_ray = zip(*(values.split(at_once) for values in rays[:5]), strict=True)
-    by_sample = zip(*(values.split(at_once * per_ray) for values in rays.samples), strict=True)
+    by_ray = zip(*(values.split(size) for values in rays[:5]), strict=True)
+    by_sample = zip(*(values.split(size * per_ray) for values in rays.samples), strict=True)
     return [SurfaceRays(*r, samples=SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]

@@ -1,10 +1,10 @@
-"""Mesh-guided sampling: where along each ray the radiance field is asked (paper section 3.3).
+"""Mesh-guided sampling: where along each ray the radiance field is queried (paper section 3.3).
 
-The field lives in a shell of `shell_m` on both sides of the posed surface. A ray is sampled where it is inside the
-mesh inflated by the shell, up to where it first enters the mesh deflated by the shell. There the hand is opaque
-whatever the field says: where two parts of the skin touch, a sample inside the one lies just outside the other, which
-looks like air. Nothing behind that is seen. So a ray past a fingertip over the palm gets one interval on each and no
-samples in the gap, and one that only grazes the finger goes on to what lies behind it.
+The field lives in the shell, a narrow band of half-width `shell_m` around the posed surface. A ray is sampled where it
+is inside the mesh inflated by `shell_m`, up to where it first enters the mesh deflated by `shell_m`. There the hand is
+opaque whatever the field returns: where two parts of the skin touch, a sample inside one lies just outside the other
+and would count as air. So a ray past a fingertip over the palm gets one interval on each and no samples in the gap,
+and a ray that only grazes the finger continues to what lies behind it.
 
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
 """
@@ -30,7 +30,7 @@ class SamplerConfig:
     samples_per_ray: int = 8
     """N."""
     shell_m: float = 0.003
-    """Half thickness of the shell, metres of the template."""
+    """Half-width of the shell, metres of the template."""
     max_layers: int = 10
     """Surface crossings (front and back) kept per ray; the farthest are dropped."""
 
@@ -44,7 +44,7 @@ class RaySamples(NamedTuple):
         t: [R, N] depth of each sample, m.
         dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
         points: [R, N, 3] world, m.
-        is_stopped: [R] whether the ray ends at the deflated mesh, behind which all is opaque.
+        is_stopped: [R] whether the ray ends at the deflated mesh, which is opaque.
         entry_face: [R, L] faces whose inflated fronts the ray crosses, nearest first.
         is_open: [R, N, L] which of the crossings lie before each sample, in the sample's own interval.
     """
@@ -99,14 +99,14 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
     """Samples of all rays that meet the shell.
 
     Args:
-        hand: before its camera.
-        config: how to sample.
+        hand: the posed hand and its camera.
+        config: of the sampler.
         generator: jitters the samples within their strata; None puts them at the strata's centres.
     """
-    intervals, view = shell_intervals(hand, config), hand.view
-    directions = ray_directions(view, intervals.pixel)
+    intervals, camera = shell_intervals(hand, config), hand.camera
+    directions = ray_directions(camera, intervals.pixel)
     t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
-    points = ray_origin(view) + t[..., None] * directions[:, None, :]
+    points = ray_origin(camera) + t[..., None] * directions[:, None, :]
     entry = intervals.entry[:, None, :]
     is_open = (entry <= t[..., None]) & (entry >= since[..., None])
     return RaySamples(intervals.pixel, directions, t, dt, points, intervals.is_stopped, intervals.entry_face, is_open)
@@ -114,23 +114,23 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    mesh, topology, view = hand
+    mesh, topology, camera = hand
     shell = config.shell_m * mesh.scale * mesh.normals
-    outer = _fragments_of(mesh.vertices + shell, topology, view)
-    inner = _fragments_of(mesh.vertices - shell, topology, view)
-    layers = _by_ray(outer, config.max_layers)
-    inside, pixel = _inside_intervals(layers), layers.pixel
-    return _without_empty(_stop_at(inside, _first_hit(inner, view)[pixel]))
+    outer = _fragments_of(mesh.vertices + shell, topology, camera)
+    inner = _fragments_of(mesh.vertices - shell, topology, camera)
+    crossings = _by_ray(outer, config.max_layers)
+    inside, pixel = _inside_intervals(crossings), crossings.pixel
+    return _without_empty(_stop_at(inside, _first_hit(inner, camera)[pixel]))
 
 
-def _fragments_of(vertices: Tensor, topology: Topology, view: CameraTensors) -> Fragments:
-    positions_px, depth = project(view, vertices)
-    return rasterise(positions_px, depth, topology.faces, view.size_px)
+def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
+    positions_px, depth = project(camera, vertices)
+    return rasterise(positions_px, depth, topology.faces, camera.size_px)
 
 
-def _first_hit(fragments: Fragments, view: CameraTensors) -> Float[Tensor, " P"]:
+def _first_hit(fragments: Fragments, camera: CameraTensors) -> Float[Tensor, " P"]:
     """Depth of the first front face per pixel; infinite where there is none."""
-    width, height = view.size_px
+    width, height = camera.size_px
     nearest = fragments.depth.new_full((width * height,), torch.inf)
     front = fragments.is_front
     return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
@@ -151,12 +151,12 @@ def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:
     return Crossings(pixel, depth, face, is_front)
 
 
-def _inside_intervals(layers: Crossings) -> Intervals:
-    """Where each ray is inside: from the crossing that takes its nesting from 0 to 1, to the one that takes it back.
+def _inside_intervals(crossings: Crossings) -> Intervals:
+    """The intervals in which each ray is inside: from a crossing that raises its nesting to 1 to the next exit.
 
-    A ray whose last exit is missing (clipped, or beyond the kept layers) ends at its last crossing.
+    A ray whose last exit is missing (clipped, or beyond the kept crossings) ends at its last crossing.
     """
-    depth, is_front = layers.depth, layers.is_front
+    depth, is_front = crossings.depth, crossings.is_front
     is_hit = depth.isfinite()
     step = torch.where(is_hit, torch.where(is_front, 1, -1), 0)
     nesting = step.cumsum(1)
@@ -168,11 +168,13 @@ def _inside_intervals(layers: Crossings) -> Intervals:
     start = torch.where(opens, depth, torch.zeros_like(depth))
     end = torch.where(opens, torch.maximum(next_exit, start), start)
     entry = torch.where(is_front, depth, torch.full_like(depth, torch.inf))
-    return Intervals(layers.pixel, start, end, torch.zeros_like(layers.pixel, dtype=torch.bool), entry, layers.face)
+    return Intervals(
+        crossings.pixel, start, end, torch.zeros_like(crossings.pixel, dtype=torch.bool), entry, crossings.face
+    )
 
 
 def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
-    """End the intervals at a depth; a ray that this cuts short is stopped."""
+    """Clip the intervals at a depth; a ray that this shortens is stopped."""
     end = torch.minimum(intervals.end, depth[:, None])
     is_stopped = depth < intervals.end.amax(1)
     return intervals._replace(start=torch.minimum(intervals.start, end), end=end, is_stopped=is_stopped)

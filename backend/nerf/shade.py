@@ -1,35 +1,38 @@
-"""Asks the field along traced rays."""
+"""Queries the field along traced rays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import NamedTuple
 
-import torch
+from torch import Tensor
 
-from ..rendering.device import has_kernels
-from .conditions import FrameConditions, field_inputs
+from .conditions import FrameConditions, gather_field_inputs
+from .encoding import FeaturePlane, PlaneReader
 from .field import PaperField, PlaneField
-from .rays import HandInView, SurfaceRays, split_rays
+from .rays import HandInView, SurfaceRays
 from .volume import Composite, Steps
 
-# Samples the field is asked for at once: bounds memory.
-_SAMPLES_AT_ONCE = 65536
 
+class RayGeometry(NamedTuple):
+    """What shading needs of R rays of N samples.
 
-def shade_in_chunks(
-    field: PaperField | PlaneField,
-    rays: SurfaceRays,
-    hand: HandInView,
-    conditions: FrameConditions,
-    shell_m: float,
-    before_chunk: Callable[[], None],
-) -> Composite:
-    """`shade`, in bounded memory; what `before_chunk` raises ends it."""
-    parts = []
-    for chunk in split_rays(rays, max(1, _SAMPLES_AT_ONCE // rays.t.shape[1])):
-        before_chunk()
-        parts.append(shade(field, chunk, hand, conditions, shell_m))
-    return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
+    Attributes:
+        steps: of the rays.
+        view: [R, 3] unit directions, world.
+        footprint_m: [S] width of a pixel at each sample, in the template's metres.
+    """
+
+    steps: Steps
+    view: Tensor
+    footprint_m: Tensor
+
+    @classmethod
+    def of(cls, rays: SurfaceRays, hand: HandInView) -> RayGeometry:
+        """The geometry of traced rays."""
+        scale, length = hand.mesh.scale, rays.directions.norm(dim=-1)
+        footprint_m = (rays.t / (hand.camera.focal_px * scale)).flatten()
+        steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
+        return cls(steps, rays.directions / length[:, None], footprint_m)
 
 
 def shade(
@@ -38,24 +41,10 @@ def shade(
     hand: HandInView,
     conditions: FrameConditions,
     shell_m: float,
+    read_plane: PlaneReader = FeaturePlane.forward,
 ) -> Composite:
-    """Ask the field at the samples and composite each ray."""
-    topology, scale = hand.topology, hand.mesh.scale
-    length = rays.directions.norm(dim=-1)
-    footprint_m = (rays.t / (hand.view.focal_px * scale)).flatten()
-    unit = rays.directions / length[:, None]
-    steps = Steps(rays.t, rays.dt * length / scale * 1000, rays.is_stopped)
-    if isinstance(field, PlaneField) and has_kernels(rays.t.device) and not _moves(rays, conditions, steps):
-        from ..fast.shade import composite_gathered
-
-        told = composite_gathered(field, rays.samples, topology, conditions, footprint_m, steps, shell_m)
-        return field.decode(told, unit)
-    exposure = field.exposure(conditions.visibility)
-    inputs = field_inputs(rays.samples, topology, conditions, exposure, unit, footprint_m, shell_m)
-    return field(inputs, steps)
-
-
-def _moves(rays: SurfaceRays, conditions: FrameConditions, steps: Steps) -> bool:
-    """Whether gradients are to reach the geometry, which the kernels take as given."""
-    geometry = (*rays.samples, conditions.vertex_channels, conditions.visibility, rays.directions, *steps)
-    return torch.is_grad_enabled() and any(values.requires_grad for values in geometry)
+    """Query the field at the samples and composite each ray; `read_plane` reads the field's planes."""
+    steps, view, footprint_m = RayGeometry.of(rays, hand)
+    light = field.light_code(conditions.visibility)
+    inputs = gather_field_inputs(rays.samples, hand.topology, conditions, light, view, footprint_m, shell_m)
+    return field(inputs, steps, read_plane)

@@ -6,28 +6,18 @@ import torch
 
 from ..geometry.surface_tracking import track
 from ..geometry.uvh import SurfaceSamples
-from ..rendering.device import has_kernels
 from .rays import HandInView, SurfaceRays
 from .sampler import SamplerConfig, sample_rays
 
 
 def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
-    """Sample the rays that meet the shell and lay the samples on the surface.
+    """Sample the rays that meet the shell and project the samples onto the surface.
 
     Args:
-        hand: before its camera.
-        config: how to sample.
+        hand: the posed hand and its camera.
+        config: of the sampler.
         generator: jitters the samples within their strata; None puts them at the strata's centres.
     """
-    if has_kernels(hand.mesh.vertices.device):
-        from ..fast import trace as tracing
-
-        return tracing.trace(hand, config, generator)
-    return trace_with_torch(hand, config, generator)
-
-
-def trace_with_torch(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
-    """`trace` on any device, and the reference of the kernels."""
     rays, mesh = sample_rays(hand, config, generator), hand.mesh
     samples = track(rays.points, rays.entry_face, rays.is_open, hand.topology, mesh)
     samples = SurfaceSamples(samples.face, samples.barycentric, samples.height_m / mesh.scale)

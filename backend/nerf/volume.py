@@ -10,13 +10,13 @@ from torch import Tensor
 
 
 class Composite(NamedTuple):
-    """What is seen along R rays of N samples.
+    """R rays of N samples, volume-rendered.
 
     Attributes:
         channels: [R, C] premultiplied.
         alpha: [R].
         depth: [R] m, the mean over the ray's weights (0 where alpha is).
-        weights: [R, N] each sample's part of alpha.
+        weights: [R, N] each sample's contribution to alpha.
     """
 
     channels: Tensor
@@ -25,19 +25,19 @@ class Composite(NamedTuple):
     weights: Tensor
 
 
-# Keeps the depth's quotient finite where a ray meets nothing; far below one 8-bit level of alpha.
+# Keeps the mean depth finite along transparent rays; far below one 8-bit level of alpha.
 _MIN_ALPHA = 1e-6
-# An optical depth that lets 1e-13 through.
+# An optical depth of transmittance 1e-13.
 _OPAQUE = 30.0
 
 
 class Steps(NamedTuple):
-    """Where R rays of N samples are asked.
+    """The sampling of R rays of N samples.
 
     Attributes:
         t: [R, N] depth of each sample, m.
         step_mm: [R] length of a step along the ray, mm of the template.
-        is_stopped: [R] whether the last sample is opaque whatever the field says.
+        is_stopped: [R] whether the last sample is opaque whatever the field returns.
     """
 
     t: Tensor

@@ -24,10 +24,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from ..captures.capture import Capture, Split
-from ..geometry.mesh import Topology, posed_mesh, vertex_normals
+from ..geometry.mesh import posed_mesh, vertex_normals
 from ..geometry.reprojection import reproject
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
+from ..hand.topology import Skinning, topology_of
 from ..nerf.conditions import FrameConditions
 from ..nerf.rays import ray_origin
 from ..records.shot import HandPose, Side
@@ -100,7 +101,8 @@ class Refinement(nn.Module):
         super().__init__()
         self.config = config
         self._side: Side = hand.side
-        self._skin, self._topology = SkinTensors.of(hand, device), Topology.of(hand, device)
+        self._skin, self._topology = SkinTensors.of(hand, device), topology_of(hand, device)
+        self._skinning = Skinning.of(hand, device)
         self._normals = vertex_normals(self._skin.v_template, self._topology.faces)
         trained = {view.pose_index for view in capture.of_split(split)}
         self._is_trained = torch.tensor([index in trained for index in range(len(capture.poses))], device=device)
@@ -143,7 +145,7 @@ class Refinement(nn.Module):
             points = ray_origin(view.view) + rays.t[..., None] * rays.directions[:, None]
             samples = reproject(points.flatten(0, 1), rays.samples.face, self._topology, mesh)
             visibility = view.conditions.visibility
-            conditions = FrameConditions.with_visibility(corrected.theta, self._topology, mesh, visibility)
+            conditions = FrameConditions.of(corrected.theta, self._skinning, self._topology, mesh, visibility)
         return view._replace(rays=rays._replace(samples=samples), conditions=conditions, mesh=mesh)
 
     def pose(self, pose_index: int) -> tuple[Corrected, Float[Tensor, "V 3"]]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ..captures.capture import Capture
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar, AvatarConfig
-from ..rendering.renderer import Precision
+from ..nerf.backend import Precision
 from .checkpoint import Progress
 from .config import TrainConfig
 from .origin import Origin

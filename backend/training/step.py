@@ -11,10 +11,9 @@ from torch import Tensor
 
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
+from ..nerf.backend import Precision
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
-from ..nerf.shade import shade
-from ..rendering.renderer import Precision
 from .clock import Clock
 from .config import TrainConfig
 from .losses import crop_loss
@@ -141,7 +140,7 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView) -> Ren
     """A training view's window."""
     shell_m = avatar.config.sampler.shell_m
     hand = HandInView(view.mesh, views.topology, view.view)
-    composite = shade(avatar.field, view.rays, hand, view.conditions, shell_m)
+    composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, shell_m)
     maps, _ = low_resolution_maps(composite, view.rays.pixel, view.view.size_px)
     image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.view.size_px)
     return Rendered(torch.cat([maps[:3], maps[-1:]]), image)

@@ -19,13 +19,14 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
+from ..hand.topology import Skinning, topology_of
+from ..nerf.backend import RenderBackend
 from ..nerf.conditions import FrameConditions
-from ..nerf.crop import Crop
+from ..nerf.crop import Crop, crop_of
 from ..nerf.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors, ray_directions
 from ..nerf.sampler import SamplerConfig
-from ..nerf.trace import trace
 from ..records.errors import LiveHandError
-from ..rendering.renderer import crop_of
+from ..rendering.backends import choose_backend
 from .crop_store import CropStore
 
 
@@ -82,7 +83,20 @@ class TrainingViews:
     @cached_property
     def topology(self) -> Topology:
         """Of the hand."""
-        return Topology.of(self.hand, self.device)
+        return topology_of(self.hand, self.device)
+
+    @cached_property
+    def backend(self) -> RenderBackend:
+        """Traces and shades the views' rays."""
+        return choose_backend(self.device)
+
+    @cached_property
+    def _skinning(self) -> Skinning:
+        return Skinning.of(self.hand, self.device)
+
+    def _conditions(self, theta: Float[Tensor, "16 3"], mesh: PosedMesh) -> FrameConditions:
+        visibility = self.backend.visibility(mesh, self.topology)
+        return FrameConditions.of(theta, self._skinning, self.topology, mesh, visibility)
 
     @cached_property
     def _poses(self) -> list[tuple[PosedMesh, FrameConditions]]:
@@ -96,11 +110,11 @@ class TrainingViews:
             arrays = (pose.theta, pose.beta, pose.transl)
             theta, beta, transl = (torch.as_tensor(a, dtype=torch.float32, device=self.device) for a in arrays)
             mesh = posed_mesh(self.topology, pose_hand(skin, theta, beta, transl).vertices)
-            posed.append((mesh, FrameConditions.of(theta, self.topology, mesh)))
+            posed.append((mesh, self._conditions(theta, mesh)))
         return posed
 
     def get(self, index: int, jitter: int) -> TrainingView:
-        """CameraTensors `index` with its `jitter`-th set of samples."""
+        """View `index` with its `jitter`-th set of samples."""
         window = self._windows[index]
         mesh, conditions = self._poses[self.views[index].pose_index]
         view = camera_tensors(window.camera_of(self.views[index].camera), self.device)
@@ -122,7 +136,7 @@ class TrainingViews:
             vertices: posed, world, m; of no gradient.
         """
         mesh = posed_mesh(self.topology, vertices)
-        self._poses[pose_index] = mesh, FrameConditions.of(theta, self.topology, mesh)
+        self._poses[pose_index] = mesh, self._conditions(theta, mesh)
         of_pose = {index for index, view in enumerate(self.views) if view.pose_index == pose_index}
         self._traced = {key: rays for key, rays in self._traced.items() if key[0] not in of_pose}
 
@@ -155,7 +169,9 @@ class TrainingViews:
     def _rays(self, index: int, jitter: int, view: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
-            self._traced[index, jitter] = _packed(trace(HandInView(mesh, self.topology, view), self.sampler, generator))
+            self._traced[index, jitter] = _packed(
+                self.backend.trace(HandInView(mesh, self.topology, view), self.sampler, generator)
+            )
         return _unpacked(self._traced[index, jitter], view)
 
 

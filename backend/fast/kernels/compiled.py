@@ -1,4 +1,4 @@
-"""How kernels are compiled, kept, and run on several threads.
+"""How kernels are compiled, cached, and run on several threads.
 
 Kernels release the GIL and run on plain Python threads: numba's own threading layers must not be entered from two
 threads at once, which Blender does (a render beside the viewport).
@@ -18,25 +18,26 @@ from typing import Any
 import numba
 from numba.core import config
 
-# Pieces of work per thread: enough that a thread with the heavier pixels does not keep the others waiting.
+# Chunks per thread: enough that a thread with costly pixels does not keep the others waiting.
 _CHUNKS_PER_THREAD = 8
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code, with exactly the arithmetic it states."""
+    """The function as machine code, with strict floating-point arithmetic."""
     return _compiled(function, fastmath=False)
 
 
 def compiled_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function as machine code that may reorder sums and fuse products: for features, not for geometry."""
+    """The function as machine code that may reorder sums and contract products: for features, not for geometry."""
     return _compiled(function, fastmath={"reassoc", "contract", "nsz", "arcp"})
 
 
 def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callable[..., Any]:
-    """Compile, and keep the code on disk between runs.
+    """Compile, and cache the machine code on disk.
 
-    numba's own check looks at one file only, and would run old code when a kernel calls one from another file that has
-    changed: so the folder is named after the text of all kernels.
+    numba checks only the file of the kernel itself, and would run old code when a kernel calls a changed one from
+    another file, so the folder is named after the text of all kernels. It is also named after this package, because a
+    cached signature refers to the classes of its named tuples by their module's name.
     """
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(_cache_folder(previous))
@@ -48,7 +49,7 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callab
 
 
 def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> None:
-    """Call run(first, last) for ranges that together are [0, count), on so many threads."""
+    """Call run(first, last) for consecutive ranges of [0, count) on `threads` threads."""
     if threads == 1 or count < threads * _CHUNKS_PER_THREAD:
         run(0, count)
         return
@@ -63,8 +64,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 @cache
-def _cache_folder(asked: str) -> Path:
+def _cache_folder(configured: str) -> Path:
     sources = sorted(Path(__file__).parent.glob("*.py"))
-    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
-    home = Path(asked or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    text = b"".join(source.read_bytes() for source in sources)
+    digest = hashlib.sha256(str(__package__).encode() + text).hexdigest()[:16]
+    home = Path(configured or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return home / "livehand" / f"kernels-{digest}"

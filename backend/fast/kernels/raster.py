@@ -11,17 +11,12 @@ _HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, 
 
 
 @compiled
-def surface_layers(
-    projected,  # (positions [V, 2] px, depths [V] m, faces [F, 3])
-    width,
-    first_row,
-    last_row,
-    layer_depth,  # [P, L] out, m; the first `count` of each row are written
-    layer_face,  # [P, L] out; a back face f is written as -1 - f
-    count,  # [P] out; zero at the start
-):
-    """Insert the fragments in rows [first_row, last_row) into their pixels' lists, nearest first; the last drop out."""
-    positions_px, depth, faces = projected
+def find_crossings(mesh, width, first_row, last_row, crossings):
+    """Insert the fragments in rows [first_row, last_row) into their pixels' lists, nearest first, and drop excess ones.
+
+    `mesh` is a `ProjectedMesh`; `crossings.counts` is zero at the start.
+    """
+    positions_px, depth, faces, count = mesh.positions_px, mesh.depth, mesh.faces, crossings.counts
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         area = _area(positions_px, depth, a, b, c)
@@ -34,14 +29,14 @@ def surface_layers(
                 z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
                 if z > _0:
                     count[y * width + x] = _insert(
-                        layer_depth, layer_face, y * width + x, count[y * width + x], z, mark
+                        crossings.depth, crossings.face, y * width + x, count[y * width + x], z, mark
                     )
 
 
 @compiled
-def nearest_depth(projected, width, first_row, last_row, has_backs, nearest):
-    """Lower `nearest` [P], m, to the depth of the first face in rows [first_row, last_row); backs too, if asked."""
-    positions_px, depth, faces = projected
+def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
+    """Lower `nearest` [P], m, to the first front (`has_backs`: any) face in rows [first_row, last_row)."""
+    positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         area = _area(positions_px, depth, a, b, c)

@@ -1,4 +1,4 @@
-"""Equals `geometry.tracking`: the closest point of one part of the surface, found from a face nearby."""
+"""Equals `geometry.surface_tracking`: the closest point of one part of the surface, found from a nearby face."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ def gather_shapes(shapes, neighbours, first, last, around):
 
 
 @compiled
-def closest_on_part(x, y, z, face, shapes, around, neighbours, tried):
+def closest_on_part(x, y, z, face, surface, tried):
     """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
 
-    `tried` [3, K] is room for the neighbours' distances^2 and weights.
+    `tried` [3, K] is a buffer for the neighbours' distances^2 and weights.
     """
-    squared, wb, wc = _closest_on_face(x, y, z, face, shapes)
+    squared, wb, wc = _closest_on_face(x, y, z, face, surface.shapes)
     for _ in range(MAX_STEPS):
         start = face
-        _try_neighbours(x, y, z, start, around, tried)
+        _try_neighbours(x, y, z, start, surface.around, tried)
         for slot in range(tried.shape[1]):
             if tried[0, slot] < squared:
                 squared, wb, wc = tried[0, slot], tried[1, slot], tried[2, slot]
-                face = neighbours[start, 1 + slot]
+                face = surface.neighbours[start, 1 + slot]
         if face == start:
             break
     return face, wb, wc, squared
@@ -60,7 +60,7 @@ def closest_on_part(x, y, z, face, shapes, around, neighbours, tried):
 
 @compiled
 def _try_neighbours(x, y, z, face, around, tried):
-    """The closest points of a face's neighbours, all at once: trying each is quicker than asking which are worth it."""
+    """The closest points of all of a face's neighbours: computing every one is faster than testing which are needed."""
     for slot in range(tried.shape[1]):
         ax, ay, az = around[face, 0, slot], around[face, 1, slot], around[face, 2, slot]
         bx, by, bz = around[face, 3, slot], around[face, 4, slot], around[face, 5, slot]
@@ -119,14 +119,15 @@ def _on_border(d1, d2, d00, d01, d11):
 
 
 @compiled
-def signed_height(x, y, z, face, wb, wc, squared, faces, vertices, normals):
+def signed_height(x, y, z, face, wb, wc, squared, surface):
     """Distance, negative where the offset from the surface point goes against the interpolated normal."""
     wa = _1 - wb - wc
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    vertices, normals = surface.vertices, surface.normals
+    a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]
     along = _0
     for k, point in enumerate((x, y, z)):
-        surface = wa * vertices[a, k] + wb * vertices[b, k] + wc * vertices[c, k]
+        foot = wa * vertices[a, k] + wb * vertices[b, k] + wc * vertices[c, k]
         normal = wa * normals[a, k] + wb * normals[b, k] + wc * normals[c, k]
-        along += (point - surface) * normal
+        along += (point - foot) * normal
     distance = np.sqrt(squared)
     return -distance if along < _0 else distance

@@ -1,0 +1,149 @@
+"""What kernels are given, as named tuples of arrays: kernels read their fields by name."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class ProjectedMesh(NamedTuple):
+    """A mesh before a camera: positions_px [V, 2], depth [V] m, faces [F, 3]."""
+
+    positions_px: np.ndarray
+    depth: np.ndarray
+    faces: np.ndarray
+
+
+class ShellCrossings(NamedTuple):
+    """The rasterised shell over P pixels of a view.
+
+    Attributes:
+        depth: [P, L] crossings of the inflated mesh, nearest first, m.
+        face: [P, L] their faces; a back face f is stored as -1 - f.
+        counts: [P] number of crossings.
+        inner: [P] depth of the deflated mesh's first front face, m; infinite where there is none.
+    """
+
+    depth: np.ndarray
+    face: np.ndarray
+    counts: np.ndarray
+    inner: np.ndarray
+
+
+class Surface(NamedTuple):
+    """A posed mesh prepared for closest-point searches.
+
+    Attributes:
+        shapes: [F, 13] constants of each face (`surface.face_shapes`).
+        around: [F, 13, K] the same of the faces around each, side by side.
+        neighbours: [F, 1 + K] each face and the faces around it.
+        faces: [F, 3].
+        vertices: [V, 3] m.
+        normals: [V, 3].
+    """
+
+    shapes: np.ndarray
+    around: np.ndarray
+    neighbours: np.ndarray
+    faces: np.ndarray
+    vertices: np.ndarray
+    normals: np.ndarray
+
+
+class Skin(NamedTuple):
+    """Values on the surface: corner_uv [F, 3, 2]; channels [V, C]: normal 3, rotation 9, local pose, light."""
+
+    corner_uv: np.ndarray
+    channels: np.ndarray
+
+
+class Rays(NamedTuple):
+    """Rays of a view: pixel [R], directions [R, 3] of depth 1, origin [3] m."""
+
+    pixel: np.ndarray
+    directions: np.ndarray
+    origin: np.ndarray
+
+
+class RayUnits(NamedTuple):
+    """Samples per ray, half-width of the shell in m, focal length in px, scale of the posed hand to its template."""
+
+    samples: int
+    shell_m: np.float32
+    focal_px: np.float32
+    scale: np.float32
+
+
+class PackedField(NamedTuple):
+    """Tables and weights of a field of planes.
+
+    Attributes:
+        table: flat texels of all planes, the relief's last, channels padded to whole blocks.
+        layout: [planes, 5] start in the table, resolution, heights, channels with padding, channels without.
+        texels_m: [planes] size of a texel on the skin.
+        relief_gain: factor of the relief.
+        pose_channels: of the local pose.
+        near_bias: [hidden].
+        near_weight: [inputs, hidden], inputs padded with zeros to a multiple of 4.
+        density_weight: [hidden].
+        density_bias: of the density.
+        slope: of the density's prior over height.
+        prior: its offset.
+    """
+
+    table: np.ndarray
+    layout: np.ndarray
+    texels_m: np.ndarray
+    relief_gain: np.float32
+    pose_channels: int
+    near_bias: np.ndarray
+    near_weight: np.ndarray
+    density_weight: np.ndarray
+    density_bias: np.float32
+    slope: np.float32
+    prior: np.float32
+
+
+class RayOutputs(NamedTuple):
+    """What rendered rays are written to; features and weights are zero at the start.
+
+    Attributes:
+        features: [R, K] composited gathered features.
+        alpha: [R].
+        depth: [R] mean depth, m.
+        weights: [R, N] zero behind the sample at which a ray becomes opaque.
+        t: [R, N] depth of each sample, m; not written behind that sample.
+        dt: [R] m.
+    """
+
+    features: np.ndarray
+    alpha: np.ndarray
+    depth: np.ndarray
+    weights: np.ndarray
+    t: np.ndarray
+    dt: np.ndarray
+
+
+class ShadowPoints(NamedTuple):
+    """As `geometry.visibility.ShadowMapPoints`: px and lifted_px [K, V, 2], depth and lifted_depth [K, V], bias."""
+
+    px: np.ndarray
+    depth: np.ndarray
+    lifted_px: np.ndarray
+    lifted_depth: np.ndarray
+    bias: np.float32
+
+
+class TracedSamples(NamedTuple):
+    """What traced rays are written to: t [R, N] m, dt [R] m, is_stopped [R], face [R, N], barycentric, height [R, N] m.
+
+    `barycentric` is [R, N, 3]; heights are metres of the world.
+    """
+
+    t: np.ndarray
+    dt: np.ndarray
+    is_stopped: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+    height: np.ndarray

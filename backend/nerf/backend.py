@@ -1,0 +1,95 @@
+"""The one interface behind which the costly stages of rendering are computed: the reference in torch, or numba.
+
+`nerf.reference` computes them in plain torch, on any device, with gradients. `fast.backend` computes the same values on
+the CPU, many times faster. `rendering.backends` chooses one per device, and everything above is given the choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.mesh import PosedMesh, Topology
+from .conditions import FrameConditions
+from .field import PaperField, PlaneField
+from .rays import HandInView, SurfaceRays
+from .sampler import SamplerConfig
+from .volume import Composite
+
+Precision = Literal["fp32", "bf16"]
+Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode"]
+OnStage = Callable[[Stage], None]
+
+
+class RenderedRays(NamedTuple):
+    """R low-resolution rays of N samples, rendered.
+
+    Attributes:
+        pixel: [R] row * width + column, in the crop.
+        composite: of each ray.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    composite: Composite
+    t: Tensor
+    dt: Tensor
+
+
+@dataclass(frozen=True)
+class RenderHooks:
+    """What a caller wants to hear while rays are rendered.
+
+    Attributes:
+        on_stage: called when a stage begins; the last stage ends with the frame.
+        before_chunk: called before each chunk of rays; what it raises ends the render.
+    """
+
+    on_stage: OnStage = lambda stage: None
+    before_chunk: Callable[[], None] = lambda: None
+
+
+class RayRenderer(Protocol):
+    """Renders the low-resolution rays of one field, without gradients. It may keep data derived from the weights."""
+
+    def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
+        """All rays that meet the shell; what `hooks.before_chunk` raises ends the render."""
+        ...
+
+
+class RenderBackend(Protocol):
+    """The costly stages of rendering and training."""
+
+    def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
+        """As `geometry.visibility.visibility_transfer`."""
+        ...
+
+    def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
+        """As `nerf.trace.trace`."""
+        ...
+
+    def shade(
+        self,
+        field: PaperField | PlaneField,
+        rays: SurfaceRays,
+        hand: HandInView,
+        conditions: FrameConditions,
+        shell_m: float,
+    ) -> Composite:
+        """As `nerf.shade.shade`, with gradients to the weights and, where they are asked for, to the geometry."""
+        ...
+
+    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+        """A renderer of this field, whose weights must not change meanwhile."""
+        ...
+
+
+def autocast(device: torch.device, precision: Precision) -> torch.autocast:
+    """The context in which networks run: bf16 is autocast; geometry never is."""
+    return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16")

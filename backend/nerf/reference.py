@@ -1,0 +1,73 @@
+"""The reference backend: every stage in plain torch, on any device, with gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.visibility import visibility_transfer
+from .backend import Precision, RayRenderer, RenderBackend, RenderedRays, RenderHooks, autocast
+from .conditions import FrameConditions
+from .field import PaperField, PlaneField
+from .rays import HandInView, SurfaceRays, split_rays
+from .sampler import SamplerConfig
+from .shade import shade
+from .trace import trace
+from .volume import Composite
+
+# Samples per query of the field: bounds memory.
+_SAMPLES_PER_CHUNK = 65536
+
+
+class ReferenceBackend:
+    """The stages as `geometry` and `nerf` define them."""
+
+    def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
+        """As the protocol."""
+        return visibility_transfer(mesh, topology)
+
+    def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
+        """As the protocol."""
+        return trace(hand, config, generator)
+
+    def shade(
+        self,
+        field: PaperField | PlaneField,
+        rays: SurfaceRays,
+        hand: HandInView,
+        conditions: FrameConditions,
+        shell_m: float,
+    ) -> Composite:
+        """As the protocol."""
+        return shade(field, rays, hand, conditions, shell_m)
+
+    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+        """As the protocol."""
+        return ChunkedRayRenderer(self, field, config, precision)
+
+
+@dataclass(frozen=True)
+class ChunkedRayRenderer:
+    """Traces all rays with a backend, then shades them chunk by chunk."""
+
+    backend: RenderBackend
+    field: PaperField | PlaneField
+    config: SamplerConfig
+    precision: Precision = "fp32"
+
+    def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
+        """As `RayRenderer`."""
+        hooks.on_stage("sample")
+        rays = self.backend.trace(hand, self.config)
+        hooks.on_stage("field")
+        parts = []
+        with autocast(rays.t.device, self.precision):
+            for chunk in split_rays(rays, max(1, _SAMPLES_PER_CHUNK // rays.t.shape[1])):
+                hooks.before_chunk()
+                parts.append(self.backend.shade(self.field, chunk, hand, conditions, self.config.shell_m))
+        composite = Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
+        return RenderedRays(rays.pixel, composite, rays.t, rays.dt)

@@ -1,0 +1,36 @@
+"""Chooses the backend that computes the costly stages on a device."""
+
+from __future__ import annotations
+
+import logging
+from functools import cache
+from importlib import import_module
+
+import torch
+
+from ..nerf.backend import RenderBackend
+from ..nerf.reference import ReferenceBackend
+
+LOGGER = logging.getLogger(__name__)
+
+
+def choose_backend(device: torch.device) -> RenderBackend:
+    """Numba on the CPU, if it is installed and works; the torch reference everywhere else."""
+    if device.type == "cpu" and has_numba():
+        from ..fast.backend import NumbaBackend
+
+        return NumbaBackend()
+    return ReferenceBackend()
+
+
+@cache
+def has_numba() -> bool:
+    """Whether numba can be imported. It refuses a numpy newer than it knows; torch alone still renders then."""
+    try:
+        import_module("numba")
+    except ModuleNotFoundError:
+        return False
+    except Exception as error:  # whatever is broken in numba, torch can still render
+        LOGGER.warning("numba is installed but fails (%s); rendering continues without it, many times slower", error)
+        return False
+    return True
