@@ -1,7 +1,6 @@
 """What several test files share: posed hands, spheres, views, an exact search, and a small painted capture."""
 
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,14 +9,17 @@ import pytest
 import torch
 import trimesh
 from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.nerf.conditions import FrameConditions
 from livehand.backend.nerf.rays import camera_tensors
+from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
 from PIL import Image
@@ -26,14 +28,16 @@ SIZE = (24, 32)
 
 
 class PosedHand(NamedTuple):
-    """The built-in hand in a gesture: its topology, mesh and pose as the avatar's own (right) side has it."""
+    """The built-in hand in a gesture: topology, skinning, mesh, and the pose mirrored to the avatar's (right) side."""
 
     topology: Topology
+    skinning: Skinning
     mesh: PosedMesh
     theta: torch.Tensor
 
     def conditions(self):
-        return FrameConditions.of(self.theta, self.topology, self.mesh)
+        visibility = NumbaBackend().visibility(self.mesh, self.topology)
+        return FrameConditions.of(self.theta, self.skinning, self.topology, self.mesh, visibility)
 
 
 @pytest.fixture(scope="session")
@@ -53,8 +57,8 @@ def posed(hand):
         vertices = pose_hand(SkinTensors.of(hand), theta, torch.zeros(10), torch.zeros(3)).vertices
         if side == "left":
             vertices = vertices * torch.as_tensor(MIRROR_POINT, dtype=torch.float32)
-        topology = Topology.of(hand.for_side(side), canonical_side="right")
-        return PosedHand(topology, posed_mesh(topology, vertices), theta)
+        topology = topology_of(hand.for_side(side), canonical_side="right")
+        return PosedHand(topology, Skinning.of(hand), posed_mesh(topology, vertices), theta)
 
     return pose
 
@@ -90,8 +94,6 @@ def spheres():
             neighbours=face_neighbours(faces),
             edges=edges,
             edge_length_m=mean_edge_length(vertices, edges),
-            lbs_weights=torch.zeros(len(vertices), 16),
-            parents=torch.zeros(16, dtype=torch.long),
             frames=None,
         )
         return posed_mesh(topology, vertices), topology
@@ -133,14 +135,10 @@ def _nearest_of_all(points, triangles):
     return face, least.clamp(min=0).sqrt()
 
 
-@pytest.fixture(params=["torch", "kernels"])
-def road(request, monkeypatch):
-    """Both roads on the CPU, one after the other: with kernels, and as where numba is not installed."""
-    if request.param == "kernels" and find_spec("numba") is None:
-        pytest.skip("numba is not installed")
-    for module in ("nerf.trace", "rendering.renderer", "geometry.visibility"):
-        monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: request.param == "kernels")
-    return request.param
+@pytest.fixture(params=[ReferenceBackend, NumbaBackend], ids=["reference", "numba"])
+def backend(request):
+    """Both backends on the CPU, one after the other."""
+    return request.param()
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,22 +22,53 @@ from .kernels.planes import BLOCK
 from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
 from .shell import live_rays, rasterise_shell, surface_of
 
-# Rays between two calls of `before_chunk`.
-_RAYS_PER_CHUNK = 1 << 15
-# Rays per call of the decoder: its activations stay in the cache.
-_RAYS_PER_DECODE = 1 << 12
+
+class GatheredRays(NamedTuple):
+    """R rays of N samples before decoding.
+
+    Attributes:
+        pixel: [R] row * width + column, in the crop.
+        view: [R, 3] unit directions, world.
+        gathered: composited gathered features.
+        t: [R, N] depth of each queried sample, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    view: Tensor
+    gathered: Composite
+    t: Tensor
+    dt: Tensor
 
 
 @dataclass(frozen=True)
 class FusedRayRenderer:
-    """One field with its tables packed for the kernels."""
+    """One field with its tables packed for the kernels.
+
+    Attributes:
+        field: whose weights must not change meanwhile.
+        config: of the sampler.
+        precision: of the decoder.
+        rays_per_chunk: between two calls of `before_chunk`.
+        rays_per_decode: per call of the decoder, whose activations then stay in the cache.
+    """
 
     field: PlaneField
     config: SamplerConfig
     precision: Precision = "fp32"
+    rays_per_chunk: int = 1 << 15
+    rays_per_decode: int = 1 << 12
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
         """As `RayRenderer`."""
+        rays = self.gather(hand, conditions, hooks)
+        hooks.on_stage("field")
+        with autocast(rays.t.device, self.precision):
+            composite = self.decode(rays.gathered, rays.view)
+        return RenderedRays(rays.pixel, composite, rays.t, rays.dt)
+
+    def gather(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> GatheredRays:
+        """All rays that meet the shell, with the features gathered along them composited."""
         hooks.on_stage("rasterise")
         crossings = rasterise_shell(hand, self.config)
         hooks.on_stage("sample")
@@ -44,19 +76,22 @@ class FusedRayRenderer:
         surface, skin, units = surface_of(hand.mesh, hand.topology), self._skin(hand, conditions), self._units(hand)
         gathered, t, dt = self._buffers(len(pixel))
         out = RayOutputs(*(values.numpy() for values in (*gathered, t, dt)))
-        for start in range(0, len(pixel), _RAYS_PER_CHUNK):
+        for start in range(0, len(pixel), self.rays_per_chunk):
             hooks.before_chunk()
             in_parallel(
                 lambda first, last, start=start: render_rays(
                     rays, crossings, surface, skin, self._packed, units, start + first, start + last, out
                 ),
-                min(_RAYS_PER_CHUNK, len(pixel) - start),
+                min(self.rays_per_chunk, len(pixel) - start),
                 torch.get_num_threads(),
             )
-        hooks.on_stage("field")
-        with autocast(pixel.device, self.precision):
-            composite = self._decode(gathered, directions / directions.norm(dim=-1, keepdim=True))
-        return RenderedRays(pixel, composite, t, dt)
+        return GatheredRays(pixel, directions / directions.norm(dim=-1, keepdim=True), gathered, t, dt)
+
+    def decode(self, gathered: Composite, view: Tensor) -> Composite:
+        """Colour and features of rays."""
+        chunks = zip(*(values.split(self.rays_per_decode) for values in (*gathered, view)), strict=True)
+        channels = [self.field.decode(Composite(*chunk), view).channels for *chunk, view in chunks]
+        return gathered._replace(channels=torch.cat(channels))
 
     def _skin(self, hand: HandInView, conditions: FrameConditions) -> Skin:
         channels = torch.cat([conditions.vertex_channels, self.field.light_code(conditions.visibility)], -1)
@@ -71,11 +106,6 @@ class FusedRayRenderer:
         samples = self.config.samples_per_ray
         sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
-
-    def _decode(self, gathered: Composite, view: Tensor) -> Composite:
-        chunks = zip(*(values.split(_RAYS_PER_DECODE) for values in (*gathered, view)), strict=True)
-        channels = [self.field.decode(Composite(*chunk), view).channels for *chunk, view in chunks]
-        return gathered._replace(channels=torch.cat(channels))
 
     @cached_property
     def _packed(self) -> PackedField:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -55,14 +55,11 @@ class RenderHooks:
     before_chunk: Callable[[], None] = lambda: None
 
 
-class RayRenderer(Protocol):
-    """Renders the low-resolution rays of one field, without gradients. It may keep data derived from the weights."""
-
-    def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
-        """All rays that meet the shell; what `hooks.before_chunk` raises ends the render."""
-        ...
+RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
+"""Renders the low-resolution rays of one field, without gradients; what `RenderHooks.before_chunk` raises ends it."""
 
 
+@runtime_checkable
 class RenderBackend(Protocol):
     """The costly stages of rendering and training."""
 

@@ -12,9 +12,6 @@ from .backend import RenderedRays
 from .crop import MARGIN_PX, Crop
 from .volume import Composite
 
-# Low-resolution pixels per call of super-resolution; larger images are enlarged in bands, which bounds memory.
-_PIXELS_PER_BAND = 1 << 17
-
 
 def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
     """The rays' depth profile on the low-resolution grid of the whole image."""
@@ -34,10 +31,12 @@ def image_of(
     return enlarge_maps(superres, maps), depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
 
 
-def enlarge_maps(superres: nn.Module, maps: Float[Tensor, "33 h w"]) -> Float[Tensor, "4 H W"]:
+def enlarge_maps(
+    superres: nn.Module, maps: Float[Tensor, "33 h w"], pixels_per_band: int = 1 << 17
+) -> Float[Tensor, "4 H W"]:
     """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
     height, width = maps.shape[1:]
-    rows = max(1, _PIXELS_PER_BAND // width)
+    rows = max(1, pixels_per_band // width)
     bands = []
     for first in range(0, height, rows):
         last = min(first + rows, height)

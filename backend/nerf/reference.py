@@ -19,9 +19,6 @@ from .shade import shade
 from .trace import trace
 from .volume import Composite
 
-# Samples per query of the field: bounds memory.
-_SAMPLES_PER_CHUNK = 65536
-
 
 class ReferenceBackend:
     """The stages as `geometry` and `nerf` define them."""
@@ -52,22 +49,27 @@ class ReferenceBackend:
 
 @dataclass(frozen=True)
 class ChunkedRayRenderer:
-    """Traces all rays with a backend, then shades them chunk by chunk."""
+    """Traces all rays with a backend, then shades them in chunks of `samples_per_chunk`, which bounds memory."""
 
     backend: RenderBackend
     field: PaperField | PlaneField
     config: SamplerConfig
     precision: Precision = "fp32"
+    samples_per_chunk: int = 65536
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
         """As `RayRenderer`."""
         hooks.on_stage("sample")
         rays = self.backend.trace(hand, self.config)
         hooks.on_stage("field")
-        parts = []
         with autocast(rays.t.device, self.precision):
-            for chunk in split_rays(rays, max(1, _SAMPLES_PER_CHUNK // rays.t.shape[1])):
-                hooks.before_chunk()
-                parts.append(self.backend.shade(self.field, chunk, hand, conditions, self.config.shell_m))
-        composite = Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
+            composite = self.shade(rays, hand, conditions, hooks)
         return RenderedRays(rays.pixel, composite, rays.t, rays.dt)
+
+    def shade(self, rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> Composite:
+        """Query the field at traced rays, chunk by chunk."""
+        parts = []
+        for chunk in split_rays(rays, max(1, self.samples_per_chunk // rays.t.shape[1])):
+            hooks.before_chunk()
+            parts.append(self.backend.shade(self.field, chunk, hand, conditions, self.config.shell_m))
+        return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))

@@ -27,7 +27,7 @@ from ..nerf.crop import crop_of
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, camera_tensors
 from ..records.errors import LiveHandError
-from ..records.shot import Frame, Shot, Side, empty_frame
+from ..records.shot import Frame, HandPose, Shot, Side, empty_frame
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
@@ -143,10 +143,13 @@ class Renderer:
         return self._topologies[shot.pose.side]
 
     def _conditions(self, shot: Shot, hand: HandInView) -> FrameConditions:
-        """The field's conditions, with the pose mirrored to the avatar's own side."""
-        theta = shot.pose.theta if shot.pose.side == self.hand.side else shot.pose.theta * MIRROR_AXIS_ANGLE
+        theta = self._canonical_theta(shot.pose)
         visibility = self._backend.visibility(hand.mesh, hand.topology)
         return FrameConditions.of(self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility)
+
+    def _canonical_theta(self, pose: HandPose) -> np.ndarray:
+        """The pose mirrored to the avatar's own side."""
+        return pose.theta if pose.side == self.hand.side else pose.theta * MIRROR_AXIS_ANGLE
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.torch_device)

@@ -10,7 +10,8 @@ from livehand.backend.benchmark.brute_force import FaceTable, dense_search, near
 from livehand.backend.benchmark.motion import MovingHand
 from livehand.backend.benchmark.published import PublishedRenderer, whole_rays
 from livehand.backend.geometry.closest_point import closest_on_triangles
-from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.hand.topology import topology_of
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.records.shot import DEPTH_BACKGROUND
@@ -69,7 +70,7 @@ def test_the_compiled_search_is_exact(hand, shot, points):
 
 
 def test_every_ray_has_one_interval_from_the_first_to_the_last_surface(hand, shot):
-    topology = Topology.of(hand)
+    topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(shot.vertices, dtype=torch.float32))
     view = camera_tensors(shot.camera.scaled(0.5), "cpu")
     rays = whole_rays(mesh, topology, view, 0.005, 16)

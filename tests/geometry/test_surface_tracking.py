@@ -9,7 +9,6 @@ from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.sampler import SamplerConfig, sample_rays
-from livehand.backend.nerf.trace import trace
 
 SHELL_M = 0.003
 CONFIG = SamplerConfig(8, SHELL_M)
@@ -99,11 +98,11 @@ A, B, OVERLAP_M = (0.0, 0.0, 0.0), (0.039, 0.0, 0.0), 0.001
 RADIUS_M = 0.02
 
 
-def test_a_sample_in_two_parts_belongs_to_the_one_that_holds_it_deepest(spheres, seen_from, nearest_face, road):
+def test_a_sample_in_two_parts_belongs_to_the_one_that_holds_it_deepest(spheres, seen_from, nearest_face, backend):
     """Two spheres that overlap by 1 mm. Nearest is the skin that is about to end; deepest is the other's inside."""
     mesh, topology = spheres((A, RADIUS_M), (B, RADIUS_M))
     view = seen_from(mesh, (0.02, -1, 0.03), (96, 80), field_m=0.06)
-    rays = trace(HandInView(mesh, topology, view), SamplerConfig(16, SHELL_M))
+    rays = backend.trace(HandInView(mesh, topology, view), SamplerConfig(16, SHELL_M))
     origin = -view.world2cam[:3, :3].T @ view.world2cam[:3, 3]
     points = (origin + rays.t[..., None] * rays.directions[:, None]).flatten(0, 1)
     height = torch.stack([(points - torch.tensor(centre)).norm(dim=1) - RADIUS_M for centre in (A, B)])

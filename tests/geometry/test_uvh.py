@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.closest_point import closest_on_triangles
-from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import SurfaceSamples, atlas_uv, interpolate, signed_height
+from livehand.backend.hand.topology import topology_of
 
 
 @pytest.fixture(scope="module")
 def topology(hand):
-    return Topology.of(hand)
+    return topology_of(hand)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.geometry.visibility import DIRECTIONS, direction_frames, visibility_transfer
+from livehand.backend.geometry.visibility import DIRECTIONS, direction_frames
 
 DIRECTION = direction_frames(DIRECTIONS, "cpu")[:, 2]
 
@@ -18,10 +18,10 @@ def test_directions_cover_the_sphere_in_orthonormal_frames():
     assert (between < np.cos(0.45)).all()
 
 
-def test_a_lone_sphere_is_lit_by_the_cosine(spheres, road):
+def test_a_lone_sphere_is_lit_by_the_cosine(spheres, backend):
     """Nothing convex shadows itself."""
     mesh, topology = spheres(((0.2, -0.1, 0.3), 0.05), subdivisions=3)
-    lit = visibility_transfer(mesh, topology)
+    lit = backend.visibility(mesh, topology)
     expected = (mesh.normals @ DIRECTION.T).clamp(min=0)
     assert lit.shape == (len(mesh.vertices), DIRECTIONS)
     clear = expected > 0.3  # towards the terminator the map's pixels shadow their own surface
@@ -31,11 +31,11 @@ def test_a_lone_sphere_is_lit_by_the_cosine(spheres, road):
 
 
 @pytest.mark.parametrize("k", [0, 9, 20, 31])
-def test_a_sphere_in_the_way_casts_its_shadow(spheres, road, k):
+def test_a_sphere_in_the_way_casts_its_shadow(spheres, backend, k):
     """The point that faces direction k looks straight at a small sphere 8 cm away; the side away does not."""
     towards = DIRECTION[k].numpy().astype(np.float64)
     mesh, topology = spheres(((0, 0, 0), 0.05), (tuple(0.08 * towards), 0.012), subdivisions=3)
-    lit = visibility_transfer(mesh, topology)
+    lit = backend.visibility(mesh, topology)
     count = len(mesh.vertices) // 2
     along = mesh.vertices[:count] @ DIRECTION[k]
     aside = (mesh.vertices[:count] - along[:, None] * DIRECTION[k]).norm(dim=-1)
@@ -48,11 +48,11 @@ def test_a_sphere_in_the_way_casts_its_shadow(spheres, road, k):
     torch.testing.assert_close(lit[:count, k][beside], expected[beside], atol=1e-5, rtol=0)
 
 
-def test_place_and_scale_of_the_world_do_not_matter(spheres, road):
+def test_place_and_scale_of_the_world_do_not_matter(spheres, backend):
     mesh, topology = spheres(((0, 0, 0), 0.05), ((0.03, 0.02, 0.06), 0.012), subdivisions=3)
-    lit = visibility_transfer(mesh, topology)
-    large = visibility_transfer(posed_mesh(topology, mesh.vertices * 10), topology)
-    moved = visibility_transfer(posed_mesh(topology, mesh.vertices + torch.tensor([1.0, -2.0, 0.5])), topology)
+    lit = backend.visibility(mesh, topology)
+    large = backend.visibility(posed_mesh(topology, mesh.vertices * 10), topology)
+    moved = backend.visibility(posed_mesh(topology, mesh.vertices + torch.tensor([1.0, -2.0, 0.5])), topology)
     assert ((large - lit).abs() > 0.02).double().mean() < 0.01
     assert ((moved - lit).abs() > 0.02).double().mean() < 0.01
     assert (lit > 0.1).double().mean() > 0.2

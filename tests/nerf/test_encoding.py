@@ -37,7 +37,7 @@ def plane():
 
 
 def by_torch(plane, uv, height):
-    return plane.read_with_torch(uv, height)
+    return plane(uv, height, torch.ones(len(uv)))
 
 
 def as_the_field_does(plane, uv, height):

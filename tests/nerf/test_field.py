@@ -5,20 +5,23 @@ from dataclasses import replace
 import pytest
 import torch
 from livehand.backend.geometry.local_rotation import local_rotations
-from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import SurfaceSamples
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.nerf.conditions import (
-    EXPOSURE_CHANNELS,
+    LIGHT_CHANNELS,
     LOCAL_POSE_CHANNELS,
     FieldInputs,
     FrameConditions,
-    field_inputs,
+    gather_field_inputs,
     vertex_local_pose,
     view_features,
 )
+from livehand.backend.nerf.encoding import FeaturePlane
 from livehand.backend.nerf.field import CHANNELS, FieldConfig, build_field
+from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.superres import PaperSuperRes, SuperResConfig
 from livehand.backend.nerf.volume import Steps
 from torch.nn.functional import normalize
@@ -29,7 +32,7 @@ PAPER, PLANES = FieldConfig(kind="paper"), FieldConfig(planes=((64, 6, 8), (128,
 STEP_MM = 0.1
 
 
-def inputs_of(rays, samples=1, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
+def inputs_of(rays, samples=1, seed=0, light=LIGHT_CHANNELS, **changes):
     """Random inputs of so many rays and samples of each."""
     count = rays * samples
     generator = torch.Generator().manual_seed(seed)
@@ -43,7 +46,7 @@ def inputs_of(rays, samples=1, seed=0, exposure=EXPOSURE_CHANNELS, **changes):
         normal=normalize(rand(count, 3) - 0.5, dim=-1),
         rotation=axis_angle_to_matrix(rand(count, 3)),
         local_pose=rand(count, LOCAL_POSE_CHANNELS) - 0.5,
-        exposure=rand(count, exposure),
+        light=rand(count, light),
         view=normalize(rand(rays, 3) - 0.5, dim=-1),
         theta=rand(48) - 0.5,
         footprint_m=torch.full((count,), 5e-4),
@@ -138,7 +141,7 @@ def test_the_papers_field_sees_the_whole_pose_and_the_planes_the_local_one():
     assert torch.equal(ask(paper, one).alpha, ask(paper, other_local).alpha)
     assert torch.equal(ask(planes, one).alpha, ask(planes, other_theta).alpha)
     assert not torch.equal(ask(planes, one).alpha, ask(planes, other_local).alpha)
-    lit = one._replace(exposure=one.exposure + 0.5)
+    lit = one._replace(light=one.light + 0.5)
     assert not torch.equal(ask(planes, one).channels, ask(planes, lit).channels)
     assert torch.equal(ask(paper, one).channels, ask(paper, lit).channels)
 
@@ -147,7 +150,7 @@ def test_rays_know_nothing_of_one_another(field):
     together = inputs_of(6, 4)
     alone = together._replace(
         **{name: getattr(together, name)[8:12] for name in ("uv", "height", "normal", "rotation")},
-        **{name: getattr(together, name)[8:12] for name in ("local_pose", "exposure", "footprint_m")},
+        **{name: getattr(together, name)[8:12] for name in ("local_pose", "light", "footprint_m")},
         view=together.view[2:3],
     )
     for one, whole in zip(ask(field, alone), ask(field, together), strict=True):
@@ -175,17 +178,21 @@ def test_planes_along_a_ray_written_out():
     torch.manual_seed(8)
     field, inputs = build_field(PLANES).double(), inputs_of(1, 3)
     inputs = FieldInputs(*(values.double() for values in inputs))
-    offset = field.relief.read_with_torch(inputs.uv, inputs.height) / 4
-    planes = [plane.read_with_torch(inputs.uv, inputs.height) for plane in field.planes]
+    offset = field.relief(inputs.uv, inputs.height, torch.ones(len(inputs.uv))) / 4
+    planes = [plane(inputs.uv, inputs.height, torch.ones(len(inputs.uv))) for plane in field.planes]
     height = inputs.height[:, None]
     near = torch.cat([*planes, height, height * height, inputs.local_pose], 1)
     tilted = normalize(inputs.normal + torch.stack([inputs.rotation[k] @ offset[k] for k in range(3)]), dim=1)
-    told = torch.cat([near, inputs.normal, tilted, inputs.exposure], 1)
+    gathered = torch.cat([near, inputs.normal, tilted, inputs.light], 1)
     logit = field.density(torch.relu(field.near(near)))[:, 0] - 6 * inputs.height - 1
-    through, alpha, mean = 1.0, 0.0, torch.zeros(told.shape[1], dtype=torch.float64)
+    through, alpha, mean = 1.0, 0.0, torch.zeros(gathered.shape[1], dtype=torch.float64)
     for k in range(3):
         opacity = 1 - torch.exp(-torch.nn.functional.softplus(logit[k]) * STEP_MM)
-        alpha, mean, through = alpha + through * opacity, mean + through * opacity * told[k], through * (1 - opacity)
+        alpha, mean, through = (
+            alpha + through * opacity,
+            mean + through * opacity * gathered[k],
+            through * (1 - opacity),
+        )
     mean = (mean / alpha)[None]
     normal = normalize(mean[:, near.shape[1] + 3 : near.shape[1] + 6], dim=1)
     hidden = torch.cat([mean, view_features(normal, inputs.view)], 1)
@@ -212,7 +219,8 @@ def test_planes_finer_than_half_a_pixel_fade():
     texel_m = 0.2 / 400
 
     def read(footprint_m):
-        return field._read(inputs_of(10, footprint_m=torch.full((10,), footprint_m)))
+        inputs = inputs_of(10, footprint_m=torch.full((10,), footprint_m))
+        return [field._read(plane, inputs, FeaturePlane.forward) for plane in field.feature_planes]
 
     near = read(texel_m)
     for footprint_m, share in ((2 * texel_m, 1.0), (4 * texel_m, 0.5), (16 * texel_m, 0.125)):
@@ -227,12 +235,12 @@ def test_relief_tilts_the_normal_in_the_canonical_hands_axes():
     inputs = inputs_of(30)
     with torch.no_grad():
         field.relief.table.zero_()
-        torch.testing.assert_close(field._relief_normal(inputs), inputs.normal)
+        torch.testing.assert_close(field._relief_normal(inputs, FeaturePlane.forward), inputs.normal)
         field.relief.table[:] = torch.tensor([0.4, -0.8, 1.2])
         expected = inputs.normal + inputs.rotation @ torch.tensor([0.1, -0.2, 0.3])
-        torch.testing.assert_close(field._relief_normal(inputs), normalize(expected, dim=-1))
+        torch.testing.assert_close(field._relief_normal(inputs, FeaturePlane.forward), normalize(expected, dim=-1))
         far = inputs._replace(footprint_m=torch.full((30,), 1e3))
-        torch.testing.assert_close(field._relief_normal(far), inputs.normal, atol=1e-4, rtol=0)
+        torch.testing.assert_close(field._relief_normal(far, FeaturePlane.forward), inputs.normal, atol=1e-4, rtol=0)
 
 
 def test_turning_hand_and_relief_together_turns_the_tilted_normal():
@@ -240,7 +248,9 @@ def test_turning_hand_and_relief_together_turns_the_tilted_normal():
     field, inputs = build_field(PLANES), inputs_of(30)
     turn = axis_angle_to_matrix(torch.tensor([0.4, -1.0, 0.3]))
     turned = inputs._replace(normal=inputs.normal @ turn.T, rotation=turn @ inputs.rotation)
-    torch.testing.assert_close(field._relief_normal(turned), field._relief_normal(inputs) @ turn.T)
+    torch.testing.assert_close(
+        field._relief_normal(turned, FeaturePlane.forward), field._relief_normal(inputs, FeaturePlane.forward) @ turn.T
+    )
 
 
 def test_the_reflected_ray_obeys_the_law_of_reflection():
@@ -259,44 +269,44 @@ def test_the_reflected_ray_obeys_the_law_of_reflection():
 
 
 def test_the_local_pose_of_a_vertex_is_that_of_its_own_joints():
-    hand = load_default_hand()
-    topology = Topology.of(hand)
+    skinning = Skinning.of(load_default_hand())
     theta = torch.zeros(16, 3)
     theta[2] = torch.tensor([0.3, -0.1, 0.7])  # the index finger's middle joint
-    theta[0] = torch.tensor([9.0, 9, 9])  # the root says nothing
-    local = vertex_local_pose(theta, topology)
-    weights = topology.lbs_weights
+    theta[0] = torch.tensor([9.0, 9, 9])  # the root is left out
+    local = vertex_local_pose(theta, skinning)
+    weights = skinning.lbs_weights
     torch.testing.assert_close(local[:, :3], weights[:, [2]] * theta[2])
     torch.testing.assert_close(local[:, 3:6], weights[:, [3]] * theta[2])  # seen from its child
     torch.testing.assert_close(local[:, 6:], weights[:, [1]] * theta[2])  # and from its parent
     knuckle = torch.zeros(16, 3)
     knuckle[[1, 4]] = 1.0
-    from_the_wrist = vertex_local_pose(knuckle, topology)[weights[:, 0] > 0.999]
+    from_the_wrist = vertex_local_pose(knuckle, skinning)[weights[:, 0] > 0.999]
     assert len(from_the_wrist) > 10
     assert from_the_wrist.abs().max() < 2e-3
 
 
 def test_inputs_are_gathered_on_the_surface():
     hand = load_default_hand()
-    topology = Topology.of(hand)
+    topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
     face = torch.arange(0, len(topology.faces), 20)
     barycentric = torch.rand(len(face), 3, generator=torch.Generator().manual_seed(0)) ** 3 + 1e-4
     barycentric[::2] = torch.tensor([0.0, 1.0, 0.0])
     barycentric = barycentric / barycentric.sum(1, keepdim=True)
     samples = SurfaceSamples(face, barycentric, torch.linspace(-0.002, 0.002, len(face)))
-    frame = FrameConditions.of(torch.zeros(16, 3), topology, mesh)
-    exposure = torch.arange(len(mesh.vertices), dtype=torch.float32)[:, None].expand(-1, EXPOSURE_CHANNELS)
+    visibility = ReferenceBackend().visibility(mesh, topology)
+    frame = FrameConditions.of(torch.zeros(16, 3), Skinning.of(hand), topology, mesh, visibility)
+    light = torch.arange(len(mesh.vertices), dtype=torch.float32)[:, None].expand(-1, LIGHT_CHANNELS)
     count = len(face)
     view = torch.zeros(count // 2, 3)  # of rays, passed through
-    inputs = field_inputs(samples, topology, frame, exposure, view, torch.ones(count), 0.002)
+    inputs = gather_field_inputs(samples, topology, frame, light, view, torch.ones(count), 0.002)
     assert inputs.view is view
     torch.testing.assert_close(inputs.height, samples.height_m / 0.002)
     torch.testing.assert_close(inputs.normal.norm(dim=-1), torch.ones(count))
     corners = topology.faces[face]
     torch.testing.assert_close(inputs.normal[::2], mesh.normals[corners[::2, 1]])
-    torch.testing.assert_close(inputs.exposure[::2, 3], corners[::2, 1].float())
-    torch.testing.assert_close(inputs.exposure[:, 0], (barycentric * corners).sum(1), rtol=1e-5, atol=1e-3)
+    torch.testing.assert_close(inputs.light[::2, 3], corners[::2, 1].float())
+    torch.testing.assert_close(inputs.light[:, 0], (barycentric * corners).sum(1), rtol=1e-5, atol=1e-3)
     torch.testing.assert_close(inputs.uv, (barycentric[..., None] * topology.corner_uv[face]).sum(1))
     rest = local_rotations(mesh.vertices, mesh.normals, topology.frames)
     torch.testing.assert_close(rest, torch.eye(3).expand_as(rest), atol=1e-3, rtol=0)

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from livehand.backend.nerf import maps as image_module
+from livehand.backend.nerf.crop import MARGIN_PX
 from livehand.backend.nerf.field import CHANNELS
 from livehand.backend.nerf.maps import enlarge_maps, image_of, low_resolution_maps
 from livehand.backend.nerf.superres import SuperResConfig, build_superres
@@ -34,24 +34,22 @@ def maps_of(height, width):
 
 @torch.inference_mode()
 @pytest.mark.parametrize("rows", [1, 5, 8, 11])
-def test_enlarging_in_bands_equals_enlarging_at_once(network, monkeypatch, rows):
+def test_enlarging_in_bands_equals_enlarging_at_once(network, rows):
     """Bands of one row up to nearly all: the paper's network aligns its grids with the picture's border as well."""
     maps = maps_of(23, 9)
     whole = network(maps[None])[0]
     calls = []
     network.register_forward_pre_hook(lambda module, inputs: calls.append(inputs[0].shape[2]))
-    monkeypatch.setattr(image_module, "_PIXELS_AT_ONCE", 9 * rows)
-    torch.testing.assert_close(enlarge_maps(network, maps), whole, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(enlarge_maps(network, maps, 9 * rows), whole, atol=1e-5, rtol=1e-5)
     assert len(calls) == -(-23 // rows)
-    assert max(calls) <= rows + 2 * image_module.MARGIN_PX
+    assert max(calls) <= rows + 2 * MARGIN_PX
 
 
 @torch.inference_mode()
-def test_a_row_wider_than_the_band_is_a_band(network, monkeypatch):
+def test_a_row_wider_than_the_band_is_a_band(network):
     maps = maps_of(4, 30)
     whole = network(maps[None])[0]
-    monkeypatch.setattr(image_module, "_PIXELS_AT_ONCE", 7)
-    torch.testing.assert_close(enlarge_maps(network, maps), whole, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(enlarge_maps(network, maps, 7), whole, atol=1e-5, rtol=1e-5)
 
 
 @torch.inference_mode()

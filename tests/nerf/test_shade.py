@@ -3,12 +3,13 @@
 import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.nerf import shade as shading
+from livehand.backend.nerf.backend import RenderHooks
 from livehand.backend.nerf.field import FieldConfig, PaperField, build_field
 from livehand.backend.nerf.rays import HandInView, split_rays
+from livehand.backend.nerf.reference import ChunkedRayRenderer, ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.shade import shade, shade_in_chunks
-from livehand.backend.nerf.trace import trace_with_torch
+from livehand.backend.nerf.shade import shade
+from livehand.backend.nerf.trace import trace as trace_reference
 from livehand.backend.nerf.volume import Composite
 
 CONFIG = SamplerConfig(4, 0.003)
@@ -16,9 +17,9 @@ FIELDS = {"paper": FieldConfig(kind="paper"), "planes": FieldConfig(planes=((32,
 
 
 class Recorder(PaperField):
-    """A field that keeps what it is asked."""
+    """A field that keeps its inputs."""
 
-    def forward(self, inputs, steps):
+    def forward(self, inputs, steps, read_plane):
         self.inputs, self.steps = inputs, steps
         rays = len(steps.t)
         return Composite(torch.zeros(rays, 32), torch.zeros(rays), torch.zeros(rays), torch.zeros_like(steps.t))
@@ -29,43 +30,43 @@ def scene(posed, seen_from):
     """(rays, hand in view, conditions)."""
     hand = posed("relaxed")
     seen = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.2, 1, 0.4), (20, 22)))
-    return trace_with_torch(seen, CONFIG), seen, hand.conditions()
+    return trace_reference(seen, CONFIG), seen, hand.conditions()
 
 
 @torch.inference_mode()
 @pytest.mark.parametrize("kind", FIELDS)
-@pytest.mark.parametrize("at_once", [1, 70, 1000, 1 << 20])
-def test_chunks_do_not_show(scene, monkeypatch, kind, at_once):
+@pytest.mark.parametrize("size", [1, 70, 1000, 1 << 20])
+def test_chunks_do_not_show(scene, kind, size):
     rays, hand, conditions = scene
     torch.manual_seed(0)
     field, few = build_field(FIELDS[kind]), split_rays(rays, 60)[0]
-    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", at_once)
-    asked = []
-    chunked = shade_in_chunks(field, few, hand, conditions, 0.003, lambda: asked.append(None))
+    calls = []
+    in_chunks = ChunkedRayRenderer(ReferenceBackend(), field, CONFIG, samples_per_chunk=size)
+    chunked = in_chunks.shade(few, hand, conditions, RenderHooks(before_chunk=lambda: calls.append(None)))
     whole = shade(field, few, hand, conditions, 0.003)
     for one, other in zip(chunked, whole, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-5)
-    assert len(asked) == -(-60 // max(1, at_once // 4))
+    assert len(calls) == -(-60 // max(1, size // 4))
 
 
-def test_what_is_raised_before_a_chunk_ends_it(scene, monkeypatch):
+def test_what_is_raised_before_a_chunk_ends_it(scene):
     rays, hand, conditions = scene
-    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", 100)
-    recorder, asked = Recorder(), []
+    calls = []
 
     def before_chunk():
-        asked.append(None)
-        if len(asked) == 3:
-            raise KeyError("told")
+        calls.append(None)
+        if len(calls) == 3:
+            raise KeyError("stop")
 
-    with pytest.raises(KeyError, match="told"):
-        shade_in_chunks(recorder, rays, hand, conditions, 0.003, before_chunk)
-    assert len(asked) == 3
+    in_chunks = ChunkedRayRenderer(ReferenceBackend(), Recorder(), CONFIG, samples_per_chunk=100)
+    with pytest.raises(KeyError, match="stop"):
+        in_chunks.shade(rays, hand, conditions, RenderHooks(before_chunk=before_chunk))
+    assert len(calls) == 3
 
 
 @torch.inference_mode()
 def test_steps_are_millimetres_of_the_template_and_footprints_pixels_of_it(scene):
-    """In a world ten times as large the field is asked the same."""
+    """The field gets the same inputs in a world ten times as large."""
     rays, hand, conditions = scene
     small, large = Recorder(), Recorder()
     mesh, topology, view = hand

@@ -1,26 +1,27 @@
-"""The whole road from shot to frame with untrained avatars: outlines, invariances, and what is refused."""
+"""From shot to frame with untrained avatars: outlines, invariances, and what is refused."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
-from livehand.backend.nerf import maps as image
-from livehand.backend.nerf import shade as shading
+from livehand.backend.hand.topology import topology_of
 from livehand.backend.nerf.avatar import PRESETS, AvatarConfig, new_avatar
-from livehand.backend.nerf.crop import MARGIN_PX
+from livehand.backend.nerf.crop import MARGIN_PX, crop_of
 from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import DEPTH_BACKGROUND, HandPose, Shot
-from livehand.backend.rendering.renderer import Renderer, RenderStopped, crop_of
+from livehand.backend.rendering.renderer import Renderer, RenderStopped
 
 SIZE = (66, 88)
 SMALL = AvatarConfig(
@@ -30,7 +31,7 @@ SMALL = AvatarConfig(
 )
 
 
-# A marched ray stops when less than 1/256 still comes through; super-resolution may add to that a little.
+# A fused ray stops when its transmittance is below 1/256; super-resolution may add a little to that.
 STOP = 1.5 / 256
 # Share of pixels whose ray may see its samples in another order, or miss a face, by rounding alone.
 FLIPPED = 5e-4
@@ -213,7 +214,7 @@ def test_an_avatar_of_a_left_hand_takes_left_poses_as_they_are(hand):
     pose = a_pose(side="left")
     vertices = vertices_of(left, pose)
     shot = Shot(pose, vertices, a_camera(vertices.mean(0)))
-    np.testing.assert_array_equal(renderer._canonical_theta(shot), pose.theta)
+    np.testing.assert_array_equal(renderer._canonical_theta(shot.pose), pose.theta)
     assert iou(renderer.render(shot).alpha > 0.5, outline(shot, left.f)[0]) > 0.85
 
 
@@ -252,51 +253,59 @@ def test_half_precision_is_close(hand, shot, frame):
     assert 0 < np.abs(fast.rgb - frame.rgb).max() < 0.05
 
 
-@pytest.fixture
-def in_small_chunks(road, monkeypatch):
-    """Few rays, samples and pixels at once."""
-    monkeypatch.setattr(shading, "_SAMPLES_AT_ONCE", 600)
-    monkeypatch.setattr(image, "_PIXELS_AT_ONCE", 300)
-    if road == "kernels":
-        from livehand.backend.fast import fused_render as marching
+class SmallChunks:
+    """A backend whose ray renderers take few rays or samples per chunk."""
 
-        monkeypatch.setattr(marching, "_RAYS_AT_ONCE", 100)
+    def __init__(self, backend):
+        self._backend = backend
 
+    def __getattr__(self, name):
+        return getattr(self._backend, name)
 
-def test_chunks_do_not_show(hand, shot, frame, road, in_small_chunks):
-    """Up to what the kernels' rays leave out by stopping early, where `frame` is theirs and these are not."""
-    chunked = Renderer(an_avatar(hand), hand, "cpu").render(shot)
-    np.testing.assert_allclose(chunked.rgb, frame.rgb, atol=1e-5 if road == "kernels" else STOP)
+    def ray_renderer(self, field, config, precision):
+        whole = self._backend.ray_renderer(field, config, precision)
+        is_fused = isinstance(self._backend, NumbaBackend)
+        return replace(whole, **({"rays_per_chunk": 100} if is_fused else {"samples_per_chunk": 600}))
 
 
-def test_it_stops_when_told_between_chunks(hand, shot, road, in_small_chunks):
-    renderer, asked = Renderer(an_avatar(hand), hand, "cpu"), []
+def test_chunks_do_not_show(hand, shot, frame, backend):
+    """Up to the light that numba's rays leave out by stopping early; `frame` is rendered by numba."""
+    chunked = Renderer(an_avatar(hand), hand, "cpu", backend=SmallChunks(backend)).render(shot)
+    np.testing.assert_allclose(chunked.rgb, frame.rgb, atol=1e-5 if isinstance(backend, NumbaBackend) else STOP)
+
+
+def test_it_stops_between_chunks(hand, shot, backend):
+    renderer, calls = Renderer(an_avatar(hand), hand, "cpu", backend=SmallChunks(backend)), []
 
     def should_stop():
-        asked.append(len(asked))
-        return len(asked) == 3
+        calls.append(None)
+        return len(calls) == 3
 
     with pytest.raises(RenderStopped):
         renderer.render(shot, should_stop)
-    assert len(asked) == 3
+    assert len(calls) == 3
 
 
-def with_and_without_kernels(monkeypatch, hand, shot, config=SMALL, precision="fp32"):
-    """The frame by both roads."""
-    pytest.importorskip("numba", reason="numba is not installed")
-    by_kernels = Renderer(an_avatar(hand, config), hand, "cpu", precision)
-    one = by_kernels.render(shot)
-    assert by_kernels._marcher is not None
-    for module in ("nerf.trace", "rendering.renderer", "geometry.visibility"):
-        monkeypatch.setattr(f"livehand.backend.{module}.has_kernels", lambda device: False)
-    by_torch = Renderer(an_avatar(hand, config), hand, "cpu", precision)
-    assert by_torch._marcher is None
-    return one, by_torch.render(shot)
+def test_the_networks_stay_as_their_owner_has_them(hand, shot):
+    avatar = an_avatar(hand)
+    avatar.field.train()
+    before = {name: value.clone() for name, value in avatar.field.state_dict().items()}
+    Renderer(avatar, hand, "cpu", "bf16").render(shot)
+    assert avatar.field.training
+    assert all(torch.equal(value, before[name]) for name, value in avatar.field.state_dict().items())
+
+
+def by_both_backends(hand, shot, avatar=None, precision="fp32"):
+    """The frame by numba, and by the reference."""
+    return tuple(
+        Renderer(avatar or an_avatar(hand), hand, "cpu", precision, one).render(shot)
+        for one in (NumbaBackend(), ReferenceBackend())
+    )
 
 
 @pytest.mark.parametrize("gesture", ["relaxed", "fist"])
-def test_both_roads_lead_to_the_same_frame(hand, monkeypatch, gesture):
-    one, other = with_and_without_kernels(monkeypatch, hand, a_shot(hand, (132, 176), gesture))
+def test_both_backends_lead_to_the_same_frame(hand, gesture):
+    one, other = by_both_backends(hand, a_shot(hand, (132, 176), gesture))
     for name in ("rgb", "alpha"):
         difference = np.abs(getattr(one, name) - getattr(other, name))
         assert (difference > STOP).mean() < FLIPPED, name
@@ -314,15 +323,14 @@ def anisotropic(shot, stretch):
 
 
 @pytest.mark.parametrize("stretch", [0.5, 3.0])
-def test_anisotropic_pixels_show_the_same_hand_by_both_roads(hand, monkeypatch, stretch):
+def test_anisotropic_pixels_show_the_same_hand_by_both_backends(hand, stretch):
     square, avatar = a_shot(hand), an_avatar(hand)
     with torch.no_grad():
         for plane in avatar.field.planes:
             plane.table.mul_(30)  # so that what fades with a pixel's footprint is seen
-    monkeypatch.setattr(f"{__name__}.an_avatar", lambda *arguments: avatar)
     shot = anisotropic(square, stretch)
-    one, other = with_and_without_kernels(monkeypatch, hand, shot)
-    assert np.abs(one.rgb - other.rgb).mean() < 3e-5  # 9e-5 where one of the roads takes K's first focal length
+    one, other = by_both_backends(hand, shot, avatar)
+    assert np.abs(one.rgb - other.rgb).mean() < 3e-5  # 9e-5 where one backend takes K's first focal length
     covered, depth = outline(shot, hand.f)
     assert iou(one.alpha > 0.5, covered) > 0.8
     within = covered & (one.alpha > 0.95)
@@ -332,7 +340,7 @@ def test_anisotropic_pixels_show_the_same_hand_by_both_roads(hand, monkeypatch, 
 @pytest.mark.parametrize("stretch", [0.25, 1.0, 4.0])
 def test_the_window_holds_the_shell_in_anisotropic_pixels(hand, stretch):
     shot = anisotropic(a_shot(hand, (240, 320)), stretch)
-    topology = Topology.of(hand)
+    topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(shot.vertices, dtype=torch.float32))
     config = SamplerConfig(4, 0.02)
     window = crop_of(mesh, shot.camera, config)
@@ -344,20 +352,20 @@ def test_the_window_holds_the_shell_in_anisotropic_pixels(hand, stretch):
     assert (inside <= last).all()
 
 
-def test_both_roads_in_half_precision(hand, monkeypatch):
-    one, other = with_and_without_kernels(monkeypatch, hand, a_shot(hand), precision="bf16")
+def test_both_backends_in_half_precision(hand):
+    one, other = by_both_backends(hand, a_shot(hand), precision="bf16")
     assert np.abs(one.rgb - other.rgb).mean() < 1e-4
     assert np.abs(one.alpha - other.alpha).max() < 0.02
 
 
-def test_planes_on_a_left_hand_are_the_right_ones_mirror_image(hand, road):
-    """By both roads, of a field of planes that is told of no normals, light or view: it cannot know the side."""
+def test_planes_on_a_left_hand_are_the_right_ones_mirror_image(hand, backend):
+    """With a field that has no normals, light or view as input: it cannot know the side."""
     avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
     with torch.no_grad():
         avatar.field.relief.table.zero_()
         first = avatar.field.trunk[0].weight
         first[:, avatar.field.normal_slice.start - 3 :] = 0  # normals, light and view: the world's, not the hand's
-    renderer = Renderer(avatar, hand, "cpu")
+    renderer = Renderer(avatar, hand, "cpu", backend=backend)
     shot, left = mirrored_shots(hand)
     one, other = renderer.render(shot), renderer.render(left)
     for name in ("alpha", "rgb"):

@@ -1,14 +1,9 @@
 """Work shared among threads: every index once, whatever the numbers, and no error is lost."""
 
-from importlib.util import find_spec
 from threading import Lock, current_thread, get_ident
 
 import numpy as np
 import pytest
-
-if find_spec("numba") is None:
-    pytest.skip("numba is not installed", allow_module_level=True)
-
 from livehand.backend.fast.kernels.compiled import compiled, compiled_loosely, in_parallel
 
 

@@ -1,24 +1,17 @@
-"""Marched and decoded rays (`cpu.marching`) against the field asked along traced rays (`shading.shade`)."""
-
-from importlib.util import find_spec
+"""Rays of the fused renderer against the field queried along traced rays (`nerf.shade.shade`)."""
 
 import pytest
 import torch
+from livehand.backend.fast.fused_render import FusedRayRenderer
+from livehand.backend.fast.kernels import fused
+from livehand.backend.fast.trace import trace
 from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.nerf.backend import RenderHooks
 from livehand.backend.nerf.field import FieldConfig, PlaneField, build_field
 from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.shade import shade
 from livehand.backend.nerf.volume import Composite
-
-if find_spec("numba") is None:
-    pytest.skip("numba is not installed", allow_module_level=True)
-
-from livehand.backend.fast import fused_render as marching
-from livehand.backend.fast.fused_render import Marcher
-from livehand.backend.fast.kernels import fused as march_module
-from livehand.backend.fast.shell import rasterise_shell
-from livehand.backend.fast.trace import trace
 
 CONFIG = SamplerConfig(8, 0.003)
 # Channels that fill blocks of four, and others that do not; one plane without height.
@@ -26,8 +19,8 @@ FIELDS = {
     "default": FieldConfig(),
     "odd": FieldConfig(width=24, density_width=12, planes=((32, 3, 4), (64, 2, 8), (128, 1, 4)), relief=48),
 }
-# A marched ray stops when no more than this shines through.
-STOP = float(march_module._TRANSPARENT)
+# A fused ray stops when its transmittance is below this.
+STOP = float(fused._TRANSPARENT)
 # Share of rays that rounding may lead elsewhere (tests/test_kernels_rays.py says why); none of 20,000 was.
 FLIPPED = 5e-4
 
@@ -48,35 +41,34 @@ def field(request):
     return a_field(request.param)
 
 
-class Marched:
-    """One scene by both roads: what was composited along each ray, and what was decoded from that."""
+class Fused:
+    """One scene by both backends: what is composited along each ray, and what is decoded from that."""
 
     @torch.inference_mode()
-    def __init__(self, field, hand, view, config=CONFIG, conditions=None):
+    def __init__(self, field, hand, camera, config=CONFIG, conditions=None):
         conditions = conditions or hand.conditions()
-        in_view = HandInView(hand.mesh, hand.topology, view)
-        marcher = Marcher(field, config)
-        layers = rasterise_shell(in_view, config)
-        self.pixel, self.direction, self.told, self.t, self.dt = marcher.march(layers, in_view, conditions)
-        self.seen = marcher.decode(self.told, self.direction)
+        in_view = HandInView(hand.mesh, hand.topology, camera)
+        renderer = FusedRayRenderer(field, config)
+        self.pixel, self.view, self.gathered, self.t, self.dt = renderer.gather(in_view, conditions, RenderHooks())
+        self.decoded = renderer.decode(self.gathered, self.view)
         # By the kernels: on a seam of the atlas either side's face is as near, and untrained planes differ there.
         rays = trace(in_view, config)
         surroundings = (rays, in_view, conditions, config.shell_m)
         self.expected_pixel, self.is_stopped, self.expected_steps = rays.pixel, rays.is_stopped, (rays.t, rays.dt)
-        self.expected_seen = shade(field, *surroundings)
-        self.expected_told = shade(Undecoded(field), *surroundings)
-        self.expected_direction = rays.directions / rays.directions.norm(dim=-1, keepdim=True)
+        self.expected_decoded = shade(field, *surroundings)
+        self.expected_gathered = shade(Undecoded(field), *surroundings)
+        self.expected_view = rays.directions / rays.directions.norm(dim=-1, keepdim=True)
 
 
 class Undecoded(PlaneField):
-    """The same field, but what it composites comes out as it is."""
+    """The same field without its decoder."""
 
     def __init__(self, field):
         super().__init__(field.config)
         self.load_state_dict(field.state_dict())
 
-    def decode(self, told, view):
-        return told
+    def decode(self, gathered, view):
+        return gathered
 
 
 def share_over(difference, bound):
@@ -85,54 +77,54 @@ def share_over(difference, bound):
     return (over.any(1) if over.ndim == 2 else over).double().mean() if len(over) else 0.0
 
 
-def assert_same(marched):
-    """What differs is no more than the light that a stopped march leaves out, and else nothing but rounding."""
-    assert torch.equal(marched.pixel, marched.expected_pixel)
-    torch.testing.assert_close(marched.direction, marched.expected_direction)
-    ours, theirs = marched.told, marched.expected_told
+def assert_same(rendered):
+    """They differ by no more than the light that an early stop leaves out, and by rounding."""
+    assert torch.equal(rendered.pixel, rendered.expected_pixel)
+    torch.testing.assert_close(rendered.view, rendered.expected_view)
+    ours, theirs = rendered.gathered, rendered.expected_gathered
     assert ours.channels.shape == theirs.channels.shape
-    if len(marched.pixel) == 0:
+    if len(rendered.pixel) == 0:
         return
-    few = FLIPPED + 1.5 / len(marched.pixel)  # one ray is always allowed
+    few = FLIPPED + 1.5 / len(rendered.pixel)  # one ray is always allowed
     largest = theirs.channels.abs().amax(0).clamp(min=1)
-    # Twice: what is left out, and, of a ray that ends opaque, what stands in for it.
+    # Twice: the light left out and, for a ray that ends opaque, its compensation.
     assert share_over(ours.alpha - theirs.alpha, STOP + 1e-5) < few
     assert share_over((ours.channels - theirs.channels) / largest, 2 * STOP) < few
     assert share_over((ours.depth - theirs.depth)[theirs.alpha > 0.5], 4e-4) < few
-    is_clear = theirs.alpha < 1 - 1.01 * STOP  # never stopped early
+    is_clear = theirs.alpha < 1 - 1.01 * STOP  # not stopped early
     assert share_over(ours.weights - theirs.weights, 2 * STOP) < few
     assert share_over(ours.weights.sum(1) - ours.alpha, 1e-5) < few
-    asked = (ours.weights > 0).float()
-    assert share_over((marched.t - marched.expected_steps[0]) * asked, 1e-6) < few
-    torch.testing.assert_close(marched.dt, marched.expected_steps[1])
+    queried = (ours.weights > 0).float()
+    assert share_over((rendered.t - rendered.expected_steps[0]) * queried, 1e-6) < few
+    torch.testing.assert_close(rendered.dt, rendered.expected_steps[1])
     for one, other in ((ours.alpha, theirs.alpha), (ours.channels, theirs.channels)):
         assert share_over((one - other)[is_clear], 1e-4) < few
-    difference = marched.seen.channels - marched.expected_seen.channels
+    difference = rendered.decoded.channels - rendered.expected_decoded.channels
     assert share_over(difference[:, :3], STOP) < few
     assert share_over(difference[is_clear], 1e-4) < few
     assert difference[:, :3].abs().mean() < STOP / 10
     assert share_over(difference, 4 * STOP) < few  # features have no bounds of their own
-    assert torch.equal(marched.seen.alpha, ours.alpha)
-    assert torch.equal(marched.seen.depth, ours.depth)
+    assert torch.equal(rendered.decoded.alpha, ours.alpha)
+    assert torch.equal(rendered.decoded.depth, ours.depth)
 
 
 @pytest.mark.parametrize("direction", [(0.1, -1, 0.2), (0.2, 0.3, -1), (-1, -0.5, 0.3)])
 @pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
-def test_marched_rays_are_the_fields(field, posed, seen_from, direction, gesture, side):
+def test_fused_rays_are_the_fields(field, posed, seen_from, direction, gesture, side):
     hand = posed(gesture, side)
-    marched = Marched(field, hand, seen_from(hand.mesh, direction))
-    assert len(marched.pixel) > 200
-    assert_same(marched)
-    alpha = marched.expected_seen.alpha
+    rendered = Fused(field, hand, seen_from(hand.mesh, direction))
+    assert len(rendered.pixel) > 200
+    assert_same(rendered)
+    alpha = rendered.expected_decoded.alpha
     assert int(((alpha > 0.05) & (alpha < 0.95)).sum()) > 20
-    assert marched.is_stopped.any()
-    assert not marched.is_stopped.all()
+    assert rendered.is_stopped.any()
+    assert not rendered.is_stopped.all()
 
 
 def test_planes_of_channels_that_fill_no_whole_block(posed, seen_from, monkeypatch):
     monkeypatch.setitem(FIELDS, "narrow", FieldConfig(width=24, planes=((32, 3, 6), (64, 1, 5)), relief=48))
     hand = posed("open")
-    assert_same(Marched(a_field("narrow"), hand, seen_from(hand.mesh, (0.1, -1, 0.2))))
+    assert_same(Fused(a_field("narrow"), hand, seen_from(hand.mesh, (0.1, -1, 0.2))))
 
 
 @pytest.fixture(scope="module")
@@ -147,10 +139,10 @@ def scene(posed, seen_from):
 
 
 def test_stopped_rays_are_opaque(odd, scene):
-    marched = Marched(odd, *scene)
-    assert marched.told.alpha[marched.is_stopped].min() >= 1 - STOP
-    assert marched.told.alpha.max() <= 1
-    assert marched.told.alpha.min() >= 0
+    rendered = Fused(odd, *scene)
+    assert rendered.gathered.alpha[rendered.is_stopped].min() >= 1 - STOP
+    assert rendered.gathered.alpha.max() <= 1
+    assert rendered.gathered.alpha.min() >= 0
 
 
 @torch.inference_mode()
@@ -162,24 +154,23 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
     field.density.bias.add_(3)  # solid: rays stop well before their last sample
     view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
     in_view = HandInView(hand.mesh, hand.topology, view)
-    layers = rasterise_shell(in_view, CONFIG)
-    told = Marcher(field, CONFIG).march(layers, in_view, hand.conditions()).told
-    constant = told.channels[:, : sum(channels for _, _, channels in field.config.planes)]
-    torch.testing.assert_close(constant, 0.7 * told.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
-    assert (told.alpha == 1).any()
+    gathered = FusedRayRenderer(field, CONFIG).gather(in_view, hand.conditions(), RenderHooks()).gathered
+    constant = gathered.channels[:, : sum(channels for _, _, channels in field.config.planes)]
+    torch.testing.assert_close(constant, 0.7 * gathered.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
+    assert (gathered.alpha == 1).any()
 
 
 @pytest.mark.parametrize(("samples", "shell_m", "layers"), [(1, 0.003, 10), (3, 0.005, 10), (16, 0.002, 2)])
 def test_other_samplers(odd, scene, samples, shell_m, layers):
-    assert_same(Marched(odd, *scene, SamplerConfig(samples, shell_m, layers)))
+    assert_same(Fused(odd, *scene, SamplerConfig(samples, shell_m, layers)))
 
 
 def test_nothing_in_view(odd, scene):
     hand, view = scene
     turned = torch.diag(torch.tensor([1.0, -1, -1, 1])) @ view.world2cam
-    marched = Marched(odd, hand, view._replace(world2cam=turned))
-    assert_same(marched)
-    assert len(marched.pixel) == 0
+    rendered = Fused(odd, hand, view._replace(world2cam=turned))
+    assert_same(rendered)
+    assert len(rendered.pixel) == 0
 
 
 @pytest.mark.parametrize("size_px", [(1, 1), (40, 1)])
@@ -187,16 +178,16 @@ def test_one_pixel_and_one_row(odd, scene, size_px):
     hand, view = scene
     K = view.K.clone()
     K[:2, 2] += torch.tensor(size_px) / 2 - torch.tensor(view.size_px) / 2
-    marched = Marched(odd, hand, CameraTensors(K, view.world2cam, size_px))
-    assert len(marched.pixel) > 0
-    assert_same(marched)
+    rendered = Fused(odd, hand, CameraTensors(K, view.world2cam, size_px))
+    assert len(rendered.pixel) > 0
+    assert_same(rendered)
 
 
 def test_near_and_far_where_planes_fade(odd, posed, seen_from):
     """From so far that a pixel spans many texels, and from so near that none does."""
     hand = posed("open")
     for size_px, field_m in (((12, 12), 0.25), ((40, 40), 0.04)):
-        assert_same(Marched(odd, hand, seen_from(hand.mesh, (0.1, 1, 0.1), size_px, field_m=field_m)))
+        assert_same(Fused(odd, hand, seen_from(hand.mesh, (0.1, 1, 0.1), size_px, field_m=field_m)))
 
 
 def test_a_larger_world_looks_the_same(odd, scene):
@@ -204,29 +195,27 @@ def test_a_larger_world_looks_the_same(odd, scene):
     large = hand._replace(mesh=posed_mesh(hand.topology, hand.mesh.vertices * 10))
     world2cam = view.world2cam.clone()
     world2cam[:3, 3] *= 10
-    marched = Marched(odd, large, view._replace(world2cam=world2cam))
-    alike = Marched(odd, hand, view)
-    shared = torch.isin(marched.pixel, alike.pixel), torch.isin(alike.pixel, marched.pixel)
-    difference = marched.seen.channels[shared[0], :3] - alike.seen.channels[shared[1], :3]
+    rendered = Fused(odd, large, view._replace(world2cam=world2cam))
+    alike = Fused(odd, hand, view)
+    shared = torch.isin(rendered.pixel, alike.pixel), torch.isin(alike.pixel, rendered.pixel)
+    difference = rendered.decoded.channels[shared[0], :3] - alike.decoded.channels[shared[1], :3]
     assert share_over(difference, 2 * STOP) < 0.01
-    assert share_over(marched.seen.alpha[shared[0]] - alike.seen.alpha[shared[1]], 2 * STOP) < 0.01
+    assert share_over(rendered.decoded.alpha[shared[0]] - alike.decoded.alpha[shared[1]], 2 * STOP) < 0.01
 
 
 @torch.inference_mode()
-def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
+def test_threads_and_chunks_do_not_matter(odd, scene):
     hand, view = scene
     in_view = HandInView(hand.mesh, hand.topology, view)
-    layers = rasterise_shell(in_view, CONFIG)
-    before, conditions, results, asked = torch.get_num_threads(), hand.conditions(), [], []
+    before, conditions, results, calls = torch.get_num_threads(), hand.conditions(), [], []
+    hooks = RenderHooks(before_chunk=lambda: calls.append(None))
     try:
-        for threads, at_once in ((1, 1 << 15), (2, 1 << 15), (2, 100), (1, 7)):
+        for threads, size in ((1, 1 << 15), (2, 1 << 15), (2, 100), (1, 7)):
             torch.set_num_threads(threads)
-            monkeypatch.setattr(marching, "_RAYS_AT_ONCE", at_once)
-            asked.clear()
-            marcher = Marcher(odd, CONFIG)
-            told = marcher.march(layers, in_view, conditions, lambda: asked.append(None)).told
-            assert len(asked) == -(-len(told.alpha) // at_once)
-            results.append(told)
+            calls.clear()
+            rays = FusedRayRenderer(odd, CONFIG, rays_per_chunk=size).gather(in_view, conditions, hooks)
+            assert len(calls) == -(-len(rays.pixel) // size)
+            results.append(rays.gathered)
     finally:
         torch.set_num_threads(before)
     for other in results[1:]:
@@ -234,39 +223,34 @@ def test_threads_and_chunks_do_not_matter(odd, scene, monkeypatch):
             assert torch.equal(one, values)
 
 
-def test_what_is_raised_between_chunks_ends_the_march(odd, scene, monkeypatch):
+def test_what_is_raised_between_chunks_ends_the_render(odd, scene):
     hand, view = scene
-    in_view = HandInView(hand.mesh, hand.topology, view)
-    layers = rasterise_shell(in_view, CONFIG)
-    monkeypatch.setattr(marching, "_RAYS_AT_ONCE", 50)
-    asked = []
+    in_view, calls = HandInView(hand.mesh, hand.topology, view), []
 
     def before_chunk():
-        asked.append(None)
-        if len(asked) == 3:
-            raise KeyError("told")
+        calls.append(None)
+        if len(calls) == 3:
+            raise KeyError("stop")
 
-    with torch.inference_mode(), pytest.raises(KeyError, match="told"):
-        Marcher(odd, CONFIG).march(layers, in_view, hand.conditions(), before_chunk)
-    assert len(asked) == 3
+    renderer, hooks = FusedRayRenderer(odd, CONFIG, rays_per_chunk=50), RenderHooks(before_chunk=before_chunk)
+    with torch.inference_mode(), pytest.raises(KeyError, match="stop"):
+        renderer(in_view, hand.conditions(), hooks)
+    assert len(calls) == 3
 
 
 @torch.inference_mode()
-def test_decoding_in_pieces_is_decoding_at_once(odd, monkeypatch):
+def test_decoding_in_chunks_is_decoding_at_once(odd):
     generator = torch.Generator().manual_seed(0)
     alpha = torch.rand(30, generator=generator)
-    told = Composite(
-        torch.randn(30, odd.gathered_channels, generator=generator) * alpha[:, None], alpha, alpha + 0.3, alpha[:, None]
-    )
-    direction = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
-    monkeypatch.setattr(marching, "_RAYS_DECODED_AT_ONCE", 7)
-    pieces, whole = Marcher(odd, CONFIG).decode(told, direction), odd.decode(told, direction)
-    for one, other in zip(pieces, whole, strict=True):
+    channels = torch.randn(30, odd.gathered_channels, generator=generator) * alpha[:, None]
+    gathered = Composite(channels, alpha, alpha + 0.3, alpha[:, None])
+    view = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
+    in_chunks = FusedRayRenderer(odd, CONFIG, rays_per_decode=7).decode(gathered, view)
+    for one, other in zip(in_chunks, odd.decode(gathered, view), strict=True):
         torch.testing.assert_close(one, other)
 
 
-def test_a_marcher_keeps_the_fields_weights_as_they_were(odd, scene):
-    """Packed once: the tables of a field in use do not change."""
-    marcher = Marcher(odd, CONFIG)
-    assert marcher._packed is marcher._packed
-    assert marcher._packed.table.dtype == "float32"
+def test_a_field_is_packed_once(odd):
+    renderer = FusedRayRenderer(odd, CONFIG)
+    assert renderer._packed is renderer._packed
+    assert renderer._packed.table.dtype == "float32"

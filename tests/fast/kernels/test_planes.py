@@ -1,17 +1,14 @@
 """Reading planes in the kernels against `field.encoding.FeaturePlane`, and the gradients against torch's."""
 
 import itertools
-from importlib.util import find_spec
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.encoding import FeaturePlane
-
-if find_spec("numba") is None:
-    pytest.skip("numba is not installed", allow_module_level=True)
-
 from livehand.backend.fast.kernels.planes import BLOCK, read_plane, table_gradient
+from livehand.backend.fast.planes import read_plane as read_by_kernels
+from livehand.backend.nerf.encoding import FeaturePlane
 
 GUARD = 77.0
 
@@ -48,7 +45,7 @@ def test_anywhere(resolution, heights, blocks):
     plane = a_plane(resolution, heights, blocks * BLOCK)
     uv, height = places(80)
     torch.testing.assert_close(
-        read(plane, uv, height), plane.read_with_torch(uv, height).detach(), atol=1e-5, rtol=1e-5
+        read(plane, uv, height), plane(uv, height, torch.ones(len(uv))).detach(), atol=1e-5, rtol=1e-5
     )
 
 
@@ -60,7 +57,7 @@ def test_on_the_atlas_border_on_texels_and_beyond_the_shell(heights):
     u, v, height = torch.meshgrid(ends, ends, torch.tensor([-9.0, -1.0, -0.5, 0.0, 0.3, 1.0, 9.0]), indexing="ij")
     uv, height = torch.stack([u.flatten(), v.flatten()], -1), height.flatten()
     torch.testing.assert_close(
-        read(plane, uv, height), plane.read_with_torch(uv, height).detach(), atol=1e-5, rtol=1e-5
+        read(plane, uv, height), plane(uv, height, torch.ones(len(uv))).detach(), atol=1e-5, rtol=1e-5
     )
 
 
@@ -75,7 +72,7 @@ def test_a_texels_centre_is_that_texel():
 def test_fading_place_in_the_table_and_place_in_the_output():
     plane = a_plane(16, 3, 2 * BLOCK)
     uv, height = places(20, seed=3)
-    expected = plane.read_with_torch(uv, height).detach()
+    expected = plane(uv, height, torch.ones(len(uv))).detach()
     torch.testing.assert_close(read(plane, uv, height, fade=0.25), expected * 0.25, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(read(plane, uv, height, start=40, at=5), expected, atol=1e-5, rtol=1e-5)
 
@@ -94,12 +91,9 @@ def gradients(plane, read, uv, height, fade, seed=0):
 
 
 def both_ways(plane, uv, height, fade):
-    """`gradients` as the field gets them on the CPU, and by torch."""
-
-    def by_torch(uv, height, fade):
-        return plane.read_with_torch(uv, height) * fade[:, None]
-
-    return gradients(plane, plane, uv, height, fade), gradients(plane, by_torch, uv, height, fade)
+    """`gradients` by the kernels, and by the reference."""
+    by_kernels = partial(read_by_kernels, plane)
+    return gradients(plane, by_kernels, uv, height, fade), gradients(plane, plane, uv, height, fade)
 
 
 @pytest.mark.parametrize("sizes", PLANES)
@@ -129,7 +123,7 @@ def test_gradients_on_the_border_on_texels_and_beyond_the_shell():
 
 def test_no_samples_give_no_gradient():
     plane = a_plane(4, 2, 4)
-    features, of_table, *of_place = gradients(plane, plane, torch.zeros(0, 2), torch.zeros(0), torch.zeros(0))
+    features, of_table, *of_place = both_ways(plane, torch.zeros(0, 2), torch.zeros(0), torch.zeros(0))[0]
     assert features.shape == (0, 4)
     assert of_table.shape == plane.table.shape
     assert not of_table.any()
@@ -160,15 +154,15 @@ def test_strided_gradients_and_places_are_read_right():
     wide, height = torch.rand(50, 5, generator=torch.Generator().manual_seed(2)), places(50)[1]
     uv, fade = wide[:, 1:4:2], wide[:, 4]
     outward = torch.rand(50, 9)[:, 2:6]
-    (got,) = torch.autograd.grad(plane(uv, height, fade), [plane.table], outward)
-    (expected,) = torch.autograd.grad(plane.read_with_torch(uv, height) * fade[:, None], [plane.table], outward)
+    (got,) = torch.autograd.grad(read_by_kernels(plane, uv, height, fade), [plane.table], outward)
+    (expected,) = torch.autograd.grad(plane(uv, height, fade), [plane.table], outward)
     torch.testing.assert_close(got, expected)
 
 
 def test_places_that_are_not_numbers_touch_nothing_else():
     plane = a_plane(8, 1, 3)  # odd: an index of the least integer does not wrap around to 0
     nowhere, inside = torch.full((1, 2), torch.nan), torch.full((1, 2), 0.9)
-    features = plane(torch.cat([nowhere, inside]), torch.zeros(2), torch.ones(2))
+    features = read_by_kernels(plane, torch.cat([nowhere, inside]), torch.zeros(2), torch.ones(2))
     assert features[0].isnan().all()
-    torch.testing.assert_close(features[1:], plane.read_with_torch(inside, torch.zeros(1)))
+    torch.testing.assert_close(features[1:], plane(inside, torch.zeros(1), torch.ones(len(inside))))
     features.nan_to_num().sum().backward()

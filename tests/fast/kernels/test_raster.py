@@ -1,18 +1,13 @@
 """The raster kernels against `geometry.rasterise`."""
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 import torch
+from livehand.backend.fast.kernels.raster import find_crossings, nearest_depth
+from livehand.backend.fast.kernels.records import ProjectedMesh, ShellCrossings
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.geometry.tolerances import NEAR_M
 from livehand.backend.nerf.rays import CameraTensors, project
-
-if find_spec("numba") is None:
-    pytest.skip("numba is not installed", allow_module_level=True)
-
-from livehand.backend.fast.kernels.raster import nearest_depth, surface_layers
 
 LAYERS = 24  # more than any ray has crossings here
 
@@ -36,10 +31,11 @@ def layers_of(positions_px, depth, faces, size_px, layers=LAYERS, rows=None):
         np.zeros((width * height, layers), np.int32),
     )
     count = np.zeros(width * height, np.int32)
-    arrays = tuple(values.numpy() for values in (positions_px, depth, faces))
+    mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), faces.numpy())
+    crossings = ShellCrossings(layer_depth, layer_face, count, np.empty(0, np.float32))
     rows = rows or height
     for first in range(0, height, rows):
-        surface_layers(arrays, width, first, min(first + rows, height), layer_depth, layer_face, count)
+        find_crossings(mesh, width, first, min(first + rows, height), crossings)
     return {
         pixel: [
             (float(z), int(mark if mark >= 0 else -1 - mark), bool(mark >= 0))
@@ -52,8 +48,8 @@ def layers_of(positions_px, depth, faces, size_px, layers=LAYERS, rows=None):
 
 def nearest_of(positions_px, depth, faces, size_px, has_backs):
     nearest = np.full(size_px[0] * size_px[1], np.inf, np.float32)
-    arrays = tuple(values.numpy() for values in (positions_px, depth, faces))
-    nearest_depth(arrays, size_px[0], 0, size_px[1], has_backs, nearest)
+    mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), faces.numpy())
+    nearest_depth(mesh, size_px[0], 0, size_px[1], has_backs, nearest)
     return nearest
 
 
@@ -119,9 +115,9 @@ def test_of_too_many_crossings_the_nearest_are_kept(fist, layers):
 def test_nearest_depth_only_lowers_what_is_there(fist):
     free = nearest_of(*fist, True)
     held = np.full_like(free, np.median(free[np.isfinite(free)]))
-    arrays = tuple(values.numpy() for values in fist[:3])
+    mesh = ProjectedMesh(*(values.numpy() for values in fist[:3]))
     lowered = held.copy()
-    nearest_depth(arrays, fist[3][0], 0, fist[3][1], True, lowered)
+    nearest_depth(mesh, fist[3][0], 0, fist[3][1], True, lowered)
     np.testing.assert_array_equal(lowered, np.minimum(held, free))
     assert (lowered < held).any()
     assert (lowered == held).any()

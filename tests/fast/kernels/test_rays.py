@@ -1,21 +1,15 @@
-"""Rays laid on the surface by the kernels (`cpu.tracing`) against torch (`tracing.trace_with_torch`)."""
-
-from importlib.util import find_spec
+"""Rays traced by the kernels (`fast.trace`) against the reference (`nerf.trace`)."""
 
 import numpy as np
 import pytest
 import torch
+from livehand.backend.fast import trace as tracing
+from livehand.backend.fast.shell import live_rays, rasterise_shell
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.trace import trace_with_torch
-
-if find_spec("numba") is None:
-    pytest.skip("numba is not installed", allow_module_level=True)
-
-from livehand.backend.fast import trace as tracing
-from livehand.backend.fast.shell import live_pixels, rasterise_shell
+from livehand.backend.nerf.trace import trace as trace_reference
 
 CONFIG = SamplerConfig(8, 0.003)
 # Share of samples whose surface point may be another: on an edge rounding decides which face is found, and from there
@@ -27,7 +21,7 @@ def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True):
     """Both roads' rays are the same, but for the signs of heights where there are no signs; returns them."""
     generators = (None, None) if seed is None else [torch.Generator().manual_seed(seed) for _ in range(2)]
     ours = tracing.trace(HandInView(mesh, topology, view), config, generators[0])
-    theirs = trace_with_torch(HandInView(mesh, topology, view), config, generators[1])
+    theirs = trace_reference(HandInView(mesh, topology, view), config, generators[1])
     assert torch.equal(ours.pixel, theirs.pixel)
     assert torch.equal(ours.is_stopped, theirs.is_stopped)
     torch.testing.assert_close(ours.directions, theirs.directions)
@@ -179,12 +173,13 @@ def test_the_number_of_threads_does_not_matter(scene, threads):
 def test_live_pixels_are_those_with_samples(scene):
     """More than nothing is inside."""
     mesh, topology, view = scene
-    layers = rasterise_shell(HandInView(mesh, topology, view), CONFIG)
-    layers.inner[: len(layers.inner) // 2] = 0.01  # as if the deflated mesh stood before all else there
-    live = live_pixels(layers)
-    assert (live >= len(layers.inner) // 2).all()
-    expected = trace_with_torch(HandInView(mesh, topology, view), CONFIG).pixel
-    expected = expected[expected >= len(layers.inner) // 2]
+    hand = HandInView(mesh, topology, view)
+    crossings = rasterise_shell(hand, CONFIG)
+    crossings.inner[: len(crossings.inner) // 2] = 0.01  # as if the deflated mesh were in front of everything there
+    live = live_rays(crossings, hand)[0].numpy()
+    assert (live >= len(crossings.inner) // 2).all()
+    expected = trace_reference(HandInView(mesh, topology, view), CONFIG).pixel
+    expected = expected[expected >= len(crossings.inner) // 2]
     np.testing.assert_array_equal(live, expected)
-    crossed = layers.crossings > 0
+    crossed = crossings.counts > 0
     assert crossed.sum() > len(live)
