@@ -12,7 +12,7 @@ from ..nerf.sampler import SamplerConfig
 from .kernels.compiled import in_parallel
 from .kernels.raster import find_crossings, nearest_depth
 from .kernels.rays import find_live
-from .kernels.records import ProjectedMesh, Rays, ShellCrossings, Surface
+from .kernels.records import ProjectedMesh, Rays, ShellCrossings, SurfaceTables
 from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 
 
@@ -50,7 +50,7 @@ def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tens
     return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origin(hand.camera).numpy())
 
 
-def surface_of(mesh: PosedMesh, topology: Topology) -> Surface:
+def surface_of(mesh: PosedMesh, topology: Topology) -> SurfaceTables:
     """The posed mesh prepared for closest-point searches."""
     vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), topology.neighbours.numpy()
     shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
@@ -58,4 +58,4 @@ def surface_of(mesh: PosedMesh, topology: Topology) -> Surface:
     threads = torch.get_num_threads()
     in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes), len(faces), threads)
     in_parallel(lambda first, last: gather_shapes(shapes, neighbours, first, last, around), len(faces), threads)
-    return Surface(shapes, around, neighbours, faces, vertices, mesh.normals.numpy())
+    return SurfaceTables(shapes, around, neighbours, faces, vertices, mesh.normals.numpy())

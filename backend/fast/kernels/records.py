@@ -31,7 +31,7 @@ class ShellCrossings(NamedTuple):
     inner: np.ndarray
 
 
-class Surface(NamedTuple):
+class SurfaceTables(NamedTuple):
     """A posed mesh prepared for closest-point searches.
 
     Attributes:
