@@ -46,7 +46,7 @@ class FusedRayRenderer:
     """One field with its tables packed for the kernels.
 
     Attributes:
-        field: whose weights must not change meanwhile.
+        field: its weights must not change while this is used.
         config: of the sampler.
         precision: of the decoder.
         rays_per_chunk: between two calls of `before_chunk`.

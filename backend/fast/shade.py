@@ -60,8 +60,8 @@ def shade(
 ) -> Composite:
     """Query the field at the samples and composite each ray.
 
-    The kernels have no gradient to the geometry: where one is asked for, and for the paper's field, torch computes all
-    but the reading of planes.
+    The kernels have no gradient to the geometry: if one is required, and for the paper's field, torch computes
+    everything but the reading of planes.
     """
     geometry = RayGeometry.of(rays, hand)
     if not isinstance(field, PlaneField) or _needs_geometry_gradient(rays, conditions, geometry.steps):

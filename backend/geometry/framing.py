@@ -1,4 +1,4 @@
-"""A camera whose picture holds what it is to show, and little more."""
+"""A camera that frames given points."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from ..records.camera import Camera, look_at
 
 DISTANCE_M = 0.75
-"""Of the camera from the middle of a hand, as in the captures that avatars learn from."""
+"""Distance from the camera to the centre of a hand, as in the captures that avatars are trained on."""
 
 
 def fitting_camera(
     points: np.ndarray, towards_camera: tuple[float, float, float], size_px: tuple[int, int], filled: float
 ) -> Camera:
-    """An upright view (world's Z up) of points, in the middle of the picture.
+    """An upright view (world Z up) with the points in the middle of the image.
 
     Args:
         points: [N, 3] m, world.
-        towards_camera: direction from their middle to the camera, not along Z.
+        towards_camera: direction from their centre to the camera, not along Z.
         size_px: (width, height).
-        filled: share of the picture's width or height, whichever is tighter, that the points take.
+        filled: share of the image that the points fill, of its width or height, whichever is tighter.
     """
     low, high = points.min(0), points.max(0)
     middle, towards = (low + high) / 2, np.array(towards_camera) / np.linalg.norm(towards_camera)

@@ -1,7 +1,7 @@
-"""Rasterises a mesh into all its layers: one fragment for every face over every pixel centre it covers.
+"""Rasterises all layers of a mesh: one fragment per face and pixel centre that it covers.
 
-This is the depth pass of the method (paper section 3.3) with nothing thrown away: front and back faces of every layer,
-so that each ray gets one interval per surface layer instead of a single near and far.
+This is the depth pass of the method (paper section 3.3), but it keeps front and back faces of every layer, so that each
+ray gets one interval per surface layer instead of a single near and far.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .tolerances import MIN_AREA_PX2, NEAR_M
 
 
 class Fragments(NamedTuple):
-    """N fragments in no order: pixel (row * width + column), face, depth along the optical axis m, front-facing."""
+    """N unordered fragments: pixel (row * width + column), face, depth along the optical axis m, front-facing."""
 
     pixel: Tensor
     face: Tensor

@@ -1,8 +1,8 @@
-"""Lays points that stay where they are on a surface that moves, with gradients to its vertices.
+"""Projects fixed points onto a moving surface, with gradients to its vertices.
 
-Tracing (`tracking`) finds which face each sample of a ray lies on. That costs as much as a training step and has no
-gradient. While the surface moves by less than a face's width, each sample may keep its face: where over that face it
-lies, and how high, follow smoothly from the vertices.
+`surface_tracking` finds the face below each sample of a ray. It costs as much as a training step and has no gradient.
+While the surface moves by less than the width of a face, each sample may keep its face: its barycentric coordinates
+and its height then follow smoothly from the vertices.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from .closest_point import closest_on_triangles
 from .mesh import PosedMesh, Topology
 from .uvh import SurfaceSamples, interpolate
 
-# Nearer to the surface than this, the offset from it has no direction of its own and the surface's normal serves, m.
+# Below this distance, m, the offset has no reliable direction, and the surface normal replaces it.
 _MIN_OFFSET_M = 1e-6
 
 
 def reproject(
     points: Float[Tensor, "S 3"], face: Int[Tensor, " S"], topology: Topology, mesh: PosedMesh
 ) -> SurfaceSamples:
-    """The points over the closest points of the faces they keep; `height_m` in the template's metres.
+    """Project points onto given faces; `height_m` is in the template's metres.
 
-    The height's derivative is the one of the distance to a surface point that stays where it is on its face: to first
-    order the closest point's own sliding does not change the distance.
+    The height's derivative is that of the distance to a point fixed on the face: to first order, the closest point's
+    motion along the face does not change the distance.
     """
     barycentric, _ = closest_on_triangles(points, mesh.vertices[topology.faces[face]])
     held = SurfaceSamples(face, barycentric.detach(), barycentric[:, 0].detach())
@@ -35,7 +35,7 @@ def reproject(
 
 
 def _outward(offset: Float[Tensor, "S 3"], normal: Float[Tensor, "S 3"]) -> Float[Tensor, "S 3"]:
-    """Unit offsets, turned to the normal's side; the unit normal where there is no offset to speak of."""
+    """Unit offsets, oriented along the normal; the unit normal where the offset is negligible."""
     length = offset.norm(dim=-1, keepdim=True)
     sign = torch.where((offset * normal).sum(-1, keepdim=True) < 0, -1.0, 1.0)
     unit_normal = torch.nn.functional.normalize(normal, dim=-1)

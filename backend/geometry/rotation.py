@@ -1,4 +1,4 @@
-"""Rotations in numpy, so that rigging and gestures need no torch; `geometry.rotation` is for gradients.
+"""Rotations in numpy, for rigging and gestures; `torch_rotation` has those with gradients.
 
 Quaternions are [..., 4] (w, x, y, z), Blender's order; axis-angle is [..., 3] rad. Any leading axes; float64 inside.
 """
@@ -20,8 +20,8 @@ def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
 
 
-def turn_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """[..., 3, 3] the rotation that brings points [..., N, 3] nearest to others (Kabsch), both from one centre each."""
+def rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """[..., 3, 3] the rotation that best maps points [..., N, 3] to others (Kabsch 1976), each about its own origin."""
     u, _, vh = np.linalg.svd(np.swapaxes(others, -1, -2) @ points)
     u[..., -1] *= np.sign(np.linalg.det(u @ vh))[..., None]
     return u @ vh
@@ -72,7 +72,7 @@ def matrix_to_axis_angle(matrix: np.ndarray) -> np.ndarray:
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Signs chosen along the first axis (time) so that neighbours lie in the same half: no spin when interpolated."""
+    """The same rotations with signs that are continuous along the first axis (time), for interpolation."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(-1, keepdims=True)
     signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])

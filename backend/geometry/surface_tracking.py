@@ -1,12 +1,12 @@
-"""Lays the samples of a ray on the surface: on the part of it that the ray entered, tracked from sample to sample.
+"""Projects the samples of a ray onto the surface: onto the part that the ray has entered, tracked along the ray.
 
-The nearest point of the whole mesh would do but for contact: where a thumb lies on a fist, a sample just inside the
-thumb may be nearer to the fist's skin, and would take its colour. So every part whose shell a ray is in is followed by
-itself, from the face through which the ray entered it, and of several parts the one that holds the sample deepest owns
-it: what is seen is the parts' union.
+The closest point of the whole mesh is wrong in contact: where a thumb touches a fist, a sample just inside the thumb
+may be nearer to the fist's skin, and would get its colour. So each part whose shell the ray is in is tracked by itself,
+starting at the face through which the ray entered. Of several parts, the sample belongs to the one that holds it
+deepest, which renders the union of the parts.
 
-A part is followed by walking: from the last sample's face to whichever face around it is nearer, until none is. Where a
-single part is near, that finds the closest point of the whole mesh.
+Tracking walks from the last sample's face to a nearer neighbouring face, until there is none. Near a single part, this
+finds the closest point of the whole mesh.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ def track(
     topology: Topology,
     mesh: PosedMesh,
 ) -> SurfaceSamples:
-    """Lay R rays of N samples, in order, on the surface.
+    """Project R rays of N samples, ordered along the ray, onto the surface.
 
     Args:
         points: world, m.
-        entry_face: where each ray crosses the front of the inflated mesh; anything where it does not.
+        entry_face: faces at which each ray enters the inflated mesh; the padding is ignored.
         is_open: which of those crossings lie before each sample, in the sample's own interval.
-        topology: of the hand.
+        topology: of the mesh.
         mesh: the pose.
 
     Returns:
@@ -71,7 +71,7 @@ def _walk(
 def _closest_around(
     points: Float[Tensor, "P 3"], face: Int[Tensor, " P"], topology: Topology, triangles: Float[Tensor, "F 3 3"]
 ) -> tuple[Int[Tensor, " P"], Float[Tensor, "P 3"], Float[Tensor, " P"]]:
-    """The closest point of a face and those around it; the face itself comes first and wins ties."""
+    """The closest point of a face and its neighbours; the face itself comes first and wins ties."""
     candidates = topology.neighbours[face]
     barycentric, squared = closest_on_triangles(points[:, None, :], triangles[candidates])
     squared, best = squared.min(1)
@@ -80,7 +80,7 @@ def _closest_around(
 
 
 def _deepest(found: SurfaceSamples, ray: Int[Tensor, " P"], rays: int) -> SurfaceSamples:
-    """Of each ray's candidates the one of least height; every ray has one at least."""
+    """The candidate of least height per ray; every ray has at least one."""
     order = torch.argsort(found.height_m, stable=True)
     order = order[torch.argsort(ray[order], stable=True)]
     is_first = torch.ones_like(order, dtype=torch.bool)

@@ -12,7 +12,7 @@ from .mesh import PosedMesh, Topology
 
 
 class SurfaceSamples(NamedTuple):
-    """S samples: where each lies over the surface. `height_m` is signed, positive outside, in the template's metres."""
+    """S samples: the surface point below each, and its signed height (positive outside), in the template's metres."""
 
     face: Tensor
     barycentric: Tensor
@@ -22,10 +22,10 @@ class SurfaceSamples(NamedTuple):
 def signed_height(
     points: Float[Tensor, "S 3"], nearest: SurfaceSamples, topology: Topology, mesh: PosedMesh
 ) -> Float[Tensor, " S"]:
-    """Height in the world's metres of points over their nearest surface points, whose distances are given unsigned.
+    """Signed height, in the world's metres, of points over their nearest surface points with unsigned distances.
 
-    The sign is that of the offset against the interpolated vertex normal, which, unlike a face's own normal, is right
-    at edges and vertices too.
+    The sign is that of the offset along the interpolated vertex normal, which, unlike a face normal, is also correct at
+    edges and vertices.
     """
     offset = points - interpolate(mesh.vertices, topology, nearest)
     normal = interpolate(mesh.normals, topology, nearest)
@@ -40,7 +40,7 @@ def interpolate(
 
 
 def atlas_uv(topology: Topology, samples: SurfaceSamples) -> Float[Tensor, "S 2"]:
-    """Atlas coordinates of the samples, in the chart of their own face: no seam is ever crossed."""
+    """Atlas coordinates of the samples, in the chart of their own face, so that no seam is crossed."""
     return _blend(topology.corner_uv[samples.face], samples.barycentric)
 
 

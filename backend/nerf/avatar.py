@@ -17,7 +17,7 @@ from .superres import SuperResConfig, build_superres
 
 @dataclass(frozen=True)
 class AvatarConfig:
-    """Everything that shapes the networks and how they are asked."""
+    """The configuration of an avatar's networks and sampler."""
 
     field: FieldConfig = dataclasses.field(default_factory=FieldConfig)
     """The radiance field."""
@@ -38,7 +38,7 @@ PRESETS: dict[str, AvatarConfig] = {
 
 @dataclass(frozen=True)
 class Avatar:
-    """A hand's look, ready to render.
+    """A hand's appearance, ready to render.
 
     Attributes:
         name: for people.

@@ -79,11 +79,11 @@ class RenderBackend(Protocol):
         conditions: FrameConditions,
         shell_m: float,
     ) -> Composite:
-        """As `nerf.shade.shade`, with gradients to the weights and, where they are asked for, to the geometry."""
+        """As `nerf.shade.shade`, with gradients to the weights and, if required, to the geometry."""
         ...
 
     def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
-        """A renderer of this field, whose weights must not change meanwhile."""
+        """A renderer of this field; the field's weights must not change while it is used."""
         ...
 
 

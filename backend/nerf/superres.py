@@ -31,7 +31,7 @@ class SuperResConfig:
     depth: int = 4
     """Convolutions of `light` before the last."""
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of the picture's colour, after the network: a training camera's, where its look was asked for."""
+    """Colour gain applied after the network: that of a training camera whose colours the avatar reproduces."""
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Added to the colour, times alpha."""
 
@@ -96,7 +96,7 @@ def enlarge(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B C 2*H 2*W"]:
 
 
 def _sum(a: Tensor, b: Tensor) -> Tensor:
-    """The sum, in `a`'s place where no gradient will ask for a: fresh memory costs as much as the convolutions."""
+    """The sum; in place of `a` if there is no gradient, because new memory costs as much as the convolutions."""
     return a + b if torch.is_grad_enabled() else a.add_(b)
 
 

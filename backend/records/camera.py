@@ -63,7 +63,7 @@ class Camera:
         return in_camera @ self.cam2world[:3, :3].T
 
     def through_lens(self, offset_m: np.ndarray, focus_m: float) -> Camera:
-        """The view from a point of a thin lens beside its centre: what lies in the plane of focus stays where it is.
+        """The view through a point of a thin lens beside its centre; the plane of focus does not move in the image.
 
         Args:
             offset_m: [2] along the camera's x and y.
@@ -75,7 +75,7 @@ class Camera:
         return replace(self, K=K, cam2world=cam2world)
 
     def cropped(self, x0_px: int, y0_px: int, size_px: tuple[int, int]) -> Camera:
-        """The camera of the window of `size_px` whose upper left pixel is (x0, y0); it may reach outside the image."""
+        """The camera of a crop of `size_px` with upper left pixel (x0, y0); it may extend outside the image."""
         shift = np.array([[1, 0, -x0_px], [0, 1, -y0_px], [0, 0, 1.0]])
         return replace(self, K=shift @ self.K, size_px=size_px)
 

@@ -1,7 +1,7 @@
-"""Where along a frame's rays a hand's opacity lies: what decides who hides whom, sample by sample.
+"""Where along its rays a rendered hand is opaque: occlusion between hands and scene is resolved from this.
 
-A frame is rendered as if the hand were alone. Its profile tells afterwards how much of each ray's light comes from
-before any depth: the scene's, which may differ between the pixels of one ray, or another hand's.
+A frame is rendered as if the hand were alone. From its profile follows how much of each ray's light comes from in front
+of any depth: the scene's, which may differ between the four pixels of a ray, or another hand's.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ class DepthProfile:
     """R rays of N samples on an image's low-resolution grid.
 
     Attributes:
-        row: [h, w] int32, which of the rays below passes through each 2 x 2 pixels; -1: none meets the hand.
+        row: [h, w] int32, index of the ray through each 2 x 2 pixels; -1: the ray misses the hand.
         t: [R, N] depth of each sample, m.
         dt: [R] depth step between a ray's samples, m.
-        weights: [R, N] each sample's part of the ray's alpha.
+        weights: [R, N] each sample's contribution to the ray's alpha.
     """
 
     row: np.ndarray
@@ -29,7 +29,7 @@ class DepthProfile:
 
     @classmethod
     def of_depth(cls, depth: np.ndarray, background: float) -> DepthProfile:
-        """A surface of this depth [H, W], m, opaque wherever it is nearer than `background`."""
+        """The profile of an opaque surface of this depth [H, W], m; no surface at `background` or beyond."""
         nearest = four_depths(depth).min(-1)
         is_hit = nearest < background
         row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32)
@@ -42,11 +42,11 @@ class DepthProfile:
         return self.weights.sum(1)
 
     def transmittance(self, rays: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """What reaches the camera past this hand.
+        """The share of light that reaches the camera past this hand.
 
         Args:
-            rays: [K] rows, -1 for what passes no ray.
-            depth: [K, M] from where, m.
+            rays: [K] ray indices; -1: no ray.
+            depth: [K, M] depths of the light's origin, m.
         """
         through = np.ones_like(depth)
         meets = rays >= 0
@@ -59,9 +59,9 @@ _THIN_M = 1e-4
 
 
 def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """[K, M] how much of K rays' alpha lies nearer than depths [K, M], m; the opacity of a step is spread over it."""
+    """[K, M] alpha of K rays in front of depths [K, M], m; the opacity of each step is spread evenly over it."""
     total = np.zeros_like(depth)
-    for sample in range(t.shape[1]):  # N is small: a third axis would be slower than this loop
+    for sample in range(t.shape[1]):  # N is small: this loop is faster than a third axis
         share = np.clip((depth - t[:, sample, None]) / dt[:, None] + 0.5, 0, 1)
         total += weights[:, sample, None] * share
     return total

@@ -1,6 +1,6 @@
-"""The records that cross every border: what Blender, training and tests hand to the renderer, and what comes back.
+"""The records that cross every border: input and output of the renderer.
 
-Frozen dataclasses of numpy arrays, so that no bpy object and no torch tensor travels.
+They are frozen dataclasses of numpy arrays: no bpy object and no torch tensor crosses a border.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class HandPose:
 
     @classmethod
     def rest(cls, side: Side = "right") -> HandPose:
-        """The template's own pose and shape, at its own place."""
+        """The template's pose and shape, at the origin."""
         return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
 
 
@@ -58,10 +58,9 @@ class Shot:
     """One hand in one frame.
 
     Attributes:
-        pose: the hand's parameters; the renderer uses them for pose-dependent looks only.
+        pose: the hand's parameters; the renderer conditions the appearance on them.
         vertices: [V, 3] posed surface in the world, m, in the hand model's vertex order. They come from the evaluated
-            mesh, so shape keys, sculpting, modifiers and foreign rigs flow through; the depth bounds of every ray are
-            rasterised from them.
+            mesh, so shape keys, sculpting, modifiers and retargeted rigs are respected.
         camera: the view.
     """
 
@@ -88,7 +87,7 @@ class Frame:
         rgb: [H, W, 3] float32, scene-linear Rec.709, premultiplied by alpha.
         alpha: [H, W] float32 in [0, 1].
         depth: [H, W] float32 m along the optical axis; `DEPTH_BACKGROUND` where there is no hand.
-        profile: where along the rays the hand's opacity lies, for `composition`; None: at `depth`.
+        profile: opacity along the rays, for `composition`; None: an opaque surface at `depth`.
     """
 
     rgb: np.ndarray

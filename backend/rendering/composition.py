@@ -1,7 +1,7 @@
-"""Several hands and a scene in one picture: who hides whom is decided along every ray, sample by sample.
+"""Several hands and a scene in one image: occlusion is resolved along every ray, sample by sample.
 
-Each hand was rendered alone. Its light is dimmed by what other hands' samples and the scene's depth take away before
-it, and the rest is added up: the order in which the hands are given changes nothing.
+Each hand is rendered alone. Its light is attenuated by the other hands' samples and by the scene in front of it, and
+the results are summed, so that the order of the hands does not matter.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..records.shot import DEPTH_BACKGROUND, Frame
 
 @dataclass(frozen=True)
 class SceneLayer:
-    """What a scene shows behind and before the hands.
+    """The rendered scene around the hands.
 
     Attributes:
         rgb: [H, W, 3] scene-linear Rec.709, premultiplied.
@@ -32,11 +32,11 @@ class SceneLayer:
 
 
 def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None) -> list[Frame]:
-    """The frames, each without what the other hands and the scene hide of it.
+    """The frames without the parts that the other hands and the scene occlude.
 
     Args:
         frames: of one camera, one per hand.
-        scene_depth: [H, W] m; None: there is nothing but the hands.
+        scene_depth: [H, W] m; None: there is no scene.
     """
     if len(frames) == 1 and scene_depth is None:
         return list(frames)
@@ -46,14 +46,14 @@ def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None
         _visible_share(profile, weights, frame.alpha.shape, scene_depth)
         for profile, weights, frame in zip(profiles, _balanced(profiles, seen), frames, strict=True)
     ]
-    # Blurred shares of two hands may add up to a little more than there is.
+    # The blurred shares of two hands may sum to slightly more than 1.
     total = sum((frame.alpha * share for frame, share in zip(frames, shares, strict=True)), np.float32(0))
     excess = np.maximum(total, 1)
     return [_dimmed(frame, share / excess) for frame, share in zip(frames, shares, strict=True)]
 
 
 def joined(parts: Sequence[Frame]) -> Frame:
-    """One frame of all visible parts; depth is the nearest."""
+    """One frame of all visible parts, with the nearest depth."""
     return Frame(
         rgb=reduce(np.add, (part.rgb for part in parts)),
         alpha=np.minimum(reduce(np.add, (part.alpha for part in parts)), 1),
@@ -62,7 +62,7 @@ def joined(parts: Sequence[Frame]) -> Frame:
 
 
 def over(hands: Frame, scene: SceneLayer) -> Frame:
-    """The visible parts of hands, joined, put into their scene."""
+    """The joined hands over their scene."""
     behind = 1 - hands.alpha
     return Frame(
         rgb=hands.rgb + behind[..., None] * scene.rgb,
@@ -72,7 +72,7 @@ def over(hands: Frame, scene: SceneLayer) -> Frame:
 
 
 def mean_frame(frames: Sequence[Frame]) -> Frame:
-    """The mean of a shutter's or a lens's frames; depth is the first one's, as a mean of depths lies nowhere."""
+    """The mean over the samples of an exposure; depth is the first frame's, because a mean depth is meaningless."""
     if len(frames) == 1:
         return frames[0]
     rgb, alpha = (np.mean([getattr(frame, name) for frame in frames], axis=0) for name in ("rgb", "alpha"))
@@ -84,7 +84,7 @@ def _profile_of(frame: Frame) -> DepthProfile:
 
 
 def _seen_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
-    """[R, N] what of a hand's weights gets past the other hands."""
+    """[R, N] a hand's weights, attenuated by the other hands."""
     own, others = profiles[number], [*profiles[:number], *profiles[number + 1 :]]
     has_ray = own.row >= 0
     seen = np.zeros_like(own.weights)
@@ -95,9 +95,9 @@ def _seen_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
 
 
 def _balanced(profiles: Sequence[DepthProfile], seen: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The same weights, scaled along each ray so that together the hands hide what one after the other would.
+    """The same weights, scaled along each ray so that all hands together are as opaque as one behind the other.
 
-    Where hands pass through each other, steps are too coarse to say how much of each is in front.
+    Where hands intersect, the steps are too coarse to tell how much of each is in front.
     """
     clear = reduce(np.multiply, (1 - _on_grid(profile, profile.alpha) for profile in profiles))
     total = reduce(np.add, (_on_grid(one, weights.sum(1)) for one, weights in zip(profiles, seen, strict=True)))
@@ -122,7 +122,7 @@ def _on_grid(profile: DepthProfile, values: np.ndarray) -> np.ndarray:
 def _visible_share(
     own: DepthProfile, seen: np.ndarray, shape: tuple[int, ...], scene_depth: np.ndarray | None
 ) -> np.ndarray:
-    """[H, W] how much of a hand's light gets past the scene, of which `seen` [R, N] gets past the other hands."""
+    """[H, W] share of a hand's light that passes the scene; `seen` [R, N] are its weights behind the other hands."""
     height, width = shape
     has_ray = own.row >= 0
     rays = own.row[has_ray]
@@ -141,9 +141,9 @@ _MIN_ALPHA = 1e-6
 
 
 def _softened(share: np.ndarray, certainty: np.ndarray) -> np.ndarray:
-    """Shares with soft edges, one pixel wide, and carried on to the pixels beside the rays, which have a little alpha.
+    """Shares with soft edges, one pixel wide, extended to the pixels beside the rays, which have a little alpha.
 
-    Cycles' depth has hard edges, one sample per pixel; hidden by it unblurred, a hand would have them too.
+    Cycles' depth has hard edges, one sample per pixel; without blur, the hand would have them too.
     """
     near, weight = _blurred(share * certainty), _blurred(certainty)
     far, far_weight = _blurred(_blurred(near)), _blurred(_blurred(weight))

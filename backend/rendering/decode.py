@@ -1,4 +1,4 @@
-"""The window's picture, as the network has it, becomes the frame that Blender gets; a frame becomes a picture."""
+"""Decoding: the network's output becomes a scene-linear frame, and a frame becomes an sRGB image."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ..nerf.crop import Crop
 from ..records.shot import DEPTH_BACKGROUND, Frame, empty_frame
 from .srgb import linear_to_srgb, srgb_to_linear
 
-# Alpha under half a level of 8 bits is none: super-resolution is never exactly 0 beside the hand.
-_NOTHING = 0.5 / 255
+# Alpha below half an 8-bit level counts as 0: super-resolution is never exactly 0 beside the hand.
+_MIN_ALPHA = 0.5 / 255
 
 
 def decode_frame(
     image: Float[Tensor, "4 h w"], depth: Float[Tensor, "h w"], window: Crop, size_px: tuple[int, int]
 ) -> Frame:
-    """RGBA as the network has it (sRGB-encoded colour times alpha) -> scene-linear premultiplied frame, whole size."""
+    """The network's RGBA (sRGB-encoded colour times alpha) as a scene-linear premultiplied frame of the whole image."""
     alpha = image[3].clamp(0, 1)
-    alpha = torch.where(alpha < _NOTHING, torch.zeros_like(alpha), alpha)
+    alpha = torch.where(alpha < _MIN_ALPHA, torch.zeros_like(alpha), alpha)
     encoded = torch.minimum(image[:3].clamp(min=0), alpha)
     straight = encoded / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
     linear = srgb_to_linear(straight) * alpha

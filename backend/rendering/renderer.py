@@ -1,4 +1,4 @@
-"""Pose, camera and mesh in; a photoreal frame out. The main road of the whole product.
+"""Pose, camera and mesh in; a photoreal frame out: the main path of the product.
 
 Shot -> posed mesh -> rasterised shell -> samples in (u, v, h) -> field -> volume rendering -> low-resolution maps ->
 super-resolution -> frame. A `RenderBackend` computes the stages from the shell to volume rendering; training uses the
@@ -44,7 +44,7 @@ class Renderer:
     """One avatar on one hand model and device. It renders with copies of the avatar's networks.
 
     Attributes:
-        avatar: the look.
+        avatar: the trained appearance.
         hand: the model of the meshes to render, of either side.
         device: `auto` takes CUDA if it is available.
         precision: of the networks; geometry is always fp32.
@@ -121,7 +121,7 @@ class Renderer:
         return self._own(self.avatar.superres)
 
     def _own(self, network: Network) -> Network:
-        """A copy on this device, for inference: the avatar's networks stay as their owner has them."""
+        """A copy for inference on this device; the avatar's own networks are not changed."""
         return deepcopy(network).to(self.torch_device).eval()
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What of the hand's mesh each pixel sees: normal, atlas coordinates and position, for passes beside the picture."""
+"""The hand's mesh as each pixel sees it: normal, atlas coordinates and position, for render passes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..records.shot import DEPTH_BACKGROUND, Shot
 
 @dataclass(frozen=True)
 class SurfaceMaps:
-    """The mesh's nearest front at every pixel centre, all zero beside it.
+    """The mesh's nearest front face at every pixel centre; zero beside the mesh.
 
     Attributes:
         depth: [H, W] m along the optical axis; `DEPTH_BACKGROUND` beside the mesh.
         normal: [H, W, 3] smooth, unit length, world.
-        uv: [H, W, 3] atlas u and v, and 1 where the mesh is.
+        uv: [H, W, 3] atlas u and v, and 1 on the mesh.
         position: [H, W, 3] world, m.
     """
 
@@ -57,7 +57,7 @@ def surface_maps(shot: Shot, hand: HandModel) -> SurfaceMaps:
 
 
 def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
-    """Several hands' maps in one."""
+    """The maps of several hands merged by depth."""
     first, *others = maps
     for other in others:
         is_nearer = other.depth < first.depth
@@ -68,7 +68,7 @@ def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
 
 
 def _nearest_fronts(hits: Fragments) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pixels that see a front, each once, and the fragment that each sees."""
+    """Pixels that see a front face, and the fragment that each sees."""
     fronts = hits.is_front.nonzero()[:, 0].numpy()
     order = fronts[np.lexsort((hits.depth[fronts], hits.pixel[fronts]))]
     pixel, first = np.unique(hits.pixel[order].numpy(), return_index=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry.rotation import axis_angle_to_matrix, turn_between
+from ..geometry.rotation import axis_angle_to_matrix, rotation_between
 from ..hand.model import MIRROR_POINT, HandModel
 from ..motion.landmarks.skeleton import Skeleton
 from ..records.errors import LiveHandError
@@ -69,9 +69,9 @@ def align(skeleton: RestSkeleton, joint_map: JointMap, model: HandModel, shape: 
     theirs = source_nodes(skeleton, joint_map)
     shape = shape or _same_shape(model, theirs) or fit_shape(model, theirs)
     ours = shape.scale * rest_nodes(model, shape.beta)
-    palm = _turn_between(ours[_PALM], theirs[_PALM])
+    palm = _rotation_between(ours[_PALM], theirs[_PALM])
     wrist = theirs[_PALM].mean(0) + palm @ (ours[0] - ours[_PALM].mean(0))
-    whole = _turn_between(ours[_JOINTS], theirs[_JOINTS])
+    whole = _rotation_between(ours[_JOINTS], theirs[_JOINTS])
     if _rests_alike(ours[_JOINTS], theirs[_JOINTS], whole):
         turns, wrist = [whole] * 16, theirs[0]
     else:
@@ -100,16 +100,16 @@ def source_nodes(skeleton: RestSkeleton, joint_map: JointMap) -> np.ndarray:
     return np.array(nodes)
 
 
-def _turn_between(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def _rotation_between(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """[3, 3] that brings our points [N, 3], in any place, nearest to theirs."""
-    return turn_between(ours - ours.mean(0), theirs - theirs.mean(0))
+    return rotation_between(ours - ours.mean(0), theirs - theirs.mean(0))
 
 
 def _same_shape(model: HandModel, theirs: np.ndarray) -> HandShape | None:
     """Our mean shape, if their joints lie as its do; tips, which rigs put here and there, have no say in its size."""
     own, other = rest_nodes(model, np.zeros(10))[_JOINTS], theirs[_JOINTS]
     scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
-    is_same = _rests_alike(scale * own, other, _turn_between(own, other))
+    is_same = _rests_alike(scale * own, other, _rotation_between(own, other))
     return HandShape(np.zeros(10), scale) if is_same else None
 
 

@@ -1,4 +1,4 @@
-"""A command of the `livehand` program, and the one way all of them run: parse, call, print.
+"""The commands of the `livehand` program, and how they run: parse, call, print.
 
 Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 130 interrupted. With
 `--json` the last line of stdout is one JSON object: what the command's function returned.
@@ -21,7 +21,7 @@ OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
 
 class FailedInPart(Exception):
-    """A command did not do all it was asked for, and has told why: its result is printed, and the exit code is 1."""
+    """A command failed in part and has reported why: its result is printed, and the exit code is 1."""
 
     def __init__(self, result: Mapping[str, Any]):
         super().__init__()
@@ -36,9 +36,8 @@ class Command:
         name: as typed.
         help: one line.
         add_arguments: declares its arguments.
-        run: does the work and returns a result that JSON can hold; a key `summary` is the text printed at the end
-            without `--json`, and is left out of the JSON. Nothing is printed of an empty one. Beside its arguments it
-            gets `json`, and `argv`: all that the program was given.
+        run: does the work and returns a result for JSON. Its key `summary` is the text printed without `--json`; an
+            empty one prints nothing. Beside its own arguments it gets `json`, and `argv`: the program's arguments.
     """
 
     name: str
@@ -48,7 +47,7 @@ class Command:
 
 
 def run_commands(program: str, about: str, commands: Mapping[str, Command], argv: Sequence[str] | None = None) -> int:
-    """Run the sub-command that `argv` (None: the process's arguments) names; returns the exit code."""
+    """Run the sub-command named by `argv` (None: the process's arguments) and return the exit code."""
     limit_spinning()
     try:
         args = _parser(program, about, commands).parse_args(argv)
@@ -88,7 +87,7 @@ def parse_count(text: str, smallest: int = 1) -> int:
 
 
 def say(text: str) -> None:
-    """A line of a command's own output, at once."""
+    """Print a line of a command's output and flush it."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
 

@@ -1,6 +1,6 @@
 """Python packages that rendering needs: which are missing, and the command that installs them.
 
-Nothing is imported and nothing is installed here: the user runs the command.
+Nothing is imported or installed here: the user runs the command.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 
 class Requirement(NamedTuple):
-    """Name to import, and what to ask pip for."""
+    """A module's name, and its requirement for pip."""
 
     module: str
     pip: str

@@ -1,6 +1,6 @@
-"""Keeps Blender's own chatter (`Fra:1 Mem:...`, `Saved: ...`, `Error: ...`) out of a command's output.
+"""Suppresses Blender's own messages (`Fra:1 Mem:...`, `Saved: ...`, `Error: ...`) in a command's output.
 
-Most of it is written to file descriptor 1 from C, the reports of operators to Python's `sys.stdout`.
+C code writes most of them to file descriptor 1; operators report to Python's `sys.stdout`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def blender_silenced() -> Iterator[None]:
-    """Within, nothing reaches stdout; stderr is left alone."""
+    """Inside the context, nothing reaches stdout; stderr is not changed."""
     sys.stdout.flush()
     _flush_c()
     terminal = os.dup(1)
@@ -23,7 +23,7 @@ def blender_silenced() -> Iterator[None]:
             os.dup2(nowhere.fileno(), 1)
             yield
     finally:
-        _flush_c()  # what C still holds belongs to the silence, or it would come out at exit
+        _flush_c()  # else C would print its buffer at exit
         os.dup2(terminal, 1)
         os.close(terminal)
 

@@ -1,4 +1,4 @@
-"""How many threads torch works with, and what they do while they wait for work."""
+"""Limits on torch's threads: their number, and how long they spin while they wait."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import contextlib
 import os
 from collections.abc import Iterator
 
-# Turns of a waiting loop, about a tenth of a millisecond; the library's own 300,000 are 8 ms and more.
+# Iterations of a waiting loop, about 0.1 ms; the library's default of 300,000 takes 8 ms and more.
 _GNU_SPINS = "10000"
 _LLVM_BLOCK_MS = "1"
 
 
 def limit_spinning() -> None:
-    """Make waiting threads give up their core soon. Call it before torch is imported; what the user has set stays.
+    """Make waiting threads yield their core soon. Call it before torch is imported; the user's own settings win.
 
-    Between two of torch's operations its threads would otherwise go on turning on cores that the kernels need: a frame
-    on two cores takes a fifth longer.
+    Otherwise torch's threads keep spinning between operations, on cores that the kernels need: a frame on two cores
+    takes a fifth longer.
     """
     os.environ.setdefault("GOMP_SPINCOUNT", _GNU_SPINS)
     os.environ.setdefault("KMP_BLOCKTIME", _LLVM_BLOCK_MS)
@@ -23,7 +23,7 @@ def limit_spinning() -> None:
 
 @contextlib.contextmanager
 def thread_limit(count: int) -> Iterator[None]:
-    """Within, torch and the kernels use so many threads. Everything else that uses torch has to wait meanwhile."""
+    """Inside the context, torch and the kernels use `count` threads; nothing else may use torch meanwhile."""
     import torch
 
     usual = torch.get_num_threads()

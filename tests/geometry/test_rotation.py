@@ -10,7 +10,7 @@ from livehand.backend.geometry.rotation import (
     continuous,
     matrix_to_axis_angle,
     quaternion_to_axis_angle,
-    turn_between,
+    rotation_between,
 )
 from scipy.spatial.transform import Rotation
 
@@ -55,8 +55,8 @@ def test_continuous_changes_signs_only():
     assert ((smooth[1:] * smooth[:-1]).sum(-1) > 0).all()
 
 
-def test_the_turn_between_points_is_a_rotation_even_of_mirrored_ones():
+def test_the_rotation_between_points_is_a_rotation_even_of_mirrored_ones():
     rng = np.random.default_rng(8)
     points, turns = rng.normal(size=(6, 3)), axis_angle_to_matrix(rng.normal(size=(4, 3)))
-    np.testing.assert_allclose(turn_between(points, points @ turns.swapaxes(-1, -2)), turns, atol=1e-12)
-    assert np.linalg.det(turn_between(points, points * [-1, 1, 1])) == pytest.approx(1)
+    np.testing.assert_allclose(rotation_between(points, points @ turns.swapaxes(-1, -2)), turns, atol=1e-12)
+    assert np.linalg.det(rotation_between(points, points * [-1, 1, 1])) == pytest.approx(1)

@@ -1,8 +1,8 @@
-"""The CPU's kernels, in numba: arrays in, arrays out, many times faster than the torch code they stand in for.
+"""Numba kernels for the CPU: arrays in, arrays out, many times faster than the torch code that they replace.
 
-Imported only where numba is installed and the device is the CPU; everything works without them. Each says which torch
-function it equals.
+They are imported only if numba is installed and the device is the CPU. Each module names the torch function it equals.
 
-Everything is float32, constants too: an int64 or float64 among them makes a whole expression float64. In inner loops
-tables are passed whole, with an index: a row taken out is counted as a reference, which costs more than the arithmetic.
+Everything is float32, constants too: an int64 or float64 among them would make a whole expression float64. In inner
+loops, tables are passed whole, with an index: slicing out a row costs a reference count, which is more than the
+arithmetic.
 """

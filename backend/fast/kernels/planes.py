@@ -1,4 +1,4 @@
-"""Equals `field.encoding.FeaturePlane`: features of learned planes at a point of the atlas and a height; gradients."""
+"""Equals `nerf.encoding.FeaturePlane`: features of learned planes at a point of the atlas and a height; gradients."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def read_samples(table, sizes, uv, height, fade, first, last, out, columns, at):
 def table_gradient(sizes, uv, height, fade, outward, columns, at, first, last, gradient):
     """Add to `gradient`, of rows [first, last) of the flat table, what the features' gradient `outward` gives.
 
-    Each texel's sum is taken in the samples' order, however the rows are shared out: the same to the last bit.
+    Each texel's sum runs in the order of the samples, so that the result is bit-identical for any split of the rows.
     """
     resolution, heights, channels = sizes
     row_size, texel_size = np.uintp(resolution * heights * channels), np.uintp(heights * channels)

@@ -120,7 +120,7 @@ def _on_border(d1, d2, d00, d01, d11):
 
 @compiled
 def signed_height(x, y, z, face, wb, wc, squared, surface):
-    """Distance, negative where the offset from the surface point goes against the interpolated normal."""
+    """Distance, negative where the offset from the surface point opposes the interpolated normal."""
     wa = _1 - wb - wc
     vertices, normals = surface.vertices, surface.normals
     a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...geometry.rotation import axis_angle_to_matrix, turn_between
+from ...geometry.rotation import axis_angle_to_matrix, rotation_between
 from .articulation import LIMITS, all_angles, free_angles
 from .skeleton import Skeleton
 
@@ -15,7 +15,7 @@ def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.n
     """Wrist's rotation [T, 3, 3] and place [T, 3] m that bring the rest palm nearest to nodes [T, 21, 3] (Kabsch)."""
     seen, still = points[:, _PALM], rest[list(_PALM)]
     centre, still_centre = seen.mean(1), still.mean(0)
-    rotation = turn_between(still - still_centre, seen - centre[:, None])
+    rotation = rotation_between(still - still_centre, seen - centre[:, None])
     return rotation, centre + rotation @ (rest[0] - still_centre)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...geometry.rotation import turn_between
+from ...geometry.rotation import rotation_between
 from ...hand.model import MIRROR_POINT
 from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
@@ -29,7 +29,7 @@ def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
     builtin = load_default_hand().joints * (1 if side == "right" else MIRROR_POINT)
     check_size(joints)
     seen, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
-    rotation = turn_between(seen, wanted)
+    rotation = rotation_between(seen, wanted)
     _check_side((joints - joints[0]) @ rotation.T, side)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, builtin[0] - rotation @ joints[0]
