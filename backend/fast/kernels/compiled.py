@@ -39,13 +39,14 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callab
     another file, so the folder is named after the text of all kernels. It is also named after this package, because a
     cached signature refers to the classes of its named tuples by their module's name.
     """
-    previous = config.CACHE_DIR
-    config.CACHE_DIR = str(_cache_folder(previous))
+    options = vars(config)  # numba defines its options at run time
+    previous = options["CACHE_DIR"]
+    options["CACHE_DIR"] = str(_cache_folder(previous))
     try:
         plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
         return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=True)(plain)
     finally:
-        config.CACHE_DIR = previous
+        options["CACHE_DIR"] = previous
 
 
 def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> None:
