@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ..nerf.avatar import Avatar
 from .clock import Clock, Every
 from .config import ReportConfig
-from .journal import Journal, LogFile, TensorBoard
+from .metric_writers import Journal, LogFile, TensorBoard
 from .preview import HeldOutPreview
 from .schedule import Schedule, ScheduleState
 from .step import StepResult

@@ -17,7 +17,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.training.clock import Clock, Every
 from livehand.backend.training.config import ReportConfig, TrainConfig
-from livehand.backend.training.journal import LogFile, TensorBoard
+from livehand.backend.training.metric_writers import LogFile, TensorBoard
 from livehand.backend.training.loop import train
 from livehand.backend.training.preview import HeldOutPreview, _spread_order
 from livehand.backend.training.report import TrainingReport, preview_path
