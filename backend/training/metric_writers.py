@@ -1,4 +1,4 @@
-"""Where training's figures are kept: a log of JSON lines beside the avatar, and TensorBoard."""
+"""Where the metrics of training are written: a log of JSON lines beside the avatar, and TensorBoard event files."""
 
 from __future__ import annotations
 
@@ -13,108 +13,89 @@ from ..records.errors import LiveHandError
 
 
 @runtime_checkable
-class Journal(Protocol):
-    """Takes down figures by step."""
+class MetricWriter(Protocol):
+    """Writes metrics by step."""
 
-    def figures(self, step: int, values: Mapping[str, float]) -> None:
-        """Scalars by name, `group/name`."""
+    def write_scalars(self, step: int, values: Mapping[str, float]) -> None:
+        """Write scalars, named `group/name`."""
 
-    def picture(self, step: int, sheet: np.ndarray) -> None:
-        """The preview [H, W, 3] uint8."""
+    def write_preview(self, step: int, sheet: np.ndarray) -> None:
+        """Write a preview [H, W, 3] uint8."""
 
     def close(self) -> None:
-        """Nothing more will come."""
+        """Finish the files."""
 
 
-class LogFile:
-    """One JSON object a line: `step`, and figures by name. A resumed training goes on in the same file.
+class JsonLinesLog:
+    """A log with one JSON object per line: `step`, and scalars by name. A resumed training continues the same file.
 
     Args:
         path: of the file.
-        first_step: lines of later steps are dropped: they will be taken again.
+        first_step: lines of later steps are removed, because these steps will be repeated.
     """
 
     def __init__(self, path: Path, first_step: int):
-        kept = [line for line in _lines(path) if _step_of(line) <= first_step] if first_step else []
+        lines = path.read_text(errors="replace").splitlines() if path.is_file() and first_step else []
         partial = path.with_name(f".{path.name}.partial")
-        partial.write_text("".join(f"{line}\n" for line in kept))
+        partial.write_text("".join(f"{line}\n" for line in lines if _step_of(line) <= first_step))
         partial.replace(path)
         self._file = path.open("a")
 
-    def figures(self, step: int, values: Mapping[str, float]) -> None:
-        """A line, at once."""
-        self._file.write(json.dumps({"step": step, **{name: _short(value) for name, value in values.items()}}) + "\n")
+    def write_scalars(self, step: int, values: Mapping[str, float]) -> None:
+        """Write a line and flush it; six digits are enough for all scalars."""
+        rounded = {name: float(f"{value:.6g}") for name, value in values.items()}
+        self._file.write(json.dumps({"step": step, **rounded}) + "\n")
         self._file.flush()
 
-    def picture(self, step: int, sheet: np.ndarray) -> None:
-        """Nothing: pictures lie in a file of their own."""
+    def write_preview(self, step: int, sheet: np.ndarray) -> None:
+        """Do nothing: the preview has a file of its own."""
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
 
-class TensorBoard:
+class TensorBoardLog:
     """Event files for TensorBoard.
 
     Args:
         folder: of the event files.
-        first_step: events of later steps, of a session that was cut off, are hidden.
+        first_step: events of later steps, from an interrupted session, are hidden.
 
     Raises:
-        LiveHandError: the package `tensorboard` is missing, or the folder cannot be written.
+        LiveHandError: the package `tensorboard` is missing, or the folder cannot be written to.
     """
 
     def __init__(self, folder: Path, first_step: int):
-        check_tensorboard()
-        from torch.utils.tensorboard import SummaryWriter
-
         try:
+            from torch.utils.tensorboard import SummaryWriter
+
             self._writer = SummaryWriter(str(folder), purge_step=first_step + 1 if first_step else None)
+        except ImportError as error:
+            raise LiveHandError(
+                "TensorBoard logs need the package tensorboard, got none; install it with: "
+                'pip install "livehand[tensorboard]"'
+            ) from error
         except OSError as error:
             raise LiveHandError(f"the folder for TensorBoard must be writable, got {error}") from error
 
-    def figures(self, step: int, values: Mapping[str, float]) -> None:
-        """A scalar each."""
+    def write_scalars(self, step: int, values: Mapping[str, float]) -> None:
+        """Write each scalar."""
         for name, value in values.items():
             self._writer.add_scalar(name, value, step)
 
-    def picture(self, step: int, sheet: np.ndarray) -> None:
-        """The preview."""
+    def write_preview(self, step: int, sheet: np.ndarray) -> None:
+        """Write the image."""
         self._writer.add_image("held_out/preview", sheet, step, dataformats="HWC")
 
     def close(self) -> None:
-        """Write out what is still in memory."""
+        """Flush and close the files."""
         self._writer.close()
 
 
-def check_tensorboard() -> None:
-    """See that TensorBoard's files can be written.
-
-    Raises:
-        LiveHandError: the package is missing.
-    """
-    try:
-        import torch.utils.tensorboard  # noqa: F401
-    except ImportError as error:
-        raise LiveHandError(
-            "TensorBoard logs need the package tensorboard, got none; install it with: "
-            'pip install "livehand[tensorboard]"'
-        ) from error
-
-
-def _lines(path: Path) -> list[str]:
-    return path.read_text(errors="replace").splitlines() if path.is_file() else []
-
-
 def _step_of(line: str) -> float:
-    """The step of a line; of one that a kill cut short, a step that never comes."""
+    """The step of a line; infinity if the line is incomplete."""
     try:
         return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):
         return float("inf")
-
-
-def _short(value: float) -> float:
-    """Six digits are more than any figure here has."""
-    return float(f"{value:.6g}")

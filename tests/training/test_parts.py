@@ -15,7 +15,7 @@ from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.parts import Correction, Rendered, TrainedParts, optimiser_of, set_rates
 from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.processes import ComputeSetup
 from safetensors import safe_open
 
 SMALL = AvatarConfig(
@@ -84,7 +84,7 @@ def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_
         task,
         replace(SHORT, steps=12),
         output,
-        Machine(torch.device("cpu")),
+        ComputeSetup(torch.device("cpu")),
         ReportConfig(log_every=6, preview_minutes=0.0),
     )
     assert begun == [(6, step) for step in range(12)]

@@ -20,7 +20,7 @@ from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.processes import Processes, process_device
 from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.processes import ComputeSetup
 from livehand.livehand_blender.cli import COMMANDS
 
 SMALL = AvatarConfig(
@@ -91,7 +91,7 @@ def test_all_go_by_the_firsts_clock(monkeypatch, painted_capture, tmp_path):
 
     monkeypatch.setattr(processes, "dist", SimpleNamespace(broadcast=broadcast, all_reduce=lambda values: None))
     monkeypatch.setattr("livehand.backend.training.clock.monotonic", lambda: 0.0)
-    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(1, 2))
+    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), ComputeSetup(CPU, "fp32", Processes(1, 2))
     outcome = train(task, TrainConfig(minutes=0.5, batch=2), tmp_path / "a.safetensors", machine, ReportConfig())
     assert (outcome.progress.step, outcome.progress.seconds) == (6, 35)
     assert not list(tmp_path.iterdir())  # nor does it write anything
@@ -107,7 +107,7 @@ def test_one_process_alone_leaves_everything(monkeypatch):
 
 
 def test_a_batch_that_cannot_be_shared_is_refused(painted_capture, tmp_path):
-    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(0, 2))
+    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), ComputeSetup(CPU, "fp32", Processes(0, 2))
     with pytest.raises(LiveHandError, match="shared equally by 2 processes, got 3; give --batch 2 or a multiple"):
         train(task, TrainConfig(batch=3), tmp_path / "a.safetensors", machine, ReportConfig())
 

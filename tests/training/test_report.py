@@ -157,7 +157,7 @@ def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsy
 def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand, tmp_path, capsys):
     output = tmp_path / "a.safetensors"
     task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=4, warmup_steps=1)
-    outcome = train(task, config, output, Machine(CPU), ReportConfig())
+    outcome = train(task, config, output, ComputeSetup(CPU), ReportConfig())
     scores = score_views(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     expected = np.mean([score.figures["psnr_full"] for score in scores])
     assert outcome.held_out["psnr_full"] == pytest.approx(expected, abs=0.01)  # the file's half precision
@@ -169,7 +169,7 @@ def test_looking_changes_nothing(painted_capture, hand, tmp_path):
     task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=6, warmup_steps=1)
     often = ReportConfig(preview_minutes=1e-9, preview_views=1, log_every=1)
     looked, blind = (
-        train(task, config, tmp_path / f"{name}.safetensors", Machine(CPU), reporting)
+        train(task, config, tmp_path / f"{name}.safetensors", ComputeSetup(CPU), reporting)
         for name, reporting in (("a", often), ("b", SILENT))
     )
     assert len([line for line in lines(tmp_path) if "held_out/psnr_full" in line]) == 7  # one more at the end
@@ -194,7 +194,7 @@ def test_tensorboard_holds_figures_and_pictures(painted_capture, hand, tmp_path)
     board = tmp_path / "board"
     task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8, warmup_steps=1)
     reporting = ReportConfig(log_every=4, tensorboard=board)
-    train(task, config, tmp_path / "a.safetensors", Machine(CPU), reporting)
+    train(task, config, tmp_path / "a.safetensors", ComputeSetup(CPU), reporting)
     events = EventAccumulator(str(board)).Reload()
     logged = {line["step"]: line for line in lines(tmp_path) if "rate" in line}
     for name in ("loss/total", "rate", "time/data_wait_share"):
@@ -223,5 +223,5 @@ def test_tensorboard_that_is_missing_is_told(painted_capture, hand, tmp_path, mo
     reporting = ReportConfig(tensorboard=tmp_path / "board")
     with pytest.raises(LiveHandError, match=r'pip install "livehand\[tensorboard\]"'):
         train(
-            TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8), tmp_path / "a", Machine(CPU), reporting
+            TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8), tmp_path / "a", ComputeSetup(CPU), reporting
         )

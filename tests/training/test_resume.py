@@ -21,7 +21,7 @@ from livehand.backend.training.checkpoint import Progress, TrainState, checkpoin
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.processes import ComputeSetup
 
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
@@ -50,7 +50,7 @@ def dies(path, target):
 
 Path.replace = dies
 setup = TrainingSetup(load_capture(sys.argv[2]), load_default_hand(), SMALL)
-train(setup, CONFIG, Path(sys.argv[3]), Machine(CPU), SILENT)
+train(setup, CONFIG, Path(sys.argv[3]), ComputeSetup(CPU), SILENT)
 """
 
 
@@ -64,14 +64,14 @@ def weights(avatar):
 
 
 def test_a_run_killed_while_it_writes_ends_as_an_unbroken_one(task, tmp_path):
-    whole = train(task, CONFIG, tmp_path / "whole.safetensors", Machine(CPU), SILENT)
+    whole = train(task, CONFIG, tmp_path / "whole.safetensors", ComputeSetup(CPU), SILENT)
     output = tmp_path / "broken.safetensors"
     arguments = (str(Path(__file__).parent), str(task.capture.folder), str(output))
     killed = subprocess.run([sys.executable, "-c", KILLED, *arguments], capture_output=True, text=True, timeout=120)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert output.with_suffix(".checkpoint_partial").is_file()
     assert not output.exists()
-    resumed = train(task, CONFIG, output, Machine(CPU), SILENT, resume=True)
+    resumed = train(task, CONFIG, output, ComputeSetup(CPU), SILENT, resume=True)
     assert resumed.progress.step == 30
     for key, value in weights(resumed.avatar).items():
         torch.testing.assert_close(value, weights(whole.avatar)[key], atol=1e-5, rtol=1e-4)
@@ -82,13 +82,13 @@ def test_a_run_killed_while_it_writes_ends_as_an_unbroken_one(task, tmp_path):
 def test_the_average_is_saved_and_resumed(task, tmp_path):
     config = replace(CONFIG, steps=8, ema_decay=0.5, checkpoint_every=3)
     output = tmp_path / "a.safetensors"
-    outcome = train(task, config, output, Machine(CPU), SILENT)
-    last = train(task, replace(config, ema_decay=0.0), tmp_path / "b.safetensors", Machine(CPU), SILENT)
+    outcome = train(task, config, output, ComputeSetup(CPU), SILENT)
+    last = train(task, replace(config, ema_decay=0.0), tmp_path / "b.safetensors", ComputeSetup(CPU), SILENT)
     saved = weights(load_avatar(output))
     for key, value in weights(outcome.avatar).items():
         torch.testing.assert_close(saved[key], value.half().float())
     assert any(not torch.equal(value, saved[key]) for key, value in weights(load_avatar(last_path(tmp_path))).items())
-    again = train(task, config, output, Machine(CPU), SILENT, resume=True)
+    again = train(task, config, output, ComputeSetup(CPU), SILENT, resume=True)
     for key, value in weights(again.avatar).items():
         assert torch.equal(value, weights(outcome.avatar)[key])
     assert last.progress.step == again.progress.step == 8
@@ -114,12 +114,12 @@ def ticking(monkeypatch):
 def test_a_budget_of_time_ends_training_and_resuming_counts_what_is_spent(task, tmp_path, ticking):
     config = replace(CONFIG, minutes=2.0, steps=1, checkpoint_every=1)
     output = tmp_path / "a.safetensors"
-    whole = train(task, config, output, Machine(CPU), SILENT)
+    whole = train(task, config, output, ComputeSetup(CPU), SILENT)
     assert 120 <= whole.progress.seconds < 130
     assert 5 < whole.progress.step < 60
     assert load_avatar(output).provenance["steps_taken"] == whole.progress.step
     before = output.read_bytes()
-    again = train(task, config, output, Machine(CPU), SILENT, resume=True)
+    again = train(task, config, output, ComputeSetup(CPU), SILENT, resume=True)
     assert again.progress.step == whole.progress.step
     assert output.read_bytes() == before
 
@@ -136,9 +136,9 @@ def test_a_resumed_budget_has_only_its_rest(task, tmp_path, ticking, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr("livehand.backend.training.loop.save_checkpoint", half)
         with pytest.raises(KeyboardInterrupt):
-            train(task, config, output, Machine(CPU), SILENT)
+            train(task, config, output, ComputeSetup(CPU), SILENT)
     start = ticking[0]
-    resumed = train(task, config, output, Machine(CPU), SILENT, resume=True)
+    resumed = train(task, config, output, ComputeSetup(CPU), SILENT, resume=True)
     assert 120 <= resumed.progress.seconds < 130
     assert ticking[0] - start < 75
 
@@ -146,7 +146,7 @@ def test_a_resumed_budget_has_only_its_rest(task, tmp_path, ticking, monkeypatch
 def test_a_checkpoint_comes_after_minutes_too(task, tmp_path, ticking, monkeypatch):
     saved = []
     monkeypatch.setattr("livehand.backend.training.loop.save_checkpoint", lambda *arguments: saved.append(arguments[2]))
-    train(task, replace(CONFIG, checkpoint_every=1000, checkpoint_minutes=1.0), tmp_path / "a", Machine(CPU), SILENT)
+    train(task, replace(CONFIG, checkpoint_every=1000, checkpoint_minutes=1.0), tmp_path / "a", ComputeSetup(CPU), SILENT)
     assert len(saved) > 2
     assert saved[-1].step == 30
     times = [progress.seconds for progress in saved[:-1]]

@@ -14,12 +14,12 @@ from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.origin import first_avatar, load_origin
 from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.processes import ComputeSetup
 
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )
-MACHINE, SILENT = Machine(torch.device("cpu")), ReportConfig(preview_minutes=0.0)
+MACHINE, SILENT = ComputeSetup(torch.device("cpu")), ReportConfig(preview_minutes=0.0)
 
 
 @pytest.fixture
