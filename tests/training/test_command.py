@@ -72,5 +72,7 @@ def test_the_perceptual_region_has_an_earlier_name(painted_capture, tmp_path, gi
     output = tmp_path / "a.safetensors"
     arguments = ["train", str(painted_capture.folder), "-o", str(output), "--steps", "1", "--perceptual", "0"]
     region = ["--perceptual-region", *given] if given else []
-    assert run_commands("livehand", "", COMMANDS, [*arguments, *region, "--device", "cpu", "--preview-minutes", "0"]) == 0
+    assert (
+        run_commands("livehand", "", COMMANDS, [*arguments, *region, "--device", "cpu", "--preview-minutes", "0"]) == 0
+    )
     assert load_avatar(output).provenance["training"]["loss"]["perceptual_region"] == kept

@@ -22,7 +22,9 @@ def test_with_a_time_budget_everything_follows_the_clock():
     loss = LossConfig(perceptual_share=0.25)
     config = TrainConfig(minutes=10.0, steps=7, final_learning_rate=0.02, warmup_share=0.05, loss=loss)
     schedule = Schedule(config)
-    assert schedule.at(3, 300.0).rate_factor == schedule.at(90_000, 300.0).rate_factor == pytest.approx(0.02 + 0.98 * 0.5)
+    assert (
+        schedule.at(3, 300.0).rate_factor == schedule.at(90_000, 300.0).rate_factor == pytest.approx(0.02 + 0.98 * 0.5)
+    )
     assert schedule.at(8, 15.0).rate_factor == pytest.approx(0.5, rel=0.01)  # half of the warm-up's 30 s
     assert schedule.at(0, 0.0).rate_factor == pytest.approx(1 / config.warmup_steps)
     assert [schedule.at(50, seconds).perceptual_factor > 0 for seconds in (450.0, 450.1)] == [False, True]

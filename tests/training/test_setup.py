@@ -13,6 +13,7 @@ from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.setup import initial_avatar, load_base_avatar, run_identity
 
+
 @pytest.fixture
 def base_path(hand, small, tmp_path):
     """The file of an avatar with weights that no seed in these tests gives."""

@@ -23,7 +23,9 @@ def stepper_of(views, compute, small):
     def stepper(config, clock=None, **corrected):
         avatar = new_avatar("a", views.hand.name, views.hand.sha256, small)
         parts = TrainedParts(avatar)
-        return Stepper(avatar, parts, optimiser_of(parts, config), views, config, compute, clock or Clock(), **corrected)
+        return Stepper(
+            avatar, parts, optimiser_of(parts, config), views, config, compute, clock or Clock(), **corrected
+        )
 
     return stepper
 
