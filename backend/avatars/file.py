@@ -1,7 +1,7 @@
-"""An avatar: the trained field and super-resolution of one hand, and its file (`.safetensors`, never a pickle).
+"""The file of an avatar (`.safetensors`, never a pickle).
 
-The header's one entry `livehand` is JSON: format version, the hand model it was trained on, configuration, provenance,
-metrics, and a checksum over everything else, so that an altered file is refused.
+Its metadata has one entry, `livehand`, in JSON: format version, hand model, configuration, provenance, metrics, and a
+checksum over everything else, by which an altered file is refused.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..nerf.avatar import Avatar, AvatarConfig
 from ..nerf.field import FieldConfig, build_field
@@ -26,12 +26,16 @@ from .library import shipped_avatar_path
 
 FORMAT_VERSION = 1
 _HEADER_KEY = "livehand"
-_THUMBNAIL = "portrait"  # its key among the tensors, since format version 1
+_THUMBNAIL = "portrait"  # the key of its tensor since format version 1
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
-    """Write the avatar, weights in half precision, to a temporary name and then in place."""
-    tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
+    """Write the avatar with weights in half precision, first under a temporary name."""
+    tensors = {
+        prefix + key: value.detach().cpu().half().contiguous()
+        for prefix, network in _networks(avatar).items()
+        for key, value in network.state_dict().items()
+    }
     if avatar.thumbnail is not None:
         tensors[_THUMBNAIL] = torch.from_numpy(avatar.thumbnail)
     header = {
@@ -50,10 +54,10 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
 
 
 def load_avatar(path: Path | str | None = None) -> Avatar:
-    """Read an avatar; None reads the first of the shipped ones.
+    """Read an avatar; None reads the first of the shipped avatars.
 
     Raises:
-        LiveHandError: no such file, not an avatar, truncated, altered, or of a newer version.
+        LiveHandError: the file is missing, not an avatar, truncated, altered, or of a newer version.
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
@@ -70,14 +74,16 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         thumbnail=tensors.pop(_THUMBNAIL).numpy() if _THUMBNAIL in tensors else None,
     )
     try:
-        _load_state(avatar, {key: value.float() for key, value in tensors.items()})
+        for prefix, network in _networks(avatar).items():
+            weights = {k.removeprefix(prefix): v.float() for k, v in tensors.items() if k.startswith(prefix)}
+            network.load_state_dict(weights)
     except RuntimeError as error:
         raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
     return avatar
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """The avatar's header alone, checked."""
+    """The header of an avatar's file, after checking the file as `load_avatar` does."""
     return _read(path)[0]
 
 
@@ -90,7 +96,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
         raise LiveHandError(
-            f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}"
+            f"{path} must be a .safetensors avatar, got a file that is another one or cut short: {error}"
         ) from error
     if _HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
@@ -126,14 +132,9 @@ def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-def _state(avatar: Avatar) -> dict[str, Tensor]:
-    parts = (("field.", avatar.field), ("superres.", avatar.superres))
-    return {prefix + key: value for prefix, module in parts for key, value in module.state_dict().items()}
-
-
-def _load_state(avatar: Avatar, tensors: dict[str, Tensor]) -> None:
-    for prefix, module in (("field.", avatar.field), ("superres.", avatar.superres)):
-        module.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+def _networks(avatar: Avatar) -> dict[str, nn.Module]:
+    """The networks by the prefix of their tensors."""
+    return {"field.": avatar.field, "superres.": avatar.superres}
 
 
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
