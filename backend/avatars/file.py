@@ -23,10 +23,9 @@ from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from .library import shipped_avatar_path
+from .metadata import HEADER_KEY, THUMBNAIL_KEY
 
 FORMAT_VERSION = 1
-_HEADER_KEY = "livehand"
-_THUMBNAIL = "portrait"  # the key of its tensor since format version 1
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
@@ -37,7 +36,7 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
         for key, value in network.state_dict().items()
     }
     if avatar.thumbnail is not None:
-        tensors[_THUMBNAIL] = torch.from_numpy(avatar.thumbnail)
+        tensors[THUMBNAIL_KEY] = torch.from_numpy(avatar.thumbnail)
     header = {
         "format_version": FORMAT_VERSION,
         "name": avatar.name,
@@ -49,7 +48,7 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     }
     header["checksum"] = _checksum(header, tensors)
     partial = path.with_suffix(".partial")
-    partial.write_bytes(save(tensors, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)}))
+    partial.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
     partial.replace(path)
 
 
@@ -71,7 +70,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         superres=build_superres(config.superres),
         provenance=header["provenance"],
         metrics=header["metrics"],
-        thumbnail=tensors.pop(_THUMBNAIL).numpy() if _THUMBNAIL in tensors else None,
+        thumbnail=tensors.pop(THUMBNAIL_KEY).numpy() if THUMBNAIL_KEY in tensors else None,
     )
     try:
         for prefix, network in _networks(avatar).items():
@@ -98,30 +97,27 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         raise LiveHandError(
             f"{path} must be a .safetensors avatar, got a file that is another one or cut short: {error}"
         ) from error
-    if _HEADER_KEY not in metadata:
+    if HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
-    header = _parsed(metadata[_HEADER_KEY], path)
-    if header.get("format_version") != FORMAT_VERSION:
+    header = _parsed(metadata[HEADER_KEY])
+    if header and header.get("format_version") != FORMAT_VERSION:
         raise LiveHandError(
             f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
         )
     if header.pop("checksum", None) != _checksum(header, tensors):
-        raise LiveHandError(_damaged(path))
+        raise LiveHandError(
+            f"{path} must match its own checksum, got an altered or damaged avatar; download or train it again"
+        )
     return header, tensors
 
 
-def _parsed(text: str, path: Path) -> dict[str, Any]:
+def _parsed(text: str) -> dict[str, Any]:
+    """The header; empty if its text is damaged."""
     try:
         header = json.loads(text)
-    except ValueError as error:
-        raise LiveHandError(_damaged(path)) from error
-    if not isinstance(header, dict):
-        raise LiveHandError(_damaged(path))
-    return header
-
-
-def _damaged(path: Path) -> str:
-    return f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again"
+    except ValueError:
+        return {}
+    return header if isinstance(header, dict) else {}
 
 
 def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:

@@ -11,6 +11,11 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 
+HEADER_KEY = "livehand"
+"""The entry of the file's metadata that holds the header, in JSON."""
+THUMBNAIL_KEY = "portrait"
+"""The name of the thumbnail's tensor since format version 1."""
+
 # The hardest split first.
 _SPLITS = {
     "test": "unseen poses and cameras",
@@ -79,8 +84,8 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
     try:
         with safe_open(path, framework="numpy") as archive:
             metadata = archive.metadata() or {}
-            thumbnail = archive.get_tensor("portrait") if "portrait" in archive.keys() else None
-            return json.loads(metadata["livehand"]), thumbnail
+            thumbnail = archive.get_tensor(THUMBNAIL_KEY) if THUMBNAIL_KEY in archive.keys() else None
+            return json.loads(metadata[HEADER_KEY]), thumbnail
     except (SafetensorError, OSError, KeyError, ValueError) as error:
         raise LiveHandError(
             f"{path} must be a LiveHand avatar (.safetensors), got {type(error).__name__}: {error}; choose another file"

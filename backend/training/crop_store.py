@@ -13,7 +13,6 @@ import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from enum import Enum
 from pathlib import Path
 from time import perf_counter
 
@@ -24,12 +23,6 @@ BUDGET_BYTES = 4 << 30
 DISK_SHARE = 0.5
 """Share of the free disk space that may be used."""
 _THREADS = 2
-
-
-class _State(Enum):
-    MISSING = 0
-    DECODING = 1
-    READY = 2
 
 
 class CropStore:
@@ -108,8 +101,8 @@ class _CropBuffer:
         self._shapes, self._decode, self.data = shapes, decode, data
         self._ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)], dtype=np.int64)
         self.kept = int(np.searchsorted(self._ends, len(data), side="right")) - 1
-        self._states = [_State.MISSING] * self.kept
-        self._changed = threading.Condition()
+        self._locks = [threading.Lock() for _ in range(self.kept)]
+        self._is_ready = [False] * self.kept
 
     def get(self, index: int) -> np.ndarray:
         if index >= self.kept:
@@ -118,21 +111,15 @@ class _CropBuffer:
         return self._crop(index)
 
     def decode(self, index: int, wait: bool = False) -> None:
-        """Decode a crop unless another thread has done so, or is doing so; `wait` until it is ready."""
-        with self._changed:
-            while wait and self._states[index] is _State.DECODING:
-                self._changed.wait()
-            if self._states[index] is not _State.MISSING:
-                return
-            self._states[index] = _State.DECODING
-        state = _State.MISSING
+        """Decode a crop unless it is ready; if another thread is decoding it, `wait` for that or return at once."""
+        if not self._locks[index].acquire(blocking=wait):
+            return
         try:
-            self._crop(index)[:] = self._decode(index)
-            state = _State.READY
+            if not self._is_ready[index]:
+                self._crop(index)[:] = self._decode(index)
+                self._is_ready[index] = True
         finally:
-            with self._changed:
-                self._states[index] = state
-                self._changed.notify_all()
+            self._locks[index].release()
 
     def _crop(self, index: int) -> np.ndarray:
         return self.data[self._ends[index] : self._ends[index + 1]].reshape(self._shapes[index])
