@@ -17,7 +17,7 @@ from .superres import SuperResConfig, build_superres
 
 @dataclass(frozen=True)
 class AvatarConfig:
-    """The configuration of the networks and of the samples at which they are evaluated."""
+    """The configuration of an avatar's networks and sampler."""
 
     field: FieldConfig = dataclasses.field(default_factory=FieldConfig)
     """The radiance field."""
@@ -38,7 +38,7 @@ PRESETS: dict[str, AvatarConfig] = {
 
 @dataclass(frozen=True)
 class Avatar:
-    """The appearance of one hand, ready to render.
+    """A hand's appearance, ready to render.
 
     Attributes:
         name: for display.
