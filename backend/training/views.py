@@ -88,7 +88,7 @@ class TrainingViews:
 
     @cached_property
     def topology(self) -> Topology:
-        """The topology of the hand."""
+        """Of the hand."""
         return Topology.of(self.hand, self.device)
 
     @cached_property
