@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from itertools import pairwise
 from math import nan
+from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -84,4 +85,4 @@ def _conversion(annotation: Any) -> dict[str, Any]:
         annotation, parse = get_args(annotation)
     if get_origin(annotation) is Literal:
         return {"type": parse or str, "choices": get_args(annotation)}
-    return {"type": parse or annotation}
+    return {"type": parse or annotation, "metavar": "PATH" if annotation is Path else None}

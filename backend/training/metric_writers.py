@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ..records.errors import LiveHandError
 
 
-@runtime_checkable
-class MetricWriter(Protocol):
+class MetricWriter(ABC):
     """Writes metrics by step."""
 
+    @abstractmethod
     def write_scalars(self, step: int, values: Mapping[str, float]) -> None:
         """Write scalars, named `group/name`."""
 
-    def write_preview(self, step: int, sheet: np.ndarray) -> None:
-        """Write a preview [H, W, 3] uint8."""
-
+    @abstractmethod
     def close(self) -> None:
         """Finish the files."""
 
+    def write_preview(self, step: int, sheet: np.ndarray) -> None:  # noqa: B027
+        """Write a preview [H, W, 3] uint8, if the files hold images."""
 
-class JsonLinesLog:
+
+class JsonLinesLog(MetricWriter):
     """A log with one JSON object per line: `step`, and scalars by name. A resumed training continues the same file.
 
     Args:
@@ -47,15 +48,12 @@ class JsonLinesLog:
         self._file.write(json.dumps({"step": step, **rounded}) + "\n")
         self._file.flush()
 
-    def write_preview(self, step: int, sheet: np.ndarray) -> None:
-        """Do nothing: the preview has a file of its own."""
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
 
-class TensorBoardLog:
+class TensorBoardLog(MetricWriter):
     """Event files for TensorBoard.
 
     Args:
