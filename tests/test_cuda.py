@@ -13,8 +13,8 @@ from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.runtime.command import run_commands
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
+from livehand.backend.training.processes import ComputeSetup
 from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
 from livehand.livehand_blender.cli import COMMANDS
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
@@ -56,7 +56,7 @@ def test_a_training_of_few_steps_gives_the_cpus_weights(painted_capture, tmp_pat
     config, reporting = TrainConfig(steps=3, warmup_steps=1), ReportConfig(preview_minutes=0)
     task = TrainingSetup(painted_capture, load_default_hand(), avatar.config)
     ours, expected = (
-        train(task, config, tmp_path / f"{name}.safetensors", Machine(torch.device(name)), reporting).avatar
+        train(task, config, tmp_path / f"{name}.safetensors", ComputeSetup(torch.device(name)), reporting).avatar
         for name in ("cuda", "cpu")
     )
     for one, other in zip(ours.superres.parameters(), expected.superres.parameters(), strict=True):

@@ -1,7 +1,7 @@
-"""An avatar: the trained field and super-resolution of one hand, and its file (`.safetensors`, never a pickle).
+"""The file of an avatar (`.safetensors`, never a pickle).
 
-The header's one entry `livehand` is JSON: format version, the hand model it was trained on, configuration, provenance,
-metrics, and a checksum over everything else, so that an altered file is refused.
+Its metadata has one entry, `livehand`, in JSON: format version, hand model, configuration, provenance, metrics, and a
+checksum over everything else, by which an altered file is refused.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..nerf.avatar import Avatar, AvatarConfig
 from ..nerf.field import FieldConfig, build_field
@@ -23,17 +23,20 @@ from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from .library import shipped_avatar_path
+from .metadata import HEADER_KEY, THUMBNAIL_KEY
 
 FORMAT_VERSION = 1
-_HEADER_KEY = "livehand"
-_THUMBNAIL = "portrait"  # its key among the tensors, since format version 1
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
-    """Write the avatar, weights in half precision, to a temporary name and then in place."""
-    tensors = {key: value.detach().cpu().half().contiguous() for key, value in _state(avatar).items()}
+    """Write the avatar with weights in half precision, first under a temporary name."""
+    tensors = {
+        prefix + key: value.detach().cpu().half().contiguous()
+        for prefix, network in _networks(avatar).items()
+        for key, value in network.state_dict().items()
+    }
     if avatar.thumbnail is not None:
-        tensors[_THUMBNAIL] = torch.from_numpy(avatar.thumbnail)
+        tensors[THUMBNAIL_KEY] = torch.from_numpy(avatar.thumbnail)
     header = {
         "format_version": FORMAT_VERSION,
         "name": avatar.name,
@@ -45,15 +48,15 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     }
     header["checksum"] = _checksum(header, tensors)
     partial = path.with_suffix(".partial")
-    partial.write_bytes(save(tensors, metadata={_HEADER_KEY: json.dumps(header, sort_keys=True)}))
+    partial.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
     partial.replace(path)
 
 
 def load_avatar(path: Path | str | None = None) -> Avatar:
-    """Read an avatar; None reads the first of the shipped ones.
+    """Read an avatar; None reads the first of the shipped avatars.
 
     Raises:
-        LiveHandError: no such file, not an avatar, truncated, altered, or of a newer version.
+        LiveHandError: the file is missing, not an avatar, truncated, altered, or of a newer version.
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
@@ -67,17 +70,19 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         superres=build_superres(config.superres),
         provenance=header["provenance"],
         metrics=header["metrics"],
-        thumbnail=tensors.pop(_THUMBNAIL).numpy() if _THUMBNAIL in tensors else None,
+        thumbnail=tensors.pop(THUMBNAIL_KEY).numpy() if THUMBNAIL_KEY in tensors else None,
     )
     try:
-        _load_state(avatar, {key: value.float() for key, value in tensors.items()})
+        for prefix, network in _networks(avatar).items():
+            weights = {k.removeprefix(prefix): v.float() for k, v in tensors.items() if k.startswith(prefix)}
+            network.load_state_dict(weights)
     except RuntimeError as error:
         raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
     return avatar
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """The avatar's header alone, checked."""
+    """The header of an avatar's file, after checking the file as `load_avatar` does."""
     return _read(path)[0]
 
 
@@ -90,32 +95,29 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
         raise LiveHandError(
-            f"{path} must be a .safetensors avatar, got a file that is not, or is cut short: {error}"
+            f"{path} must be a .safetensors avatar, got a file that is another one or cut short: {error}"
         ) from error
-    if _HEADER_KEY not in metadata:
+    if HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
-    header = _parsed(metadata[_HEADER_KEY], path)
-    if header.get("format_version") != FORMAT_VERSION:
+    header = _parsed(metadata[HEADER_KEY])
+    if header and header.get("format_version") != FORMAT_VERSION:
         raise LiveHandError(
             f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
         )
     if header.pop("checksum", None) != _checksum(header, tensors):
-        raise LiveHandError(_damaged(path))
+        raise LiveHandError(
+            f"{path} must match its own checksum, got an altered or damaged avatar; download or train it again"
+        )
     return header, tensors
 
 
-def _parsed(text: str, path: Path) -> dict[str, Any]:
+def _parsed(text: str) -> dict[str, Any]:
+    """The header; empty if its text is damaged."""
     try:
         header = json.loads(text)
-    except ValueError as error:
-        raise LiveHandError(_damaged(path)) from error
-    if not isinstance(header, dict):
-        raise LiveHandError(_damaged(path))
-    return header
-
-
-def _damaged(path: Path) -> str:
-    return f"{path} must match its own checksum, got an altered or damaged avatar; fetch it again"
+    except ValueError:
+        return {}
+    return header if isinstance(header, dict) else {}
 
 
 def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
@@ -126,14 +128,9 @@ def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-def _state(avatar: Avatar) -> dict[str, Tensor]:
-    parts = (("field.", avatar.field), ("superres.", avatar.superres))
-    return {prefix + key: value for prefix, module in parts for key, value in module.state_dict().items()}
-
-
-def _load_state(avatar: Avatar, tensors: dict[str, Tensor]) -> None:
-    for prefix, module in (("field.", avatar.field), ("superres.", avatar.superres)):
-        module.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+def _networks(avatar: Avatar) -> dict[str, nn.Module]:
+    """The networks by the prefix of their tensors."""
+    return {"field.": avatar.field, "superres.": avatar.superres}
 
 
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:

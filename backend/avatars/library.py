@@ -1,4 +1,4 @@
-"""The avatars that come with LiveHand, all of the built-in hand, known by their skin."""
+"""The avatars that ship with LiveHand, all of the built-in hand, named by their skin."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Literal, get_args
 
 Skin = Literal["light", "deep"]
 SKINS: tuple[Skin, ...] = get_args(Skin)
-AVATAR_HELP = f"a file, or one that comes with LiveHand: {', '.join(SKINS)} (default: {SKINS[0]})"
-"""Of the command line's `--avatar`."""
+AVATAR_HELP = f"avatar file, or an avatar that ships with LiveHand: {', '.join(SKINS)} (default: {SKINS[0]})"
+"""Help text of the option `--avatar`."""
 
 
 def shipped_avatar_path(skin: Skin = "light") -> Path:
@@ -18,5 +18,5 @@ def shipped_avatar_path(skin: Skin = "light") -> Path:
 
 
 def avatar_path(name: str) -> Path:
-    """A shipped avatar's file for the name of its skin; anything else is a file's path itself."""
+    """The file of the shipped avatar with this skin; any other name is a path."""
     return shipped_avatar_path(name) if name in SKINS else Path(name)

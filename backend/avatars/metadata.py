@@ -1,4 +1,4 @@
-"""What people choose an avatar by: name, hand, licence, figures and picture, read without torch and without weights."""
+"""The metadata by which users choose an avatar; they are read without torch and without the weights."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ import numpy as np
 
 from ..records.errors import LiveHandError
 
-# The hardest first.
+HEADER_KEY = "livehand"
+"""The entry of the file's metadata that holds the header, in JSON."""
+THUMBNAIL_KEY = "portrait"
+"""The name of the thumbnail's tensor since format version 1."""
+
+# The hardest split first.
 _SPLITS = {
     "test": "unseen poses and cameras",
     "novel_pose": "unseen poses",
@@ -21,17 +26,17 @@ _SPLITS = {
 
 @dataclass(frozen=True)
 class AvatarMetadata:
-    """An avatar's file at a glance; whether its weights are whole is not looked at.
+    """The metadata of an avatar's file; the weights are not checked.
 
     Attributes:
         path: of the file.
-        name: for people.
+        name: for display.
         hand_sha256: identity of the hand model it belongs to.
         hand_name: of that model.
-        licence: as whoever trained it said, or empty.
-        figures: measured on held-out views, a line of text each; empty where nobody measured.
-        made_from: the capture it learnt from, in a line of text, or empty.
-        thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None where the file has none.
+        licence: of the avatar, or empty.
+        figures: metrics on held-out views as lines of text; empty if it was not evaluated.
+        made_from: the capture it was trained on as a line of text, or empty.
+        thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None if the file has none.
     """
 
     path: Path
@@ -45,10 +50,10 @@ class AvatarMetadata:
 
 
 def read_metadata(path: Path) -> AvatarMetadata:
-    """What the header of an avatar's file.
+    """Read the metadata of an avatar's file.
 
     Raises:
-        LiveHandError: no such file, not an avatar, or safetensors is not installed.
+        LiveHandError: the file is missing or not an avatar, or safetensors is not installed.
     """
     header, thumbnail = _read(path)
     try:
@@ -64,19 +69,23 @@ def read_metadata(path: Path) -> AvatarMetadata:
             thumbnail=thumbnail,
         )
     except (KeyError, TypeError, AttributeError) as error:
-        raise LiveHandError(f"{path} must be an avatar of this version, got a header without {error}") from error
+        raise LiveHandError(
+            f"{path} must be an avatar of this version, got a header in which {error} is missing or wrong"
+        ) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
     try:
         from safetensors import SafetensorError, safe_open
     except ImportError as error:
-        raise LiveHandError("avatars need the package safetensors, which is missing; install it with pip") from error
+        raise LiveHandError(
+            "avatars need the package safetensors, got none; install it with: pip install safetensors"
+        ) from error
     try:
         with safe_open(path, framework="numpy") as archive:
             metadata = archive.metadata() or {}
-            thumbnail = archive.get_tensor("portrait") if "portrait" in archive.keys() else None
-            return json.loads(metadata["livehand"]), thumbnail
+            thumbnail = archive.get_tensor(THUMBNAIL_KEY) if THUMBNAIL_KEY in archive.keys() else None
+            return json.loads(metadata[HEADER_KEY]), thumbnail
     except (SafetensorError, OSError, KeyError, ValueError) as error:
         raise LiveHandError(
             f"{path} must be a LiveHand avatar (.safetensors), got {type(error).__name__}: {error}; choose another file"
@@ -84,15 +93,15 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
 
 
 def _figures(metrics: dict[str, Any]) -> tuple[str, ...]:
-    """PSNR and SSIM of the hardest split that was measured."""
+    """PSNR and SSIM of the hardest split that was evaluated."""
     measured = next((split for split in _SPLITS if split in metrics), None)
     if measured is None:
         return ()
-    of = metrics[measured]
+    values = metrics[measured]
     return (
-        f"PSNR {of['psnr_full']:.1f} dB, hand alone {of['psnr_hand']:.1f} dB",
-        f"SSIM {of['ssim']:.3f}, alpha IoU {of['alpha_iou']:.3f}",
-        f"on {of['images']:.0f} views of {_SPLITS[measured]}",
+        f"PSNR {values['psnr_full']:.1f} dB, hand alone {values['psnr_hand']:.1f} dB",
+        f"SSIM {values['ssim']:.3f}, alpha IoU {values['alpha_iou']:.3f}",
+        f"on {values['images']:.0f} views of {_SPLITS[measured]}",
     )
 
 

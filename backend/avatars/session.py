@@ -1,6 +1,6 @@
-"""What stays loaded between frames: hand models and renderers, keyed on the content of their files.
+"""Hand models and renderers that stay loaded between frames, and are loaded again when their files change.
 
-torch is imported on the first render, not before. One session belongs to the registered render engine.
+torch is imported at the first render. The registered render engine owns one session.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
 from ..hand.model import HandModel
 from ..hand.model_file import load_default_hand, load_hand_model
@@ -23,17 +23,18 @@ from .library import shipped_avatar_path
 
 @dataclass(frozen=True)
 class Device:
-    """Where and how exactly to compute: the scene's `livehand` settings."""
+    """Device and precision of a renderer, from the scene's `livehand` settings."""
 
     name: str = "auto"
     precision: Literal["fp32", "bf16"] = "fp32"
 
 
+Item = TypeVar("Item")
 RendererFactory = Callable[[Path | None, HandModel, Device], HandRenderer]
 
 
 def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
-    """The renderer of one avatar.
+    """Load the renderer of an avatar; None is the first shipped avatar.
 
     Raises:
         LiveHandError: the avatar is unreadable or of another hand.
@@ -49,42 +50,39 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
 class Session:
     """Loads each hand model and renderer once, and again when its file changes.
 
+    Args:
+        make_renderer: loads a renderer that is not in the cache.
+
     Attributes:
         queue: renders the frames of the sequence that is being written; None at any other time.
-        rendering: held by whoever loads or renders: 3D views and a still do so in threads of their own.
+        rendering: lock to hold while loading or rendering, as 3D views and stills use threads of their own.
     """
 
     def __init__(self, make_renderer: RendererFactory = load_renderer):
         self.queue: FrameQueue | None = None
         self.rendering = threading.Lock()
         self._make_renderer = make_renderer
-        self._hands: dict[Any, HandModel] = {}
-        self._renderers: dict[Any, HandRenderer] = {}
+        self._hands: dict[tuple, HandModel] = {}
+        self._renderers: dict[tuple, HandRenderer] = {}
 
     def hand(self, path: Path | None) -> HandModel:
-        """The hand model in `path`; None is the built-in hand. It stands for either side."""
-        key = _content_key(path)
-        if key not in self._hands:
-            _forget_old(self._hands, key)
-            self._hands[key] = load_default_hand() if path is None else load_hand_model(path)
-        return self._hands[key]
+        """The hand model in `path`, which serves both sides; None is the built-in hand."""
+        key = _file_key(path)
+        return _cached(self._hands, key, lambda: load_default_hand() if path is None else load_hand_model(path))
 
     def renderer(self, avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
-        """The renderer of an avatar (None: the shipped one) on a hand from this session."""
-        key = (*_content_key(avatar_path), hand.sha256, device)
-        if key not in self._renderers:
-            _forget_old(self._renderers, key)
-            self._renderers[key] = self._make_renderer(avatar_path, hand, device)
-        return self._renderers[key]
+        """The renderer of an avatar (None: the first shipped one) on a hand of this session."""
+        key = (*_file_key(avatar_path), hand.sha256, device)
+        return _cached(self._renderers, key, lambda: self._make_renderer(avatar_path, hand, device))
 
     def avatar_path(self, renderer: HandRenderer) -> Path:
-        """The file that a renderer of this session was made from."""
+        """The avatar file of a renderer of this session."""
         (key,) = (key for key, known in self._renderers.items() if known is renderer)
         return key[0] or shipped_avatar_path()
 
     @contextlib.contextmanager
     def queueing(self) -> Iterator[FrameQueue]:
-        """Within, the engine renders through a queue, the next frame included."""
+        """A context in which the engine renders through a queue, which also renders the next frame in advance."""
         with FrameQueue() as self.queue:
             try:
                 yield self.queue
@@ -92,13 +90,13 @@ class Session:
                 self.queue = None
 
     def free(self) -> None:
-        """Give the memory of all renderers and hands back."""
+        """Delete all renderers and hand models."""
         self._renderers.clear()
         self._hands.clear()
 
 
-def _content_key(path: Path | None) -> tuple:
-    """(path, when it changed, size): a file that is trained over must not be served from memory.
+def _file_key(path: Path | None) -> tuple:
+    """(path, modification time, size), so that a file that was overwritten is loaded again.
 
     Raises:
         LiveHandError: there is no such file.
@@ -112,7 +110,10 @@ def _content_key(path: Path | None) -> tuple:
     return (path, stat.st_mtime_ns, stat.st_size)
 
 
-def _forget_old(cache: dict[Any, Any], key: tuple) -> None:
-    """Drop what was loaded from the same path when the file was another one."""
-    for old in [old for old in cache if old[0] == key[0] and old[1:3] != key[1:3]]:
-        del cache[old]
+def _cached(cache: dict[tuple, Item], key: tuple, load: Callable[[], Item]) -> Item:
+    """The cached item; loading one removes those of earlier versions of its file."""
+    if key not in cache:
+        for old in [old for old in cache if old[0] == key[0] and old[1:3] != key[1:3]]:
+            del cache[old]
+        cache[key] = load()
+    return cache[key]

@@ -1,4 +1,4 @@
-"""The small picture of an avatar that its file carries, so that people can choose among avatars by sight."""
+"""The thumbnail in the file of an avatar, by which users recognise it."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 
 SIDE_PX = 192
-# The hand at rest, upright, from the side that the captures' light comes from, a little turned.
+# The hand in rest pose, upright and slightly turned, seen from the side of the captures' light.
 _TOWARDS_CAMERA = (-0.35, -1.0, 0.15)
-_FILLED = 0.92
-_FINER = 2  # rendered nearer to the size that avatars learn at, then averaged: sharper than rendered small
+_FILL = 0.92  # share of the image that the hand takes up
+_SUPERSAMPLING = 2  # sharper than rendering small, because it is closer to the image size of training
 
 
 def with_thumbnail(avatar: Avatar, hand: HandModel, device: str = "auto") -> Avatar:
-    """The avatar with a new picture of itself.
+    """The avatar with a new thumbnail.
 
     Args:
-        avatar: of `hand`, or of one that differs from it by a refined surface only.
-        hand: what it is shown on.
+        avatar: of `hand`, or of a hand model that differs from it only by a refined surface.
+        hand: the hand model to render.
         device: to render on.
     """
     renderer = Renderer(replace(avatar, hand_sha256=hand.sha256), hand, device)
@@ -40,16 +40,16 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))
     pose = HandPose(theta, np.zeros(10), np.zeros(3), renderer.hand.side)
     vertices = posed_vertices(renderer.hand, pose)
-    camera = fitting_camera(vertices, _TOWARDS_CAMERA, (SIDE_PX * _FINER, SIDE_PX * _FINER), _FILLED)
+    camera = fitting_camera(vertices, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)
     frame = renderer.render(Shot(pose, vertices, camera))
     small = Frame(_averaged(frame.rgb), _averaged(frame.alpha), _averaged(frame.depth))
     return (straight_srgb(small) * 255).round().astype(np.uint8)
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:
-    """[H, W, ...] at a smaller size; linear and premultiplied, as light adds."""
+    """[H, W, ...] averaged over blocks of pixels; colours are linear and premultiplied."""
     return (
-        plane.reshape(SIDE_PX, _FINER, SIDE_PX, _FINER, -1)
+        plane.reshape(SIDE_PX, _SUPERSAMPLING, SIDE_PX, _SUPERSAMPLING, -1)
         .mean((1, 3), dtype=np.float32)
         .reshape(SIDE_PX, SIDE_PX, *plane.shape[2:])
     )

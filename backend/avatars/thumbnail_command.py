@@ -1,4 +1,4 @@
-"""`livehand thumbnail`: gives an avatar's file the picture that it is chosen by; training does so by itself."""
+"""`livehand thumbnail`: renders the thumbnail of an avatar's file again; training renders the first one."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from ..runtime.command import Command
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("avatar", type=Path, help=".safetensors, whose picture is taken anew")
-    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
+    parser.add_argument("avatar", type=Path, help=".safetensors file to update")
+    parser.add_argument("--hand", type=Path, help="hand model of the avatar (default: the built-in hand)")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
 
 
@@ -24,7 +24,7 @@ def _run(args: argparse.Namespace) -> dict:
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     avatar = load_avatar(args.avatar)
     save_avatar(replace(avatar, thumbnail=render_thumbnail(Renderer(avatar, hand, args.device))), args.avatar)
-    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: thumbnail taken"}
+    return {"avatar": str(args.avatar), "summary": f"{args.avatar}: thumbnail rendered"}
 
 
-COMMAND = Command("thumbnail", "take the picture that an avatar is chosen by", _add_arguments, _run)
+COMMAND = Command("thumbnail", "render the thumbnail of an avatar again", _add_arguments, _run)

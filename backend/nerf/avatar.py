@@ -41,15 +41,15 @@ class Avatar:
     """A hand's appearance, ready to render.
 
     Attributes:
-        name: for people.
-        hand_name: the hand model's name.
-        hand_sha256: the identity of the hand model it belongs to.
+        name: for display.
+        hand_name: name of the hand model it belongs to.
+        hand_sha256: identity of that hand model.
         config: of its networks.
         field: the radiance field.
         superres: the super-resolution network.
         provenance: what it was trained on and how, and its licence.
-        metrics: figures measured on held-out views.
-        thumbnail: [P, P, 4] uint8, a picture of it (`thumbnail.thumbnail`); None in files of earlier versions.
+        metrics: measured on held-out views.
+        thumbnail: [P, P, 4] uint8 (`avatars.thumbnail`); None in files of earlier versions.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Avatar:
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:
-    """An untrained avatar; the seed fixes its weights."""
+    """An untrained avatar with weights drawn from the seed."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return Avatar(name, hand_name, hand_sha256, config, build_field(config.field), build_superres(config.superres))

@@ -1,6 +1,6 @@
 """Training state on disk: weights, their average, optimiser and progress, in one `.safetensors` beside the avatar.
 
-All randomness of training is a function of (seed, step), so that there is no random state to keep.
+All randomness of training is a function of (seed, step), so there is no random state to save.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..records.errors import LiveHandError
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a training has come.
+    """How far training has come.
 
     Attributes:
-        step: steps taken.
+        step: number of steps done.
         seconds: wall-clock time they took, over all sessions.
-        skipped: steps among them that left the weights as they were.
+        skipped: number of steps among them that did not change the weights.
     """
 
     step: int = 0
@@ -35,14 +35,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class TrainState:
-    """What a checkpoint holds beside the progress."""
+    """What a checkpoint holds besides the progress."""
 
     parts: nn.Module
     average: nn.Module
     optimiser: torch.optim.Optimizer
 
     def tensors(self) -> dict[str, Tensor]:
-        """All of them, by name, on the CPU."""
+        """All tensors of the state, by name, on the CPU."""
         named = {f"part.{key}": value for key, value in self.parts.state_dict().items()}
         named |= {f"average.{key}": value for key, value in self.average.state_dict().items()}
         for index, state in self.optimiser.state_dict()["state"].items():
@@ -50,7 +50,7 @@ class TrainState:
         return {key: value.detach().cpu().contiguous() for key, value in named.items()}
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Set everything to what `tensors` once gave."""
+        """Restore the state from the result of `tensors`."""
         self.parts.load_state_dict(_under(tensors, "part."))
         self.average.load_state_dict(_under(tensors, "average."))
         states: dict[int, dict[str, Tensor]] = {}
@@ -61,18 +61,18 @@ class TrainState:
 
 
 def checkpoint_path(avatar_path: Path) -> Path:
-    """Where the training state of an avatar lies."""
+    """Path of the checkpoint of an avatar."""
     return avatar_path.with_suffix(".checkpoint")
 
 
 def save_checkpoint(path: Path, state: TrainState, progress: Progress, run: str) -> None:
-    """Write the state of the run that `run` describes.
+    """Write the state of the run with the identity `run`.
 
-    The one before it stays until this one is whole and on the disk, so that a kill or a power cut at any moment leaves
-    one of the two.
+    The previous checkpoint is replaced only when this one is complete and on the disk, so that one of the two survives
+    if the process is killed or the power fails.
 
     Raises:
-        LiveHandError: it cannot be written; the one before it is still there.
+        LiveHandError: the checkpoint cannot be written; the previous one is still there.
     """
     partial = path.with_suffix(".checkpoint_partial")
     try:
@@ -82,22 +82,22 @@ def save_checkpoint(path: Path, state: TrainState, progress: Progress, run: str)
         partial.replace(path)
     except (SafetensorError, OSError) as error:
         raise LiveHandError(
-            f"checkpoint {path} must be writable, got {error}; make room, and go on from the one before with --resume"
+            f"checkpoint {path} must be writable, got {error}; make room, and continue from the last one with --resume"
         ) from error
 
 
 def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
-    """Restore the state; returns how far training had come.
+    """Restore the state and return its progress.
 
     Raises:
-        LiveHandError: unreadable, or of another run (capture, configuration or steps differ).
+        LiveHandError: the checkpoint is unreadable, or of another run (capture, configuration or steps differ).
     """
     try:
         with safe_open(path, framework="pt") as archive:
             metadata = archive.metadata() or {}
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
-        raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start anew") from error
+        raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start again") from error
     if metadata.get("run") != run:
         raise LiveHandError(
             f"checkpoint {path} must be of the same capture and settings, got another run's; repeat its settings, "

@@ -1,10 +1,10 @@
-"""A gain and a bias per camera (paper, colour calibration): cameras of a rig never agree about colour.
+"""A gain and a bias per camera (paper, colour calibration), as the cameras of a rig differ in colour.
 
-They are learnt beside the avatar and applied to what it renders before that is compared, at both resolutions. They act
-on the hand alone: colour is premultiplied, so the bias counts times alpha, and the empty background stays black.
+They are trained with the avatar and applied to its renderings, at both resolutions, before the loss. They act on the
+hand alone: colour is premultiplied, so the bias is multiplied by alpha, and the empty background stays black.
 
-One camera is fixed, as a common tint could be the look's as well as all cameras'. So the avatar looks as that camera
-sees it, and another camera's look, or the mean one's, is worn only where it is asked for (`with_networks`).
+One camera is fixed, because a tint common to all cameras cannot be told from the colour of the hand. The avatar has the
+colours that this camera sees, unless other cameras are chosen (`ColourCalibration.with_colours_of`).
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from ..captures.capture import Capture
 from ..nerf.avatar import Avatar
 from ..nerf.superres import build_superres
 from ..records.errors import LiveHandError
+from .parts import Correction, Rendered
 
 LEARNING_RATE = 5e-4
-"""Of gains and biases, beside the networks' 2e-3: tints are few and seen in every image of their camera."""
+"""Learning rate of gains and biases; lower than the networks', as each of them sees every image of its camera."""
 
 
 def training_cameras(capture: Capture) -> list[int]:
-    """The cameras of the capture's training images, by number; the first is the one to hold fixed."""
+    """The cameras of the capture's training images, in ascending order; the first is held fixed."""
     return sorted({view.camera_index for view in capture.of_split("train")})
 
 
 class ColourCalibration(nn.Module):
-    """Gains [C, 3], 1 at the start, and biases [C, 3], 0 at the start, of C cameras by their number in the capture."""
+    """Gains [C, 3], initially 1, and biases [C, 3], initially 0, of C cameras, indexed as in the capture."""
 
     is_free: Tensor
 
@@ -46,12 +47,12 @@ class ColourCalibration(nn.Module):
         self.register_buffer("is_free", is_free)
 
     def forward(self, rgba: Float[Tensor, "4 H W"], camera: int) -> Float[Tensor, "4 H W"]:
-        """A premultiplied picture as the camera would show it."""
+        """A premultiplied image in the colours of a camera."""
         gain, bias = (values[:, None, None] for values in self.of_cameras([camera]))
         return torch.cat([gain * rgba[:3] + bias * rgba[3:], rgba[3:]])
 
     def of_cameras(self, cameras: Sequence[int]) -> tuple[Float[Tensor, 3], Float[Tensor, 3]]:
-        """Mean gain and bias of some cameras.
+        """Mean gain and bias of the given cameras.
 
         Raises:
             LiveHandError: there is no such camera.
@@ -63,10 +64,31 @@ class ColourCalibration(nn.Module):
         return gain[rows].mean(0), bias[rows].mean(0)
 
     @torch.no_grad()
-    def with_networks(self, avatar: Avatar, cameras: Sequence[int]) -> Avatar:
-        """The avatar with the look that these cameras have in the mean; it renders so from then on."""
+    def with_colours_of(self, avatar: Avatar, cameras: Sequence[int]) -> Avatar:
+        """The avatar with the mean gain and bias of these cameras built in."""
         gain, bias = (tuple(values.tolist()) for values in self.of_cameras(cameras))
         config = replace(avatar.config.superres, gain=gain, bias=bias)
         superres = build_superres(config)
         superres.load_state_dict(avatar.superres.state_dict())
         return replace(avatar, config=replace(avatar.config, superres=config), superres=superres)
+
+
+def camera_colours(capture: Capture, avatar_cameras: Sequence[int]) -> Correction:
+    """A gain and a bias per camera; the avatar gets the colours of `avatar_cameras` or, if empty, of the fixed camera.
+
+    Raises:
+        LiveHandError: there is no such camera.
+    """
+    cameras = training_cameras(capture)
+    calibration = ColourCalibration(max(cameras) + 1, fixed_camera=cameras[0])
+    if avatar_cameras:
+        calibration.of_cameras(avatar_cameras)  # checks the numbers before training starts
+
+    return Correction(
+        name="camera_colours",
+        module=calibration,
+        learning_rate=LEARNING_RATE,
+        after=lambda rendered, source: Rendered(*(calibration(maps, source.camera_index) for maps in rendered)),
+        finish=lambda avatar: calibration.with_colours_of(avatar, avatar_cameras) if avatar_cameras else avatar,
+        settings={"worn_cameras": list(avatar_cameras)},
+    )

@@ -1,85 +1,104 @@
-"""How an avatar is fitted."""
+"""Settings of training: the loss, the optimisation, and what is reported.
+
+The names, the order and the defaults of these fields are part of the identity of a run in its checkpoint.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from ..runtime.command import parse_count
+from ..runtime.options import number_parser
+
+
+def parse_region(text: str) -> str:
+    """`crop` or `patch`; `window` is the earlier name of `crop`."""
+    return "crop" if text == "window" else text
+
+
+Count = Annotated[int, parse_count]
+Minutes = Annotated[float, number_parser("a number of minutes", lambda value: 0 <= value < inf)]
+Budget = Annotated[float, number_parser("a number of minutes above 0", lambda value: 0 < value < inf)]
+Decay = Annotated[float, number_parser("a number from 0 to below 1", lambda value: 0 <= value < 1)]
+Region = Annotated[Literal["crop", "patch"], parse_region]
 
 
 @dataclass(frozen=True)
 class LossConfig:
-    """Weights of the loss's terms; colour is sRGB-encoded, premultiplied, in [0, 1]."""
+    """Weights of the terms of the loss. Colour is sRGB-encoded, premultiplied, and in [0, 1]."""
 
     colour_l2: float = 10.0
-    """Squared colour error, full resolution."""
+    """Squared colour error at full resolution."""
     colour_l1: float = 0.5
-    """Absolute colour error, full resolution: sharper than squares alone."""
+    """Absolute colour error at full resolution; it gives sharper images than squared error alone."""
     alpha_l2: float = 4.0
-    """Squared alpha error, full resolution."""
+    """Squared alpha error at full resolution."""
     low_l2: float = 5.0
     """Squared error of the low-resolution colour and alpha before super-resolution."""
     perceptual: float = 0.01
-    """VGG feature distance, at both resolutions."""
+    """Weight of the perceptual loss, a VGG feature distance at both resolutions; 0 turns it off."""
     perceptual_share: float = 0.2
-    """The last part of training that has the perceptual term: on a CPU it doubles a step's cost."""
+    """Share of training, at its end, that has the perceptual term: on a CPU the term doubles the time of a step."""
     perceptual_rise: float = 0.1
-    """Share of that part over whose start the term's weight rises linearly from nothing."""
-    perceptual_region: Literal["window", "patch"] = "window"
-    """What the term sees: the whole window that holds the hand, which is the paper's full image without its empty
-    border, or one random patch on the hand, the paper's ablation."""
+    """Share of that part, at its start, over which the weight of the term rises linearly from 0."""
+    perceptual_region: Region = "crop"
+    """What the perceptual loss sees: the whole crop that holds the hand (the paper's full image without its empty
+    border), or one random 64x64 patch on the hand (the paper's ablation)."""
     perceptual_patch_px: int = 64
-    """Side of that patch at full resolution; the same skin at half resolution."""
+    """Side of that patch at full resolution; at half resolution it covers the same skin."""
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """The optimisation; of each image the whole of it that holds the hand."""
+    """Settings of the optimisation."""
 
-    steps: int = 10000
-    """Optimiser steps; without meaning where `minutes` is given."""
-    minutes: float | None = None
-    """Wall-clock budget; the schedules follow its elapsed share instead of the share of the steps."""
-    batch: int = 1
-    """Images per step, of all processes together; their gradients are averaged."""
+    steps: Count = 10000
+    """Number of optimiser steps."""
+    minutes: Budget | None = None
+    """Wall-clock budget instead of a number of steps; the schedules then follow the elapsed time."""
+    batch: Count = 1
+    """Images per step, over all processes; their gradients are averaged."""
     seed: int = 0
-    """Of weights, order of images, and jitter."""
+    """Seed of the weights, the order of the images, and the jitter of the samples."""
     learning_rate: float = 2e-3
-    """Of the networks."""
+    """Learning rate of the networks."""
     plane_learning_rate: float = 8e-3
-    """Of the feature planes, which see few samples each."""
+    """Learning rate of the feature planes, each texel of which sees few samples."""
     final_learning_rate: float = 0.02
-    """Share of the learning rates that is left at the end (cosine decay)."""
+    """Share of the learning rates that remains at the end (cosine decay)."""
     warmup_steps: int = 100
-    """Linear rise of the learning rates at the start."""
+    """Steps over which the learning rates rise linearly at the start."""
     warmup_share: float = 0.01
     """The same as a share of `minutes`."""
-    ema_decay: float = 0.0
-    """Of the moving average of the weights, which is what the avatar gets; 0: the last step's weights, which the decay
-    of the learning rates has calmed already."""
+    ema_decay: Decay = 0.0
+    """Decay of the moving average of the weights that the avatar gets; 0 keeps the weights of the last step, which are
+    settled already because the learning rates decay."""
     max_skipped: int = 10
-    """Steps in a row that may be skipped because a loss or gradient was not finite; after that training ends."""
+    """Number of successive steps skipped for a non-finite loss or gradient after which training stops."""
     jitter_sets: int = 1
-    """How many different jitters of its samples each image is seen with; each is traced once and kept."""
+    """Number of different sample jitters per image; each is traced once and kept."""
     checkpoint_every: int = 500
     """Steps between checkpoints."""
     checkpoint_minutes: float = 5.0
-    """Minutes after which there is a checkpoint in any case."""
+    """Longest time between checkpoints, minutes."""
     licence: str = "not stated"
-    """Of the avatar, kept in its header."""
+    """Licence of the avatar, kept in the header of its file."""
     loss: LossConfig = LossConfig()
-    """The loss's weights."""
+    """Weights of the loss."""
 
 
 @dataclass(frozen=True)
 class ReportConfig:
-    """What to tell, and how often; nothing of it changes the result."""
+    """What is reported and how often; it does not change the result."""
 
     log_every: int = 50
-    """Steps between lines of the log, which hold the means over them."""
-    preview_minutes: float = 5.0
-    """Between previews, and one at the end; 0: none."""
+    """Steps between log entries, each of which holds the means over these steps."""
+    preview_minutes: Minutes = 5.0
+    """Minutes between contact sheets of held-out views, written beside the avatar; 0 turns them off."""
     preview_views: int = 8
-    """Held-out views in a preview."""
+    """Number of held-out views in a preview."""
     tensorboard: Path | None = None
-    """Folder for TensorBoard's event files."""
+    """Folder in which TensorBoard event files are written."""

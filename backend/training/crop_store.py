@@ -1,9 +1,9 @@
-"""Decoded windows of training images, so that a step never waits for a picture to be decoded twice.
+"""Decoded crops of training images, so that no training step waits for an image to be decoded twice.
 
-From the first request on, threads decode all windows in order, while whoever asks for one that is not there yet decodes
-it on the spot; either way each is decoded once. What is kept is 4 bytes a pixel: in memory up to a budget, beyond it in
-a nameless file beside the images, mapped into memory, so that the system's own cache decides what stays. Where neither
-has room, the rest is decoded again whenever it is asked for.
+After the first request, threads decode all crops in order, and a crop that is requested before its turn is decoded at
+once by the caller; either way each is decoded once. A pixel takes 4 bytes: in memory up to a budget, and beyond it in a
+memory-mapped file without a name in the folder of the images, which the system's file cache keeps in memory as far as
+there is room. If there is no room on the disk either, the rest is decoded at every request.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from enum import Enum
 from pathlib import Path
 from time import perf_counter
 
@@ -21,24 +20,20 @@ import numpy as np
 
 BUDGET_BYTES = 4 << 30
 """Of memory."""
+DISK_SHARE = 0.5
+"""Share of the free disk space that may be used."""
 _THREADS = 2
-_DISK_SHARE = 0.5  # of what is free that may be taken
-
-
-class _State(Enum):
-    UNREAD = 0
-    IN_WORK = 1
-    READY = 2
 
 
 class CropStore:
-    """Windows of N images.
+    """Crops of N images.
 
     Args:
-        sizes_px: (width, height) of each window.
-        decode: reads window `i`: [height, width, 4] uint8. Called from several threads, once per window that is kept.
-        folder: where the file may lie.
+        sizes_px: (width, height) of each crop.
+        decode: reads crop `i`: [height, width, 4] uint8. Called from several threads, once for each crop that is kept.
+        folder: where the file may be written.
         budget_bytes: of memory.
+        disk_share: share of the free disk space that may be used.
     """
 
     def __init__(
@@ -47,8 +42,11 @@ class CropStore:
         decode: Callable[[int], np.ndarray],
         folder: Path,
         budget_bytes: int = BUDGET_BYTES,
+        disk_share: float = DISK_SHARE,
     ):
-        self._shelf = _Shelf(sizes_px, decode, folder, budget_bytes)
+        shapes = [(height, width, 4) for width, height in sizes_px]
+        total = sum(int(np.prod(shape)) for shape in shapes)
+        self._buffer = _CropBuffer(shapes, decode, _allocated(total, folder, budget_bytes, disk_share))
         self._stop = threading.Event()
         self._is_started = False
         self._waited_s = 0.0
@@ -56,92 +54,83 @@ class CropStore:
 
     @property
     def waited_s(self) -> float:
-        """How long `get` has kept its callers, s."""
+        """Total time that `get` has taken, s."""
         return self._waited_s
 
+    @property
+    def is_on_disk(self) -> bool:
+        """Whether the crops are kept in a file."""
+        return isinstance(self._buffer.data, np.memmap)
+
     def get(self, index: int) -> np.ndarray:
-        """[height, width, 4] uint8 of window `index`; not to be written to.
+        """[height, width, 4] uint8 of crop `index`; read-only for the caller.
 
         Raises:
             whatever `decode` raises.
         """
-        self._start()
+        self._start_threads()
         before = perf_counter()
         try:
-            return self._shelf.get(index)
+            return self._buffer.get(index)
         finally:
             self._waited_s += perf_counter() - before
 
-    def _start(self) -> None:
+    def _start_threads(self) -> None:
         if self._is_started:
             return
         self._is_started = True
         for first in range(_THREADS):
-            # They know the shelf, not the store: a store that is dropped ends them.
-            threading.Thread(target=_fill, args=(self._shelf, first, self._stop), daemon=True).start()
+            # The threads hold no reference to the store, so that deleting the store ends them.
+            threading.Thread(target=_decode_all, args=(self._buffer, first, self._stop), daemon=True).start()
 
 
-def _fill(shelf: _Shelf, first: int, stop: threading.Event) -> None:
-    for index in range(first, shelf.kept, _THREADS):
+def _decode_all(buffer: _CropBuffer, first: int, stop: threading.Event) -> None:
+    for index in range(first, buffer.kept, _THREADS):
         if stop.is_set():
             return
         try:
-            shelf.fetch(index)
-        except Exception:  # whoever asks for this window is told
+            buffer.decode(index)
+        except Exception:  # raised again for the caller that requests this crop
             continue
 
 
-class _Shelf:
-    """The windows' bytes, and which of them are there."""
+class _CropBuffer:
+    """The bytes of the first `kept` crops, as many as fit, and which of them are decoded."""
 
-    def __init__(
-        self,
-        sizes_px: Sequence[tuple[int, int]],
-        decode: Callable[[int], np.ndarray],
-        folder: Path,
-        budget_bytes: int,
-    ):
-        self._shapes = [(height, width, 4) for width, height in sizes_px]
-        self._ends = np.cumsum([0, *(int(np.prod(shape)) for shape in self._shapes)], dtype=np.int64)
-        self._decode = decode
-        self._bytes = _room_for(int(self._ends[-1]), folder, budget_bytes)
-        self.kept = int(np.searchsorted(self._ends, len(self._bytes), side="right")) - 1
-        self._states = [_State.UNREAD] * self.kept
-        self._changed = threading.Condition()
+    def __init__(self, shapes: Sequence[tuple[int, int, int]], decode: Callable[[int], np.ndarray], data: np.ndarray):
+        self._shapes, self._decode, self.data = shapes, decode, data
+        self._ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)], dtype=np.int64)
+        self.kept = int(np.searchsorted(self._ends, len(data), side="right")) - 1
+        self._locks = [threading.Lock() for _ in range(self.kept)]
+        self._is_ready = [False] * self.kept
 
     def get(self, index: int) -> np.ndarray:
         if index >= self.kept:
             return self._decode(index)
-        self.fetch(index, is_wanted=True)
-        return self._place(index)
+        self.decode(index, wait=True)
+        return self._crop(index)
 
-    def fetch(self, index: int, is_wanted: bool = False) -> None:
-        """Decode a window that nobody has; one that another thread is at is waited for where it is wanted."""
-        with self._changed:
-            while is_wanted and self._states[index] is _State.IN_WORK:
-                self._changed.wait()
-            if self._states[index] is not _State.UNREAD:
-                return
-            self._states[index] = _State.IN_WORK
-        outcome = _State.UNREAD
+    def decode(self, index: int, wait: bool = False) -> None:
+        """Decode a crop unless it is ready; if another thread is decoding it, `wait` for that or return at once."""
+        if not self._locks[index].acquire(blocking=wait):
+            return
         try:
-            self._place(index)[:] = self._decode(index)
-            outcome = _State.READY
+            if not self._is_ready[index]:
+                self._crop(index)[:] = self._decode(index)
+                self._is_ready[index] = True
         finally:
-            with self._changed:
-                self._states[index] = outcome
-                self._changed.notify_all()
+            self._locks[index].release()
 
-    def _place(self, index: int) -> np.ndarray:
-        return self._bytes[self._ends[index] : self._ends[index + 1]].reshape(self._shapes[index])
+    def _crop(self, index: int) -> np.ndarray:
+        return self.data[self._ends[index] : self._ends[index + 1]].reshape(self._shapes[index])
 
 
-def _room_for(size: int, folder: Path, budget_bytes: int) -> np.ndarray:
-    """Bytes for all windows or, where there is no room, for as many as the budget holds."""
-    if size > budget_bytes and size < _DISK_SHARE * shutil.disk_usage(folder).free:
+def _allocated(size: int, folder: Path, budget_bytes: int, disk_share: float) -> np.ndarray:
+    """Bytes for all crops or, if there is no room, as many as the budget allows."""
+    if size > budget_bytes and size < disk_share * shutil.disk_usage(folder).free:
         try:
             with tempfile.TemporaryFile(dir=folder) as file:
                 return np.memmap(file, np.uint8, "w+", shape=(size,))
         except OSError:
-            pass  # a folder that cannot be written to
+            pass  # the folder is not writable
     return np.zeros(min(size, budget_bytes), np.uint8)

@@ -1,10 +1,11 @@
-"""Everything that training changes: the avatar's networks, and corrections of the capture trained along with them."""
+"""Everything that training changes: the avatar's networks, and corrections of the capture trained with them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -16,59 +17,45 @@ from .config import TrainConfig
 from .schedule import ScheduleState
 from .views import TrainingView, TrainingViews
 
+Module = TypeVar("Module", bound=nn.Module)
+
 
 class Rendered(NamedTuple):
-    """A window's RGBA before [4, h, w] and after [4, 2h, 2w] super-resolution, not clamped."""
+    """RGBA of a crop before [4, h, w] and after [4, 2h, 2w] super-resolution, not clamped."""
 
     low: Tensor
     image: Tensor
 
 
-def _begin_nothing(views: TrainingViews, moment: ScheduleState) -> None:
-    pass
-
-
-def _same_view(view: TrainingView, source: CaptureView) -> TrainingView:
-    return view
-
-
-def _same_picture(rendered: Rendered, source: CaptureView) -> Rendered:
-    return rendered
-
-
-def _same_avatar(avatar: Avatar) -> Avatar:
-    return avatar
-
-
 @dataclass(frozen=True)
 class Correction:
-    """A module that is trained beside the networks and stands between them and the capture.
+    """A module that is trained beside the networks and corrects what the capture has wrong.
 
     Attributes:
         name: its key in checkpoints.
         module: holds its parameters.
-        learning_rate: of these; it follows the networks' schedule.
-        begin: is told of each step before it is taken, in every process alike.
-        before: the training view as the networks shall see it (poses, places); in fp32, with gradients.
-        after: the rendered window as the capture would show it (colours); in fp32, with gradients.
-        penalty: named scalars that are added to the loss once an image.
-        finish: what the finished avatar keeps of it.
-        settings: what shapes its course, for checkpoints and the avatar's header; as JSON has it.
+        learning_rate: of its parameters; it follows the schedule of the networks.
+        begin: called before each step, in every process alike.
+        before: maps the training view to the one that the networks see (poses, positions); fp32, with gradients.
+        after: maps the rendered crop to what the capture would show (colours); fp32, with gradients.
+        penalty: named scalars that are added to the loss of each image.
+        finish: stores in the finished avatar what it keeps of the correction.
+        settings: what determines the result, in JSON types, for checkpoints and the header of the avatar.
     """
 
     name: str
     module: nn.Module
     learning_rate: float
-    begin: Callable[[TrainingViews, ScheduleState], None] = _begin_nothing
-    before: Callable[[TrainingView, CaptureView], TrainingView] = _same_view
-    after: Callable[[Rendered, CaptureView], Rendered] = _same_picture
+    begin: Callable[[TrainingViews, ScheduleState], None] = lambda views, state: None
+    before: Callable[[TrainingView, CaptureView], TrainingView] = lambda view, source: view
+    after: Callable[[Rendered, CaptureView], Rendered] = lambda rendered, source: rendered
     penalty: Callable[[], Mapping[str, Tensor]] = dict
-    finish: Callable[[Avatar], Avatar] = _same_avatar
+    finish: Callable[[Avatar], Avatar] = lambda avatar: avatar
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
 class TrainedParts(nn.Module):
-    """The networks and the corrections' modules, as one module."""
+    """The networks and the modules of the corrections, as one module."""
 
     def __init__(self, avatar: Avatar, corrections: Sequence[Correction] = ()):
         super().__init__()
@@ -81,10 +68,34 @@ class TrainedParts(nn.Module):
         return replace(avatar, field=radiance_field, superres=superres)
 
 
+class WeightAverage(Generic[Module]):
+    """Exponential moving average of a module's parameters (Polyak averaging).
+
+    The decay rises with the steps, min(decay, (1 + step) / (10 + step)): at first the average spans a tenth of the
+    steps so far, so that the initial weights are soon forgotten.
+
+    Attributes:
+        module: a copy that holds the averages; its buffers are those of the last step.
+    """
+
+    def __init__(self, module: Module, decay: float):
+        self.module = deepcopy(module).requires_grad_(False)
+        self._decay = decay
+
+    @torch.no_grad()
+    def update(self, module: Module, step: int) -> None:
+        """Add the weights after a step, counted from 0."""
+        decay = min(self._decay, (1 + step) / (10 + step))
+        for average, value in zip(self.module.parameters(), module.parameters(), strict=True):
+            average.lerp_(value, 1 - decay)
+        for average, value in zip(self.module.buffers(), module.buffers(), strict=True):
+            average.copy_(value)
+
+
 def optimiser_of(
     parts: TrainedParts, config: TrainConfig, corrections: Sequence[Correction] = ()
 ) -> torch.optim.Optimizer:
-    """Adam; each group of parameters has its rate at full height as `initial_lr`."""
+    """Adam; `initial_lr` of each parameter group is its full learning rate."""
     planes = [module.table for module in parts.networks.modules() if isinstance(module, FeaturePlane)]
     is_plane = {id(table) for table in planes}
     others = [parameter for parameter in parts.networks.parameters() if id(parameter) not in is_plane]
@@ -99,7 +110,7 @@ def optimiser_of(
     )
 
 
-def set_rates(optimiser: torch.optim.Optimizer, share: float) -> None:
-    """Every group's learning rate, as a share of its full height."""
+def set_rates(optimiser: torch.optim.Optimizer, factor: float) -> None:
+    """Set the learning rate of every group to a factor of its full one."""
     for group in optimiser.param_groups:
-        group["lr"] = group["initial_lr"] * share
+        group["lr"] = group["initial_lr"] * factor

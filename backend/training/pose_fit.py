@@ -1,4 +1,4 @@
-"""Poses fitted to images with a finished avatar: what evaluation may use instead of held-out poses as given."""
+"""Fits poses to images with a finished avatar, for an evaluation that does not depend on errors of the given poses."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from .views import TrainingViews
 
 @dataclass(frozen=True)
 class PoseFitConfig:
-    """How poses are fitted."""
+    """Settings of a pose fit."""
 
     visits: int = 30
-    """Of each image."""
+    """Number of steps per image."""
     refinement: RefinementConfig = field(
         default_factory=lambda: RefinementConfig(
             beta_deviation=0.0, learning_rate=2e-2, start_share=0.0, retrace_every=25, is_centred=False
         )
     )
-    """What is fitted: angles and places."""
+    """What is fitted: joint angles and translations."""
     loss: LossConfig = field(default_factory=LossConfig)
-    """What the pictures are compared by; without the perceptual term."""
+    """The loss; its perceptual term is not used."""
     seed: int = 0
-    """Of the order of images and the samples' jitter."""
+    """Seed of the order of the images and of the jitter of the samples."""
 
 
 def fit_poses(
     avatar: Avatar, capture: Capture, split: Split, hand: HandModel, config: PoseFitConfig, device: torch.device
 ) -> Capture:
-    """The capture with the poses of one split's images fitted to them; the avatar stays as it is.
+    """The capture with the poses of one split fitted to its images; the avatar is not changed.
 
-    Scores of the same images then no longer count the poses' errors, and must say so. Poses fitted to the images of
-    `novel_pose` may be scored on those of `test`, which show the same poses from other cameras.
+    Scores on the same images no longer include the errors of the poses, which a report must state. Poses fitted to the
+    images of `novel_pose` may be scored on those of `test`, which show the same poses from other cameras.
 
     Raises:
         LiveHandError: the capture is of another hand.
@@ -63,9 +63,9 @@ def _fit(refinement: Refinement, views: TrainingViews, avatar: Avatar, config: P
     random = torch.Generator().manual_seed(config.seed)
     order = [index for _ in range(config.visits) for index in torch.randperm(len(views), generator=random).tolist()]
     for step, index in enumerate(tqdm(order, unit="step", desc="fit poses")):
-        done = step / len(order)
-        optimiser.param_groups[0]["lr"] = rate * (1 - done)
-        refinement.begin_step(views, step, done)
+        progress = step / len(order)
+        optimiser.param_groups[0]["lr"] = rate * (1 - progress)
+        refinement.begin_step(views, step, progress)
         view = refinement.refined(views.get(index, 0), views.views[index].pose_index)
         low, image = render_view(avatar, views, view)
         loss = crop_loss(low, image, view.target, view.is_inside, config.loss, None).total + refinement.penalty()
@@ -76,11 +76,11 @@ def _fit(refinement: Refinement, views: TrainingViews, avatar: Avatar, config: P
 
 @contextmanager
 def _frozen(networks: nn.Module) -> Iterator[None]:
-    """The networks without gradients, for a while."""
-    learnt = [parameter for parameter in networks.parameters() if parameter.requires_grad]
+    """Switch off the gradients of the networks within the context."""
+    trained = [parameter for parameter in networks.parameters() if parameter.requires_grad]
     networks.requires_grad_(False)
     try:
         yield
     finally:
-        for parameter in learnt:
+        for parameter in trained:
             parameter.requires_grad_(True)

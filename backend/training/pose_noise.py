@@ -1,4 +1,4 @@
-"""Poses made worse by a known amount, and how far poses are from the true ones: what shows that refinement works."""
+"""Poses with errors of a known size, and the distance of poses from the true ones: to measure pose refinement."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..records.shot import HandPose
 
 
 class PoseError(NamedTuple):
-    """Root mean squares over poses: of joints' axis-angle offsets, of places, and of vertices."""
+    """Root mean squares over poses of the errors of joint angles (axis-angle), translations, and vertices."""
 
     theta_deg: float
     transl_mm: float
@@ -24,12 +24,12 @@ class PoseError(NamedTuple):
 
 
 def with_noise(capture: Capture, theta_deg: float, transl_mm: float, seed: int) -> Capture:
-    """The capture with Gaussian errors in its training poses; held-out poses stay.
+    """The capture with Gaussian errors added to its training poses; held-out poses are not changed.
 
     Args:
         capture: with true poses.
-        theta_deg: root mean square length of each joint's axis-angle offset.
-        transl_mm: root mean square length of each place's offset.
+        theta_deg: root mean square length of the axis-angle error of each joint.
+        transl_mm: root mean square length of the error of each translation.
         seed: of the errors.
     """
     random = np.random.default_rng(seed)
@@ -44,9 +44,10 @@ def with_noise(capture: Capture, theta_deg: float, transl_mm: float, seed: int) 
 def pose_error(
     poses: tuple[HandPose, ...], truth: tuple[HandPose, ...], indices: Iterable[int], hand: HandModel
 ) -> PoseError:
-    """How far the poses of these indices are from the true ones, but for what all of them share.
+    """Distance of the poses of these indices from the true ones, without the error that all of them share.
 
-    The mean offset of angles and places is left out: the avatar's look takes it up, and `Refinement` leaves it to it.
+    The mean error of angles and translations is removed: training compensates it in the avatar's networks, and
+    `Refinement` does not correct it.
     """
     pairs = [(poses[index], truth[index]) for index in indices]
     theta, transl = (np.stack([getattr(a, name) - getattr(b, name) for a, b in pairs]) for name in ("theta", "transl"))
@@ -68,5 +69,5 @@ def _moved(pose: HandPose, angle_rad: float, distance_m: float, random: np.rando
 
 
 def _rms(vectors: np.ndarray) -> float:
-    """Of the vectors' lengths."""
+    """Root mean square length of vectors."""
     return float(np.sqrt((vectors**2).sum(-1).mean()))

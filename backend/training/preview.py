@@ -1,4 +1,4 @@
-"""How a training stands: a few held-out views rendered beside the truth."""
+"""Previews of training: a few held-out views rendered beside the ground truth."""
 
 from __future__ import annotations
 
@@ -20,47 +20,47 @@ from ..nerf.avatar import Avatar
 from ..records.shot import Shot
 from ..rendering.renderer import Renderer
 
-# The hardest first; a capture without held-out views is previewed by its training views.
+# The hardest split first; a capture without held-out views is previewed by its training views.
 _SPLITS: tuple[Split, ...] = ("test", "novel_pose", "novel_camera", "train")
 
 
 class PreviewResult(NamedTuple):
-    """Truth | ours | error of every view [H, W, 3] uint8, and mean figures in dB."""
+    """A contact sheet (ground truth | prediction | error of every view) [H, W, 3] uint8, and mean metrics in dB."""
 
     sheet: np.ndarray
-    figures: dict[str, float]
+    metrics: dict[str, float]
 
     def save(self, path: Path) -> None:
-        """Write the sheet; who looks at it meanwhile sees a whole picture."""
+        """Write the sheet; the file is replaced as a whole."""
         save_sheet(self.sheet, path)
 
 
 class HeldOutPreview:
-    """A capture's views that are looked at again and again while an avatar learns.
+    """Held-out views of a capture that are rendered repeatedly while an avatar is trained.
 
     Args:
         capture: of the hand.
-        hand: that the avatar belongs to.
+        hand: hand model of the avatar.
         device: to render on.
-        count: views at most, spread over the split.
+        count: largest number of views, spread over the split.
     """
 
     def __init__(self, capture: Capture, hand: HandModel, device: torch.device, count: int):
         self._capture, self._hand, self._device, self._count = capture, hand, device, count
 
-    def of(self, avatar: Avatar) -> PreviewResult | None:
-        """The avatar's views, None where no view shows the hand; leaves its networks in evaluation mode."""
+    def render(self, avatar: Avatar) -> PreviewResult | None:
+        """Render the views with the avatar; None if no view shows the hand. Its networks end up in evaluation mode."""
         if not self._views:
             return None
         renderer = Renderer(avatar, self._hand, str(self._device))
         pairs = [(truth, encoded_on_black(renderer.render(shot))) for truth, shot in self._views]
-        figures = [_figures(truth, image) for truth, image in pairs]
-        means = {name: fmean(figure[name] for figure in figures) for name in figures[0]}
+        metrics = [_metrics(truth, image) for truth, image in pairs]
+        means = {name: fmean(values[name] for values in metrics) for name in metrics[0]}
         return PreviewResult(comparison_sheet(pairs), means)
 
     @cached_property
     def _views(self) -> list[tuple[np.ndarray, Shot]]:
-        """Truth and shot of each, of the first split that shows the hand."""
+        """Ground truth and shot of each view, from the first split that shows the hand."""
         shown = (self._shown(self._capture.of_split(split)) for split in _SPLITS)
         return next((views for views in shown if views), [])
 
@@ -68,7 +68,7 @@ class HeldOutPreview:
         found: list[tuple[np.ndarray, Shot]] = []
         for view in (views[index] for index in _spread_order(len(views))):
             truth = self._capture.read_image(view)
-            is_like_first = not found or truth.shape == found[0][0].shape  # the sheet's tiles are equally large
+            is_like_first = not found or truth.shape == found[0][0].shape  # all tiles of the sheet have one size
             if is_like_first and (truth[..., 3] > 0.5).any():
                 pose = self._capture.poses[view.pose_index]
                 found.append((truth, Shot(pose, posed_vertices(self._hand, pose), view.camera)))
@@ -78,11 +78,11 @@ class HeldOutPreview:
 
 
 def _spread_order(count: int) -> list[int]:
-    """The indices below `count`; every beginning of the order is spread over them (multiples of the golden ratio)."""
+    """The indices below `count` in an order whose first k are spread evenly, for any k (golden ratio sequence)."""
     return np.argsort(np.arange(count) * 0.6180339887498949 % 1, kind="stable").tolist()
 
 
-def _figures(truth: np.ndarray, image: np.ndarray) -> dict[str, float]:
-    ours, theirs = torch.as_tensor(image[..., :3]), torch.as_tensor(truth[..., :3])
+def _metrics(truth: np.ndarray, image: np.ndarray) -> dict[str, float]:
+    prediction, expected = torch.as_tensor(image[..., :3]), torch.as_tensor(truth[..., :3])
     is_hand = torch.as_tensor(truth[..., 3] > 0.5)
-    return {"psnr_full": psnr_db(ours, theirs), "psnr_hand": psnr_db(ours, theirs, is_hand)}
+    return {"psnr_full": psnr_db(prediction, expected), "psnr_hand": psnr_db(prediction, expected, is_hand)}

@@ -1,6 +1,7 @@
-"""Training in several processes at once (`torchrun`): each renders its share of a step's views, gradients are summed.
+"""Where training runs: its device, and several processes at once (`torchrun`).
 
-All processes hold the same weights and take the same steps; the first one alone writes.
+Each process renders its share of a step's views, and the gradients are summed. All processes hold the same weights and
+do the same steps; only the first one writes files.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import torch
@@ -16,6 +17,7 @@ import torch.distributed as dist
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from ..nerf.backend import Precision
 from ..rendering.device import torch_device
 
 Item = TypeVar("Item")
@@ -26,8 +28,8 @@ class Processes:
     """This process among all.
 
     Attributes:
-        rank: of this one.
-        count: of all.
+        rank: of this process.
+        count: number of processes.
     """
 
     rank: int = 0
@@ -35,7 +37,7 @@ class Processes:
 
     @property
     def is_first(self) -> bool:
-        """Whether this is the one that writes."""
+        """Whether this process writes the files."""
         return self.rank == 0
 
     def share(self, items: Sequence[Item]) -> Sequence[Item]:
@@ -49,7 +51,7 @@ class Processes:
         return values
 
     def sum_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Give every process the sum of all gradients; a parameter that no process used keeps none."""
+        """Sum the gradients over the processes; a parameter that no process used keeps none."""
         if self.count == 1:
             return
         used = list(parameters)
@@ -69,9 +71,24 @@ class Processes:
         return float(shared)
 
 
+@dataclass(frozen=True)
+class ComputeSetup:
+    """Where and how exactly training computes.
+
+    Attributes:
+        device: of this process.
+        precision: bf16 uses autocast; weights, losses and gradients of weights stay fp32.
+        processes: this process among all.
+    """
+
+    device: torch.device
+    precision: Precision = "fp32"
+    processes: Processes = field(default_factory=Processes)
+
+
 @contextmanager
 def joined_processes(device: torch.device) -> Iterator[Processes]:
-    """The processes that `torchrun` has started, or this one alone."""
+    """The processes started by `torchrun`, or this process alone."""
     if not (dist.is_available() and dist.is_torchelastic_launched()):
         yield Processes()
         return
@@ -83,10 +100,10 @@ def joined_processes(device: torch.device) -> Iterator[Processes]:
 
 
 def process_device(name: str) -> torch.device:
-    """The device of a name as `torch_device` has it; under `torchrun` each process of a machine has a GPU of its own.
+    """The device of this name (`torch_device`); under `torchrun` each process of a machine uses its own GPU.
 
     Raises:
-        LiveHandError: CUDA is asked for and not there.
+        LiveHandError: CUDA is requested but not available.
     """
     device = torch_device(name)
     if device.type == "cuda" and "LOCAL_RANK" in os.environ:

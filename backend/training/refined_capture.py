@@ -1,32 +1,60 @@
-"""A capture with refined poses as a folder of its own, which every command reads; its images stay where they are."""
+"""Pose refinement as a correction in training, and the folder of the refined capture, which refers to the images."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from ..captures.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
-from .refinement import Refinement
+from ..nerf.avatar import Avatar
+from .parts import Correction
+from .refinement import Refinement, RefinementConfig
 
 HAND_FILE = "hand_{side}.npz"
 
 
+def refined_poses(
+    capture: Capture, hand: HandModel, config: RefinementConfig, folder: Path, device: torch.device
+) -> Correction:
+    """The correction of poses, shape and surface; at the end the refined capture is written to `folder`.
+
+    If the surface is refined, the avatar belongs to the refined hand model.
+    """
+    refinement = Refinement(capture, hand, config, device)
+
+    def finish(avatar: Avatar) -> Avatar:
+        refined = save_refined_capture(capture, refinement, hand, folder)
+        return replace(avatar, hand_name=refined.name, hand_sha256=refined.sha256)
+
+    return Correction(
+        name="refinement",
+        module=refinement,
+        learning_rate=config.learning_rate,
+        begin=lambda views, state: refinement.begin_step(views, state.step, state.progress),
+        before=lambda view, source: refinement.refined(view, source.pose_index),
+        penalty=lambda: {"refinement": refinement.penalty()},
+        finish=finish,
+        settings=asdict(config),
+    )
+
+
 def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandModel, folder: Path) -> HandModel:
-    """Write `transforms.json` and `poses.npz`, and the hand model where its surface was refined.
+    """Write `transforms.json` and `poses.npz`, and the hand model if its surface was refined.
 
     Args:
-        capture: as given.
+        capture: the original capture.
         refinement: of that capture.
         hand: of that capture.
-        folder: to write to; made if it is not there.
+        folder: to write to; created if necessary.
 
     Returns:
-        The hand model of the refined capture, which its avatar must name as its own.
+        The hand model of the refined capture, to which the avatar belongs.
     """
     folder.mkdir(parents=True, exist_ok=True)
     refined = _refined_hand(refinement, hand, folder)
@@ -37,13 +65,13 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
 
 
 def save_by_reference(capture: Capture, folder: Path) -> None:
-    """Write the capture's index to another folder, whose images are the ones of the capture's own."""
+    """Write the index of the capture to another folder; it refers to the images in the capture's own folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    views = tuple(replace(view, file=_seen_from(folder, capture.folder / view.file)) for view in capture.views)
+    views = tuple(replace(view, file=_relative_path(folder, capture.folder / view.file)) for view in capture.views)
     save_capture_index(replace(capture, folder=folder, views=views))
 
 
-def _seen_from(folder: Path, image: Path) -> str:
+def _relative_path(folder: Path, image: Path) -> str:
     return Path(os.path.relpath(image.resolve(), folder.resolve())).as_posix()
 
 

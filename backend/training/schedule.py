@@ -1,4 +1,4 @@
-"""What follows from how far training is: learning rates, which terms count, and which images come next."""
+"""What depends on the progress of training: learning rates, the perceptual term, and the order of the images."""
 
 from __future__ import annotations
 
@@ -8,68 +8,77 @@ from typing import NamedTuple
 
 import torch
 
-from .config import TrainConfig
-from .perceptual import perceptual_ramp
+from .config import LossConfig, TrainConfig
 
 
 class ScheduleState(NamedTuple):
-    """One step's place in training.
+    """The schedule at one step.
 
     Attributes:
         step: counted from 0.
-        share: of training that lies behind, 0 to 1.
-        rate: share of the learning rates.
-        perceptual: share of the perceptual term's weight; 0: it does not count.
+        progress: share of training that is done, 0 to 1.
+        rate_factor: factor of the learning rates.
+        perceptual_factor: factor of the perceptual term's weight; 0 turns the term off.
     """
 
     step: int
-    share: float
-    rate: float
-    perceptual: float
+    progress: float
+    rate_factor: float
+    perceptual_factor: float
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Training's course, over steps, or over wall-clock time where the configuration has a budget of minutes."""
+    """The course of training, over steps, or over wall-clock time if the configuration has a budget of minutes."""
 
     config: TrainConfig
 
     @property
-    def whole(self) -> float:
-        """All of training: steps, or seconds."""
+    def total(self) -> float:
+        """Length of training, in steps or in seconds."""
         return float(self.config.steps) if self.config.minutes is None else 60 * self.config.minutes
 
     def done(self, step: int, seconds: float) -> float:
-        """What of `whole` lies behind, after so many steps and seconds."""
-        return float(step) if self.config.minutes is None else min(seconds, self.whole)
+        """The part of `total` that is done after so many steps and seconds."""
+        return float(step) if self.config.minutes is None else min(seconds, self.total)
 
     def is_over(self, step: int, seconds: float) -> bool:
         """Whether training ends here."""
-        return self.done(step, seconds) >= self.whole
+        return self.done(step, seconds) >= self.total
 
     def at(self, step: int, seconds: float = 0.0) -> ScheduleState:
-        """The moment of a step that begins after so many seconds: linear warm-up, then cosine decay."""
+        """The schedule of a step that begins after so many seconds: linear warm-up, then cosine decay."""
         config, done = self.config, self.done(step, seconds)
-        decay = 0.5 * (1 + cos(pi * done / self.whole))
-        rate = self._warmth(step, done) * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
-        return ScheduleState(step, done / self.whole, rate, perceptual_ramp(done / self.whole, config.loss))
+        decay = 0.5 * (1 + cos(pi * done / self.total))
+        rate = self._warmup(step, done) * (config.final_learning_rate + (1 - config.final_learning_rate) * decay)
+        progress = done / self.total
+        return ScheduleState(step, progress, rate, perceptual_ramp(progress, config.loss))
 
-    def _warmth(self, step: int, done: float) -> float:
+    def remaining_s(self, step: int, seconds: float, seconds_per_step: float) -> float:
+        """Estimated time left: the rest of the steps at the measured pace, or the rest of the budget."""
+        left = self.total - self.done(step, seconds)
+        return left * seconds_per_step if self.config.minutes is None else left
+
+    def _warmup(self, step: int, done: float) -> float:
         if self.config.minutes is None:
             return min(1.0, (step + 1) / self.config.warmup_steps)
-        first = 1 / self.config.warmup_steps  # no step is without effect
-        return min(1.0, max(first, done / (self.whole * self.config.warmup_share)))
+        least = 1 / self.config.warmup_steps  # the first step must have an effect
+        return min(1.0, max(least, done / (self.total * self.config.warmup_share)))
 
-    def eta_s(self, step: int, seconds: float, seconds_per_step: float) -> float:
-        """Seconds that are left: the steps' at the measured pace, or the budget's."""
-        left = self.whole - self.done(step, seconds)
-        return left * seconds_per_step if self.config.minutes is None else left
+
+def perceptual_ramp(progress: float, config: LossConfig) -> float:
+    """Factor of the perceptual weight: 0 before the last `perceptual_share` of training, then a linear rise to 1."""
+    since = progress - (1 - config.perceptual_share)
+    if since < 0 or config.perceptual == 0:
+        return 0.0
+    rise = config.perceptual_rise * config.perceptual_share
+    return min(1.0, since / rise) if rise else 1.0
 
 
 def view_at(position: int, view_count: int, config: TrainConfig) -> tuple[int, int]:
-    """(image, jitter set) at a place of the endless sequence: every epoch all images once.
+    """(image, jitter set) at a position of the endless sequence of epochs, each of which visits every image once.
 
-    The order is drawn from (seed, epoch).
+    The order of an epoch is drawn from (seed, epoch).
     """
     epoch, place = divmod(position, view_count)
     generator = torch.Generator().manual_seed(config.seed * 100_003 + epoch)

@@ -1,33 +1,49 @@
-"""What a training is given and what it gives, and what is written down of it."""
+"""The inputs and outputs of a training, and what its files record of them."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..avatars.file import load_avatar
 from ..captures.capture import Capture
 from ..hand.model import HandModel
-from ..nerf.avatar import Avatar, AvatarConfig
+from ..nerf.avatar import Avatar, AvatarConfig, new_avatar
 from ..nerf.backend import Precision
+from ..records.errors import LiveHandError
 from .checkpoint import Progress
 from .config import TrainConfig
-from .origin import Origin
+from .losses import PerceptualDistance
 from .parts import Correction
-from .perceptual import PerceptualDistance
+
+
+@dataclass(frozen=True)
+class BaseAvatar:
+    """An avatar to fine-tune.
+
+    Attributes:
+        avatar: as loaded.
+        sha256: of its file.
+    """
+
+    avatar: Avatar
+    sha256: str
 
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """What is fitted to what.
+    """What is trained on what.
 
     Attributes:
-        capture: of the hand.
-        hand: the model that the capture's poses move.
+        capture: images and poses of the hand.
+        hand: the hand model of the capture's poses.
         avatar_config: the networks.
-        perceptual: None: without that term.
-        corrections: of the capture, trained along.
-        origin: the avatar to fine-tune; None: fresh weights.
+        perceptual: the perceptual distance; None leaves that term out.
+        corrections: of the capture, trained with the networks.
+        base: the avatar to fine-tune; None starts from random weights.
     """
 
     capture: Capture
@@ -35,17 +51,17 @@ class TrainingSetup:
     avatar_config: AvatarConfig
     perceptual: PerceptualDistance | None = None
     corrections: tuple[Correction, ...] = ()
-    origin: Origin | None = None
+    base: BaseAvatar | None = None
 
 
 class TrainingResult(NamedTuple):
     """A finished training.
 
     Attributes:
-        avatar: wears the average weights.
-        progress: steps and time, of all sessions.
-        data_wait_share: of this session's time.
-        held_out: figures of the last preview, dB; empty where there was none.
+        avatar: has the averaged weights.
+        progress: steps and time of all sessions.
+        data_wait_share: share of this session's time that was spent waiting for images.
+        held_out: metrics of the last preview, dB; empty if there was none.
     """
 
     avatar: Avatar
@@ -54,27 +70,72 @@ class TrainingResult(NamedTuple):
     held_out: dict[str, float]
 
 
-def run_identity(task: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
-    """Everything that shapes the result: a checkpoint goes on only with the same."""
-    corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in task.corrections}
-    origin = task.origin.sha256 if task.origin else None
-    avatar_config, capture = asdict(task.avatar_config), task.capture.provenance
-    return json.dumps([asdict(config), avatar_config, capture, view_count, precision, corrections, origin])
+def load_base_avatar(path: Path) -> BaseAvatar:
+    """Read an avatar to fine-tune.
+
+    Raises:
+        LiveHandError: as `load_avatar`.
+    """
+    return BaseAvatar(load_avatar(path), hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-def provenance_of(task: TrainingSetup, config: TrainConfig, precision: Precision, progress: Progress) -> dict[str, Any]:
-    """What the avatar's header says of its training."""
+def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
+    """The avatar before the first step.
+
+    Raises:
+        LiveHandError: the avatar to fine-tune has another hand or configuration.
+    """
+    hand, config = setup.hand, setup.avatar_config
+    avatar = new_avatar(name, hand.name, hand.sha256, config, seed)
+    if setup.base is None:
+        return avatar
+    base = setup.base.avatar
+    if base.hand_sha256 != hand.sha256:
+        raise LiveHandError(
+            f"the avatar to start from must be of hand '{hand.name}', got '{base.name}' of hand '{base.hand_name}'; "
+            "give that hand with --hand, or start from another avatar"
+        )
+    if base.config != config:
+        raise LiveHandError(
+            f"the avatar to start from must be of the configuration to train, got '{base.name}' of another; choose its "
+            "own with --config, or start from another avatar"
+        )
+    avatar.field.load_state_dict(base.field.state_dict())
+    avatar.superres.load_state_dict(base.superres.state_dict())
+    return avatar
+
+
+def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
+    """Everything that determines the result; a checkpoint is resumed only by a run with the same identity."""
+    settings = asdict(config)
+    if config.loss.perceptual_region == "crop":
+        settings["loss"]["perceptual_region"] = "window"  # its name in checkpoints of the first versions
+    corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in setup.corrections}
+    base = setup.base.sha256 if setup.base else None
+    avatar_config, capture = asdict(setup.avatar_config), setup.capture.provenance
+    return json.dumps([settings, avatar_config, capture, view_count, precision, corrections, base])
+
+
+def provenance_of(
+    setup: TrainingSetup, config: TrainConfig, precision: Precision, progress: Progress
+) -> dict[str, Any]:
+    """What the header of the avatar records of its training."""
     provenance = {
         "made_by": "livehand train",
         "training": asdict(config),
         "steps_taken": progress.step,
         "steps_skipped": progress.skipped,
         "precision": precision,
-        "capture": task.capture.provenance,
+        "capture": setup.capture.provenance,
         "licence": config.licence,
     }
-    if task.corrections:
-        provenance["corrections"] = {correction.name: correction.settings for correction in task.corrections}
-    if task.origin:
-        provenance["fine_tuned_from"] = task.origin.provenance()
+    if setup.corrections:
+        provenance["corrections"] = {correction.name: correction.settings for correction in setup.corrections}
+    if setup.base:
+        base = setup.base.avatar
+        provenance["fine_tuned_from"] = {
+            "name": base.name,
+            "sha256": setup.base.sha256,
+            "provenance": base.provenance,
+        }
     return provenance

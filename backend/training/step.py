@@ -1,8 +1,8 @@
-"""One step of training: render a step's views, compare, and move the weights."""
+"""One step of training: render views, compute their loss, and update the weights."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
@@ -11,59 +11,75 @@ from torch import Tensor
 
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
-from ..nerf.backend import Precision
+from ..nerf.backend import autocast
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
+from ..records.errors import LiveHandError
 from .clock import Clock
 from .config import TrainConfig
-from .losses import crop_loss
+from .losses import PerceptualDistance, crop_loss
 from .parts import Correction, Rendered, TrainedParts, set_rates
-from .perceptual import PerceptualDistance
-from .processes import Processes
+from .processes import ComputeSetup
 from .schedule import ScheduleState, views_of_step
 from .views import TrainingView, TrainingViews
 
-
-@dataclass(frozen=True)
-class Machine:
-    """What training runs on.
-
-    Attributes:
-        device: of this process.
-        precision: bf16 is autocast; weights, losses and gradients of weights are fp32.
-        processes: this one among all.
-    """
-
-    device: torch.device
-    precision: Precision = "fp32"
-    processes: Processes = field(default_factory=Processes)
+_MAX_NAMED_FILES = 5
 
 
 class StepResult(NamedTuple):
-    """What a step came to.
+    """The outcome of a step.
 
     Attributes:
-        terms: the loss's, by name, and `total`: means over the step's views.
-        faulty_files: images whose loss or gradient was not finite; then the weights are as before.
+        terms: the terms of the loss by name, and `total`; means over the step's views.
+        faulty_files: images with a non-finite loss or gradient; if there are any, the weights were not changed.
     """
 
     terms: dict[str, float]
     faulty_files: tuple[str, ...]
 
 
+class SkippedSteps:
+    """Counts successive skipped steps, and stops training after too many.
+
+    Args:
+        limit: number of successive skipped steps at which training stops.
+    """
+
+    def __init__(self, limit: int):
+        self._limit = limit
+        self._files: list[tuple[str, ...]] = []
+
+    def update(self, faulty_files: tuple[str, ...]) -> None:
+        """Count a step, which was skipped if it has faulty files.
+
+        Raises:
+            LiveHandError: the limit is reached.
+        """
+        self._files = [*self._files, faulty_files] if faulty_files else []
+        if len(self._files) < self._limit:
+            return
+        names = list(dict.fromkeys(name for files in self._files for name in files))
+        hidden = len(names) - _MAX_NAMED_FILES
+        shown = ", ".join(names[:_MAX_NAMED_FILES]) + (f" and {hidden} more" if hidden > 0 else "")
+        raise LiveHandError(
+            f"losses and gradients must be finite, got none in {self._limit} steps, with the images {shown}; look at "
+            "their poses and cameras in the capture; if all images are concerned, try --precision fp32"
+        )
+
+
 @dataclass(frozen=True)
 class Stepper:
-    """Takes steps.
+    """Runs training steps.
 
     Attributes:
-        avatar: wears the networks in `parts`.
-        parts: all that is trained.
+        avatar: has the networks of `parts`.
+        parts: everything that is trained.
         optimiser: of the parts.
-        views: what is shown.
-        config: the optimisation.
-        machine: what it runs on.
-        clock: is told of the time spent waiting for images.
-        perceptual: None: without that term.
+        views: the training images.
+        config: settings of the optimisation.
+        compute: where training runs.
+        clock: counts the time spent waiting for images.
+        perceptual: the perceptual distance; None leaves that term out.
         corrections: of the capture, in the order in which they are applied.
     """
 
@@ -72,20 +88,20 @@ class Stepper:
     optimiser: torch.optim.Optimizer
     views: TrainingViews
     config: TrainConfig
-    machine: Machine
+    compute: ComputeSetup
     clock: Clock
     perceptual: PerceptualDistance | None = None
     corrections: tuple[Correction, ...] = ()
 
-    def take(self, moment: ScheduleState) -> StepResult:
-        """Render and compare the step's views, and move the weights unless something is not finite."""
-        set_rates(self.optimiser, moment.rate)
+    def train_step(self, state: ScheduleState) -> StepResult:
+        """Render the step's views, compute the loss, and update the weights unless something is not finite."""
+        set_rates(self.optimiser, state.rate_factor)
         self.optimiser.zero_grad(set_to_none=True)
         for correction in self.corrections:
-            correction.begin(self.views, moment)
-        visits = views_of_step(moment.step, len(self.views), self.config)
-        terms, losses = self._losses(visits, moment)
-        self.machine.processes.sum_gradients(self.parts.parameters())
+            correction.begin(self.views, state)
+        visits = views_of_step(state.step, len(self.views), self.config)
+        terms, losses = self._backward(visits, state)
+        self.compute.processes.sum_gradients(self.parts.parameters())
         faulty = [visit for visit, loss in zip(visits, losses, strict=True) if not isfinite(loss)]
         if not faulty and not _has_finite_gradients(self.parts):
             faulty = visits
@@ -93,34 +109,31 @@ class Stepper:
             self.optimiser.step()
         return StepResult(terms, tuple(self.views.views[index].file for index, _ in faulty))
 
-    def _losses(self, visits: list[tuple[int, int]], moment: ScheduleState) -> tuple[dict[str, float], list[float]]:
-        """Mean terms, and the loss of each visit; leaves this process's share of the gradient behind."""
-        mine = self.machine.processes.share(range(len(visits)))
+    def _backward(self, visits: list[tuple[int, int]], state: ScheduleState) -> tuple[dict[str, float], list[float]]:
+        """Add this process's share to the gradients; returns the mean terms and the loss of each visit."""
         means: dict[str, Tensor] = {}
-        losses = torch.zeros(len(visits), device=self.machine.device)
-        for place in mine:
-            index, jitter = visits[place]
-            loss, terms = self._loss(index, jitter, moment)
+        losses = torch.zeros(len(visits), device=self.compute.device)
+        for place in self.compute.processes.share(range(len(visits))):
+            loss, terms = self._loss(*visits[place], state)
             (loss / len(visits)).backward()
             losses[place] = loss.detach()
             for name, value in {**terms, "total": loss}.items():
                 means[name] = means.get(name, 0) + value.detach().float() / len(visits)
-        summed = self.machine.processes.sum(torch.cat([losses, torch.stack(list(means.values()))])).tolist()
+        summed = self.compute.processes.sum(torch.cat([losses, torch.stack(list(means.values()))])).tolist()
         return dict(zip(means, summed[len(visits) :], strict=True)), summed[: len(visits)]
 
-    def _loss(self, index: int, jitter: int, moment: ScheduleState) -> tuple[Tensor, dict[str, Tensor]]:
+    def _loss(self, index: int, jitter: int, state: ScheduleState) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss of one view, and its terms by name."""
         view, source = self.views.get(index, jitter), self.views.views[index]
         self.clock.waiting_s = self.views.waited_s
         for correction in self.corrections:
             view = correction.before(view, source)
         rendered = self._rendered(view, source)
-        perceptual = self.perceptual if moment.perceptual > 0 else None
-        patches = torch.Generator().manual_seed(hash((self.config.seed, moment.step, index)) % 2**63)
+        perceptual = self.perceptual if state.perceptual_factor > 0 else None
+        generator = torch.Generator().manual_seed(hash((self.config.seed, state.step, index)) % 2**63)
+        factor, config = state.perceptual_factor, self.config.loss
         with self._autocast():
-            terms = crop_loss(
-                *rendered, view.target, view.is_inside, self.config.loss, perceptual, moment.perceptual, patches
-            )
+            terms = crop_loss(*rendered, view.target, view.is_inside, config, perceptual, factor, generator)
         penalties = {name: value for correction in self.corrections for name, value in correction.penalty().items()}
         return sum(penalties.values(), terms.total), {**terms._asdict(), **penalties}
 
@@ -133,20 +146,20 @@ class Stepper:
         return rendered
 
     def _autocast(self) -> torch.autocast:
-        return torch.autocast(self.machine.device.type, torch.bfloat16, enabled=self.machine.precision == "bf16")
+        return autocast(self.compute.device, self.compute.precision)
 
 
 def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView) -> Rendered:
-    """A training view's window."""
+    """Render the crop of a training view."""
     shell_m = avatar.config.sampler.shell_m
-    hand = HandInView(view.mesh, views.topology, view.view)
+    hand = HandInView(view.mesh, views.topology, view.camera)
     composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, shell_m)
-    maps, _ = low_resolution_maps(composite, view.rays.pixel, view.view.size_px)
-    image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.view.size_px)
+    maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
+    image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px)
     return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
 
 
 def _has_finite_gradients(parts: TrainedParts) -> bool:
-    """By their norm, which is finite where all of them are."""
+    """Whether the norm of the gradients is finite, which it is if all gradients are."""
     gradients = [p.grad for p in parts.parameters() if p.grad is not None]
     return bool(torch.nn.utils.get_total_norm(gradients).isfinite())

@@ -1,7 +1,7 @@
-"""Training images with everything about them that training does not change: window, target, rays on the surface.
+"""Training images with everything that training does not change: their crop, target, and rays on the surface.
 
-Tracing costs as much as a training step, so each image is traced once per jitter and kept in half precision; images are
-decoded once, ahead of need (`window_store`).
+Tracing takes as long as a training step, so each image is traced once per jitter set and kept in half precision. Images
+are decoded once, in advance (`crop_store`).
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class TrainingView(NamedTuple):
     """One image, ready for a step.
 
     Attributes:
-        view: the low-resolution camera of the window.
-        target: [4, 2h, 2w] RGBA of the window: sRGB-encoded colour times alpha, and alpha.
-        is_inside: [2h, 2w] whether the window's pixel lies in the image.
-        rays: on the surface.
+        camera: the low-resolution camera of the crop.
+        target: [4, 2h, 2w] RGBA of the crop: sRGB-encoded colour times alpha, and alpha.
+        is_inside: [2h, 2w] whether the pixel of the crop lies in the image.
+        rays: with samples on the surface.
         conditions: of the pose.
         mesh: of the pose.
     """
 
-    view: CameraTensors
+    camera: CameraTensors
     target: Tensor
     is_inside: Tensor
     rays: SurfaceRays
@@ -51,7 +51,14 @@ class TrainingView(NamedTuple):
 
 
 class TrainingViews:
-    """The views of a capture that show the hand, traced when first asked for."""
+    """The views of a capture that show the hand, traced on first use.
+
+    Raises:
+        LiveHandError: the capture is of another hand.
+
+    Attributes:
+        views: those of the given views that show the hand.
+    """
 
     def __init__(
         self,
@@ -67,9 +74,9 @@ class TrainingViews:
                 f"capture {capture.folder} must be of hand '{hand.name}', got one of hand {capture.hand_sha256[:12]}..."
             )
         self.capture, self.hand, self.sampler, self.device, self.seed = capture, hand, sampler, device, seed
-        windows = [(view, window) for view in views if (window := self._window(view)) is not None]
-        self.views = [view for view, _ in windows]
-        self._windows = [window for _, window in windows]
+        crops = [(view, crop) for view in views if (crop := self._crop(view)) is not None]
+        self.views = [view for view, _ in crops]
+        self._crops = [crop for _, crop in crops]
         self._traced: dict[tuple[int, int], tuple[Tensor, ...]] = {}
 
     def __len__(self) -> int:
@@ -77,7 +84,7 @@ class TrainingViews:
 
     @property
     def waited_s(self) -> float:
-        """How long training has waited for images, s: reading and decoding that had not been done ahead."""
+        """Total time spent waiting for images that had not been read and decoded in advance, s."""
         return self._pixels.waited_s
 
     @cached_property
@@ -115,32 +122,32 @@ class TrainingViews:
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """View `index` with its `jitter`-th set of samples."""
-        window = self._windows[index]
+        crop = self._crops[index]
         mesh, conditions = self._poses[self.views[index].pose_index]
-        view = camera_tensors(window.camera_of(self.views[index].camera), self.device)
+        camera = camera_tensors(crop.camera_of(self.views[index].camera), self.device)
         return TrainingView(
-            view=view,
+            camera=camera,
             target=self._target(index),
-            is_inside=self._inside(index, window),
-            rays=self._rays(index, jitter, view, mesh),
+            is_inside=self._inside(index, crop),
+            rays=self._rays(index, jitter, camera, mesh),
             conditions=conditions,
             mesh=mesh,
         )
 
     def move_pose(self, pose_index: int, theta: Float[Tensor, "16 3"], vertices: Float[Tensor, "V 3"]) -> None:
-        """Put a pose's hand elsewhere; its views are traced anew when next asked for. Their windows stay.
+        """Replace a pose; its views are traced again on their next use, with the same crops.
 
         Args:
-            pose_index: which pose.
-            theta: rad.
-            vertices: posed, world, m; of no gradient.
+            pose_index: of the pose.
+            theta: axis-angle, rad.
+            vertices: posed, world, m; without gradients.
         """
         mesh = posed_mesh(self.topology, vertices)
         self._poses[pose_index] = mesh, self._conditions(theta, mesh)
         of_pose = {index for index, view in enumerate(self.views) if view.pose_index == pose_index}
         self._traced = {key: rays for key, rays in self._traced.items() if key[0] not in of_pose}
 
-    def _window(self, view: CaptureView) -> Crop | None:
+    def _crop(self, view: CaptureView) -> Crop | None:
         mesh, _ = self._poses[view.pose_index]
         return crop_of(mesh, view.camera, self.sampler)
 
@@ -152,40 +159,40 @@ class TrainingViews:
 
     @cached_property
     def _pixels(self) -> CropStore:
-        sizes_px = [(2 * window.width, 2 * window.height) for window in self._windows]
-        capture, views, windows = self.capture, self.views, self._windows  # not self: the store's threads would keep it
+        sizes_px = [(2 * crop.width, 2 * crop.height) for crop in self._crops]
+        capture, views, crops = self.capture, self.views, self._crops  # the store's threads must not reference self
 
         def decode(index: int) -> np.ndarray:
-            return windows[index].cut(capture.read_pixels(views[index]))
+            return crops[index].cut(capture.read_pixels(views[index]))
 
         return CropStore(sizes_px, decode, capture.folder)
 
-    def _inside(self, index: int, window: Crop) -> Tensor:
+    def _inside(self, index: int, crop: Crop) -> Tensor:
         width, height = self.views[index].camera.size_px
-        x = torch.arange(2 * window.width, device=self.device) + 2 * window.x0
-        y = torch.arange(2 * window.height, device=self.device) + 2 * window.y0
+        x = torch.arange(2 * crop.width, device=self.device) + 2 * crop.x0
+        y = torch.arange(2 * crop.height, device=self.device) + 2 * crop.y0
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
-    def _rays(self, index: int, jitter: int, view: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
+    def _rays(self, index: int, jitter: int, camera: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
             self._traced[index, jitter] = _packed(
-                self.backend.trace(HandInView(mesh, self.topology, view), self.sampler, generator)
+                self.backend.trace(HandInView(mesh, self.topology, camera), self.sampler, generator)
             )
-        return _unpacked(self._traced[index, jitter], view)
+        return _unpacked(self._traced[index, jitter], camera)
 
 
 def _packed(rays: SurfaceRays) -> tuple[Tensor, ...]:
-    """12 bytes a sample; half precision moves a sample by less than 3 micrometres on the surface."""
+    """The rays in 12 bytes per sample; half precision moves a sample by less than 3 micrometres on the surface."""
     samples = rays.samples
     barycentric = samples.barycentric[:, 1:].half()
     face = samples.face.int() if (samples.face >= 2**15).any() else samples.face.short()
     return rays.pixel.int(), rays.t, rays.dt, rays.is_stopped, face, barycentric, (samples.height_m * 1000).half()
 
 
-def _unpacked(packed: tuple[Tensor, ...], view: CameraTensors) -> SurfaceRays:
+def _unpacked(packed: tuple[Tensor, ...], camera: CameraTensors) -> SurfaceRays:
     pixel, t, dt, is_stopped, face, barycentric, height_mm = packed
     pixel, barycentric = pixel.long(), barycentric.float()
     barycentric = torch.cat([1 - barycentric.sum(1, keepdim=True), barycentric], 1)
     samples = SurfaceSamples(face.long(), barycentric, height_mm.float() / 1000)
-    return SurfaceRays(pixel, ray_directions(view, pixel), t, dt, is_stopped, samples)
+    return SurfaceRays(pixel, ray_directions(camera, pixel), t, dt, is_stopped, samples)

@@ -1,4 +1,4 @@
-"""An avatar at a glance, without torch."""
+"""The metadata of an avatar, read without torch."""
 
 import json
 import subprocess
@@ -31,34 +31,39 @@ def file_of(tmp_path):
     return save
 
 
-def test_it_says_what_the_file_says(file_of):
-    picture = np.arange(64, dtype=np.uint8).reshape(4, 4, 4)
+def test_it_is_what_the_file_says(file_of):
+    thumbnail = np.arange(64, dtype=np.uint8).reshape(4, 4, 4)
     path = file_of(
         provenance={"licence": "CC0", "capture": {"made_by": "livehand capture", "plan": PLAN}},
         metrics={"novel_pose": {**FIGURES, "psnr_full": 99.0}, "test": FIGURES},
-        thumbnail=picture,
+        thumbnail=thumbnail,
     )
-    card = read_metadata(path)
-    assert (card.path, card.name, card.hand_name, card.hand_sha256) == (path, "ada", "my_hand", "ab" * 32)
-    assert card.licence == "CC0"
-    assert card.figures == (
+    metadata = read_metadata(path)
+    assert (metadata.path, metadata.name, metadata.hand_name, metadata.hand_sha256) == (
+        path,
+        "ada",
+        "my_hand",
+        "ab" * 32,
+    )
+    assert metadata.licence == "CC0"
+    assert metadata.figures == (
         "PSNR 31.5 dB, hand alone 27.1 dB",
         "SSIM 0.912, alpha IoU 0.988",
         "on 7 views of unseen poses and cameras",
     )
-    assert card.made_from == "livehand capture: 28 poses, 334x512 px"
-    np.testing.assert_array_equal(card.thumbnail, picture)
+    assert metadata.made_from == "livehand capture: 28 poses, 334x512 px"
+    np.testing.assert_array_equal(metadata.thumbnail, thumbnail)
 
 
-def test_what_the_file_leaves_open_is_empty(file_of):
-    card = read_metadata(file_of())
-    assert (card.licence, card.figures, card.made_from, card.thumbnail) == ("", (), "", None)
+def test_missing_entries_are_empty(file_of):
+    metadata = read_metadata(file_of())
+    assert (metadata.licence, metadata.figures, metadata.made_from, metadata.thumbnail) == ("", (), "", None)
 
 
-def test_the_next_split_speaks_where_the_hardest_was_not_measured(file_of):
-    card = read_metadata(file_of(metrics={"novel_camera": FIGURES}, provenance={"capture": {"made_by": "my rig"}}))
-    assert card.figures[-1] == "on 7 views of unseen cameras"
-    assert card.made_from == "my rig"
+def test_the_hardest_evaluated_split_is_shown(file_of):
+    metadata = read_metadata(file_of(metrics={"novel_camera": FIGURES}, provenance={"capture": {"made_by": "my rig"}}))
+    assert metadata.figures[-1] == "on 7 views of unseen cameras"
+    assert metadata.made_from == "my rig"
 
 
 def test_other_files_are_refused(tmp_path):
@@ -74,7 +79,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_torch_is_not_loaded():
-    """A second of loading would be felt whenever a panel is drawn for the first time."""
+    """Loading torch takes a second, which would delay the first drawing of a panel."""
     code = (
         "import sys; from pathlib import Path; from livehand.backend.avatars.metadata import read_metadata;"
         f"read_metadata(Path({str(shipped_avatar_path())!r})); assert 'torch' not in sys.modules"

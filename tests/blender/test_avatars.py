@@ -1,4 +1,4 @@
-"""The avatar picker: what it offers, what it says, and what choosing does."""
+"""The avatar chooser: which avatars it offers, their metadata, and the choice of one."""
 
 import os
 from dataclasses import replace
@@ -10,16 +10,16 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.livehand_blender.scene.shot import hand_source
-from livehand.livehand_blender.ui import avatar_library as gallery_module
+from livehand.livehand_blender.ui import avatar_library as library_module
 from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
 from livehand.livehand_blender.ui.avatars import facts
 
 
 @pytest.fixture
-def gallery():
-    made = AvatarLibrary()
-    yield made
-    made.close()
+def library():
+    library = AvatarLibrary()
+    yield library
+    library.close()
 
 
 @pytest.fixture
@@ -30,58 +30,58 @@ def right_hand():
 
 @pytest.fixture
 def my_folder(tmp_path, monkeypatch):
-    """The preferences' folder, with an avatar of the built-in hand, one of another hand, and no avatar."""
+    """The folder of the preferences: an avatar of the built-in hand, one of another hand, and a broken file."""
     save_avatar(replace(load_avatar(), name="mine"), tmp_path / "mine.safetensors")
     save_avatar(replace(load_avatar(), name="other", hand_sha256="ab" * 32), tmp_path / "other.safetensors")
-    (tmp_path / "broken.safetensors").write_text("no avatar")
-    monkeypatch.setattr(gallery_module, "avatar_folder", lambda context: tmp_path)
+    (tmp_path / "broken.safetensors").write_text("not an avatar")
+    monkeypatch.setattr(library_module, "avatar_folder", lambda context: tmp_path)
     return tmp_path
 
 
-def test_avatars_of_the_same_hand_are_offered(gallery, right_hand, my_folder):
-    assert [card.name for card in gallery.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
+def test_avatars_of_the_same_hand_are_offered(library, right_hand, my_folder):
+    assert [card.name for card in library.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
 
 
-def test_the_worn_file_and_its_neighbours_are_offered_once(gallery, right_hand, tmp_path):
+def test_the_chosen_file_and_its_folder_are_offered_once(library, right_hand, tmp_path):
     for name in ("a", "b"):
         save_avatar(replace(load_avatar(), name=name), tmp_path / f"{name}.safetensors")
     right_hand.livehand.avatar_path = str(tmp_path / "b.safetensors")
-    assert [card.name for card in gallery.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
+    assert [card.name for card in library.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
 
 
-def test_a_changed_file_is_read_again(gallery, right_hand, my_folder):
-    gallery.offered(bpy.context, right_hand)
+def test_a_changed_file_is_read_again(library, right_hand, my_folder):
+    library.offered(bpy.context, right_hand)
     path = my_folder / "mine.safetensors"
     stamp = path.stat().st_mtime_ns
     save_avatar(replace(load_avatar(), name="changed"), path)
     os.utime(path, ns=(stamp + 10**9, stamp + 10**9))
-    assert gallery.offered(bpy.context, right_hand)[-1].name == "changed"
+    assert library.offered(bpy.context, right_hand)[-1].name == "changed"
 
 
-def test_icons_show_the_portrait(gallery):
+def test_icons_show_the_thumbnail(library):
     path = shipped_avatar_path().resolve()
-    card = gallery.card(path)
-    for _ in range(2):  # made once; without a window it has no number
-        gallery.icon(card)
-    (preview,) = gallery._icons.values()
+    card = library.card(path)
+    for _ in range(2):  # created once; without a window it has no number
+        library.icon(card)
+    (preview,) = library._icons.values()
     pixels = np.array(preview.image_pixels_float[:], np.float32).reshape(*tuple(preview.image_size)[::-1], 4)
     straight = card.thumbnail / 255
     expected = np.concatenate([straight[..., :3] * straight[..., 3:], straight[..., 3:]], -1)
     np.testing.assert_allclose(pixels[::-1], expected, atol=1 / 255)
 
 
-def test_an_avatar_without_portrait_has_no_icon(gallery, tmp_path):
+def test_an_avatar_without_thumbnail_has_no_icon(library, tmp_path):
     save_avatar(replace(load_avatar(), thumbnail=None), tmp_path / "plain.safetensors")
-    assert gallery.icon(gallery.card(tmp_path / "plain.safetensors")) == 0
+    assert library.icon(library.card(tmp_path / "plain.safetensors")) == 0
 
 
-def test_choosing_a_shipped_one_is_choosing_its_skin(right_hand):
+def test_choosing_a_shipped_avatar_sets_the_skin(right_hand):
     right_hand.livehand.avatar_path = "/somewhere/else.safetensors"
     assert bpy.ops.livehand.wear_avatar(filepath=str(shipped_avatar_path("deep"))) == {"FINISHED"}
     assert (right_hand.livehand.skin, right_hand.livehand.avatar_path) == ("deep", "")
 
 
-def test_choosing_another_file_wears_it(right_hand, my_folder):
+def test_choosing_another_file_sets_its_path(right_hand, my_folder):
     path = my_folder / "mine.safetensors"
     bpy.ops.livehand.wear_avatar(filepath=str(path))
     assert hand_source(right_hand).avatar_path == path
@@ -90,13 +90,13 @@ def test_choosing_another_file_wears_it(right_hand, my_folder):
 @pytest.mark.parametrize(
     ("name", "message"), [("other", "must be of the hand's own model"), ("broken", "must be a LiveHand avatar")]
 )
-def test_what_does_not_fit_is_refused_and_nothing_changes(right_hand, my_folder, name, message):
+def test_unsuitable_avatars_are_refused_and_nothing_changes(right_hand, my_folder, name, message):
     with pytest.raises(RuntimeError, match=message):
         bpy.ops.livehand.wear_avatar(filepath=str(my_folder / f"{name}.safetensors"))
     assert (right_hand.livehand.skin, right_hand.livehand.avatar_path) == ("light", "")
 
 
-def test_facts_are_told(my_folder):
+def test_facts_describe_the_avatar(my_folder):
     card = read_metadata(shipped_avatar_path())
     lines = facts(card)
     assert lines[:2] == ("light", "Licence: GPL-3.0-or-later")

@@ -1,20 +1,13 @@
-"""Gains and biases of cameras: by hand, learnt from tinted pictures, and worn by an avatar where asked for."""
+"""Gains and biases of cameras: by hand, fitted to tinted images, and built into an avatar."""
 
 from dataclasses import replace
 
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.nerf.avatar import PRESETS, AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.colour_calibration import LEARNING_RATE, ColourCalibration, training_cameras
-
-SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
-)
 
 
 def tinted(count=3, fixed=0, seed=0):
@@ -25,19 +18,19 @@ def tinted(count=3, fixed=0, seed=0):
     return calibration
 
 
-def picture(height=6, width=8, seed=1):
+def image_of(height=6, width=8, seed=1):
     generator = torch.Generator().manual_seed(seed)
     alpha = (torch.rand(1, height, width, generator=generator) - 0.3).clamp(0, 1)
     return torch.cat([torch.rand(3, height, width, generator=generator) * alpha, alpha])
 
 
-def test_it_starts_as_nothing():
-    image = picture()
+def test_it_starts_as_the_identity():
+    image = image_of()
     assert torch.equal(ColourCalibration(4)(image, 2), image)
 
 
 def test_gain_and_bias_act_on_the_hand_alone():
-    calibration, image = tinted(), picture()
+    calibration, image = tinted(), image_of()
     ours = calibration(image, 1)
     straight = image[:3] / image[3:].clamp(min=1e-9)
     gain, bias = 1 + calibration.gain_offset[1], calibration.bias[1]
@@ -48,8 +41,8 @@ def test_gain_and_bias_act_on_the_hand_alone():
     assert ours[:, image[3] == 0].abs().max() == 0
 
 
-def test_the_fixed_camera_never_moves():
-    calibration, image = tinted(fixed=2), picture()
+def test_the_fixed_camera_is_never_changed():
+    calibration, image = tinted(fixed=2), image_of()
     assert torch.equal(calibration(image, 2), image)
     calibration(image, 2).sum().backward()
     assert calibration.gain_offset.grad.abs().max() == 0
@@ -60,10 +53,10 @@ def test_the_fixed_camera_never_moves():
     assert calibration.gain_offset.grad[[0, 2]].abs().max() == 0
 
 
-def learnt(pictures, is_calibrated):
-    """A picture, standing for the avatar, fitted to what several cameras saw of it, one camera a step."""
-    calibration = ColourCalibration(len(pictures))
-    image = torch.full_like(pictures[0], 0.3).requires_grad_()
+def fitted(images, is_calibrated):
+    """An image, in place of the avatar, fitted to the images of several cameras, one camera per step."""
+    calibration = ColourCalibration(len(images))
+    image = torch.full_like(images[0], 0.3).requires_grad_()
     groups = [{"params": [image], "lr": 2e-2}]
     if is_calibrated:
         groups.append({"params": list(calibration.parameters()), "lr": 40 * LEARNING_RATE})
@@ -72,23 +65,23 @@ def learnt(pictures, is_calibrated):
     for step in range(steps):
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * (1 - step / steps)
-        camera = step * 7 % len(pictures)
+        camera = step * 7 % len(images)
         seen = calibration(image, camera)
         optimiser.zero_grad()
-        ((seen - pictures[camera]) ** 2).sum().backward()
+        ((seen - images[camera]) ** 2).sum().backward()
         optimiser.step()
     return image.detach(), calibration
 
 
-def test_tints_are_recovered_and_the_picture_is_better_for_it():
-    truth, image = tinted(4), picture(12, 16)
-    pictures = [truth(image, camera).detach() for camera in range(4)]
-    with_it, calibration = learnt(pictures, True)
-    without, _ = learnt(pictures, False)
+def test_tints_are_recovered_and_the_image_is_better_for_it():
+    truth, image = tinted(4), image_of(12, 16)
+    images = [truth(image, camera).detach() for camera in range(4)]
+    with_it, calibration = fitted(images, True)
+    without, _ = fitted(images, False)
     for camera in range(4):
         for ours, expected in zip(calibration.of_cameras([camera]), truth.of_cameras([camera]), strict=True):
             torch.testing.assert_close(ours, expected, atol=0.02, rtol=0)
-    error, error_without = ((fitted - image)[:3].square().mean().sqrt() for fitted in (with_it, without))
+    error, error_without = ((fit - image)[:3].square().mean().sqrt() for fit in (with_it, without))
     assert error < 0.01
     assert error_without > 5 * error
 
@@ -98,8 +91,8 @@ def test_the_training_cameras_are_the_captures(painted_capture):
 
 
 @pytest.mark.parametrize("kind", ["light", "paper"])
-def test_a_cameras_look_is_worn_where_it_is_asked_for(kind, tmp_path):
-    config = replace(SMALL, superres=replace(SMALL.superres, kind=kind))
+def test_the_colours_of_cameras_can_be_built_in(small, kind, tmp_path):
+    config = replace(small, superres=replace(small.superres, kind=kind))
     avatar, calibration = new_avatar("a", "hand", "0", config), tinted()
     maps = torch.rand(1, 33, 6, 8, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
@@ -107,24 +100,24 @@ def test_a_cameras_look_is_worn_where_it_is_asked_for(kind, tmp_path):
             parameter += 0.01
         plain = avatar.superres(maps)
         for cameras in ([1], [0, 1, 2]):
-            worn = calibration.with_networks(avatar, cameras)
+            tinted_avatar = calibration.with_colours_of(avatar, cameras)
             gain, bias = (values[:, None, None] for values in calibration.of_cameras(cameras))
             expected = torch.cat([gain * plain[0, :3] + bias * plain[0, 3:], plain[0, 3:]])
-            torch.testing.assert_close(worn.superres(maps)[0], expected)
+            torch.testing.assert_close(tinted_avatar.superres(maps)[0], expected)
         torch.testing.assert_close(avatar.superres(maps), plain)
-        save_avatar(worn, tmp_path / "a.safetensors")
+        save_avatar(tinted_avatar, tmp_path / "a.safetensors")
         back = load_avatar(tmp_path / "a.safetensors")
-        assert back.config == worn.config
+        assert back.config == tinted_avatar.config
         torch.testing.assert_close(back.superres(maps)[0], expected, atol=2e-3, rtol=1e-2)
 
 
-def test_the_presets_wear_no_tint():
+def test_the_presets_have_no_tint():
     for preset in PRESETS.values():
         assert preset.superres.gain == (1, 1, 1)
         assert preset.superres.bias == (0, 0, 0)
 
 
-def test_unknown_cameras_are_told():
+def test_unknown_cameras_are_refused():
     with pytest.raises(LiveHandError, match="one of 3 from 0, got 3"):
         ColourCalibration(3, 3)
     for cameras in ([], [0, 3], [-1]):

@@ -1,4 +1,4 @@
-"""The training loss by hand, at extremes, and when and where it sees features."""
+"""The training loss: by hand, at extremes, and its perceptual term."""
 
 from dataclasses import replace
 
@@ -8,15 +8,14 @@ from livehand.backend.evaluation.perceptual.backbones import Backbone, _vgg16
 from livehand.backend.evaluation.perceptual.lpips import LpipsDistance
 from livehand.backend.evaluation.perceptual.vgg import _LAYERS, PerceptualLoss
 from livehand.backend.training.config import LossConfig
-from livehand.backend.training.losses import crop_loss
-from livehand.backend.training.perceptual import load_perceptual_loss, patch_corner, perceptual_ramp
+from livehand.backend.training.losses import crop_loss, load_perceptual_distance, patch_corner
 from safetensors.torch import save_file
 
 NOTHING = LossConfig(colour_l2=0.0, colour_l1=0.0, alpha_l2=0.0, low_l2=0.0, perceptual=0.0)
 TERM_OF = {"colour_l2": "colour_l2", "colour_l1": "colour_l1", "alpha_l2": "alpha", "low_l2": "low"}
 
 
-def windows(height=6, width=8, seed=0):
+def crops(height=6, width=8, seed=0):
     generator = torch.Generator().manual_seed(seed)
     low, image, target = (
         torch.rand(4, h, w, generator=generator)
@@ -30,7 +29,7 @@ def halved(image):
 
 
 def test_each_term_by_hand():
-    low, image, target, inside = windows()
+    low, image, target, inside = crops()
     expected = {
         "colour_l2": ((image - target)[:3] ** 2).mean(),
         "colour_l1": (image - target)[:3].abs().mean(),
@@ -47,13 +46,13 @@ def test_each_term_by_hand():
     torch.testing.assert_close(together.total, sum(getattr(weights, name) * value for name, value in expected.items()))
 
 
-def test_a_perfect_window_costs_nothing():
-    _, _, target, inside = windows()
+def test_a_perfect_crop_has_no_loss():
+    _, _, target, inside = crops()
     assert float(crop_loss(halved(target), target, target, inside, LossConfig(), None).total) < 1e-12
 
 
-def test_what_lies_outside_the_image_counts_nothing(perceptual):
-    low, image, target, inside = windows(16, 24)
+def test_pixels_outside_the_image_are_ignored(perceptual):
+    low, image, target, inside = crops(16, 24)
     inside[:, :3] = False  # cuts through the second low-resolution column
     for distance in (None, perceptual):
         image, low = (value.detach().requires_grad_() for value in (image, low))
@@ -87,7 +86,7 @@ def lpips():
 
 
 def test_the_loss_adds_the_distance_at_both_resolutions(perceptual):
-    low, image, target, inside = windows(16, 24)
+    low, image, target, inside = crops(16, 24)
     config = replace(NOTHING, perceptual=2.0)
     expected = perceptual(image[None, :3], target[None, :3]) + perceptual(low[None, :3], halved(target)[None, :3])
     for rise in (1.0, 0.25):
@@ -97,15 +96,15 @@ def test_the_loss_adds_the_distance_at_both_resolutions(perceptual):
     assert float(crop_loss(low, image, target, inside, config, perceptual, 0.0).total) == 0
 
 
-def test_lpips_serves_as_the_perceptual_term(lpips):
-    low, image, target, inside = windows(32, 36)
+def test_lpips_can_be_the_perceptual_term(lpips):
+    low, image, target, inside = crops(32, 36)
     ours = crop_loss(low, image, target, inside, replace(NOTHING, perceptual=2.0), lpips)
     expected = lpips(image[None, :3], target[None, :3]) + lpips(low[None, :3], halved(target)[None, :3])
     torch.testing.assert_close(ours.total, 2 * expected)
 
 
 def test_a_patch_is_seen_at_both_resolutions(perceptual):
-    low, image, target, inside = windows(24, 32)
+    low, image, target, inside = crops(24, 32)
     config = replace(NOTHING, perceptual=2.0, perceptual_region="patch", perceptual_patch_px=8)
     row, column = patch_corner(target[3], 8, torch.Generator().manual_seed(3))
     cut = slice(row, row + 8), slice(column, column + 8)
@@ -117,7 +116,7 @@ def test_a_patch_is_seen_at_both_resolutions(perceptual):
     torch.testing.assert_close(ours.total, 2 * expected)
 
 
-def test_patches_lie_on_the_hand_and_in_the_window():
+def test_patches_lie_on_the_hand_and_in_the_crop():
     alpha = torch.zeros(40, 60)
     alpha[30:34, 2:6] = 1
     generator = torch.Generator().manual_seed(0)
@@ -128,15 +127,6 @@ def test_patches_lie_on_the_hand_and_in_the_window():
     assert {row for row, _ in anywhere} >= {0, 24}
     assert all(row % 2 == 0 and column % 2 == 0 and row <= 24 and column <= 44 for row, column in anywhere)
     assert patch_corner(torch.zeros(10, 12), 64, generator) == (0, 0)
-
-
-def test_the_perceptual_term_rises_from_nothing():
-    config = LossConfig(perceptual_share=0.4, perceptual_rise=0.25)
-    at = {share: perceptual_ramp(share, config) for share in (0.0, 0.59, 0.61, 0.65, 0.7, 0.75, 1.0)}
-    assert list(at.values()) == pytest.approx([0, 0, 0.1, 0.5, 1, 1, 1])
-    at_once = replace(config, perceptual_rise=0.0)
-    assert [perceptual_ramp(share, at_once) for share in (0.59, 0.6, 0.9)] == [0, 1, 1]
-    assert perceptual_ramp(0.9, replace(config, perceptual=0.0)) == 0
 
 
 EXTREMES = {
@@ -150,7 +140,7 @@ EXTREMES = {
 
 
 @pytest.mark.parametrize("case", EXTREMES)
-@pytest.mark.parametrize("region", ["window", "patch"])
+@pytest.mark.parametrize("region", ["crop", "patch"])
 @pytest.mark.parametrize("name", [*TERM_OF, "perceptual", "lpips"])
 def test_every_term_has_finite_gradients_at_extremes(case, region, name, perceptual, lpips):
     ours, truth = EXTREMES[case]
@@ -173,7 +163,7 @@ def test_every_term_has_finite_gradients_at_extremes(case, region, name, percept
 
 def test_the_gradient_is_the_finite_difference(perceptual, lpips):
     """Every term at once, in double precision, along a random direction."""
-    low, image, target, inside = (x.double() if x.is_floating_point() else x for x in windows(32, 36))
+    low, image, target, inside = (x.double() if x.is_floating_point() else x for x in crops(32, 36))
     config = replace(LossConfig(), perceptual=1.0)
     generator = torch.Generator().manual_seed(5)
     along = torch.randn(image.shape, generator=generator).double(), torch.randn(low.shape, generator=generator).double()
@@ -190,14 +180,14 @@ def test_the_gradient_is_the_finite_difference(perceptual, lpips):
     perceptual.float(), lpips.float()
 
 
-def test_which_distance_follows_from_the_files(tmp_path):
+def test_the_given_files_determine_the_distance(tmp_path):
     save_file(vgg_weights([layer[:3] for layer in _LAYERS]), tmp_path / "vgg19.safetensors")
-    assert isinstance(load_perceptual_loss(tmp_path / "vgg19.safetensors"), PerceptualLoss)
+    assert isinstance(load_perceptual_distance(tmp_path / "vgg19.safetensors"), PerceptualLoss)
     layout = _vgg16()
     save_file(torch.nn.ModuleList(layout.layers).state_dict(), tmp_path / "vgg16.safetensors")
     heads = {f"lin{k}": torch.ones(count) for k, count in enumerate(layout.channels)}
     save_file(heads, tmp_path / "heads.safetensors")
     paths = tmp_path / "vgg16.safetensors", tmp_path / "heads.safetensors"
-    loaded = load_perceptual_loss(*paths, "reference")
+    loaded = load_perceptual_distance(*paths, "reference")
     assert isinstance(loaded, LpipsDistance)
     assert loaded.range_mode == "reference"

@@ -1,32 +1,18 @@
-"""What training changes: groups with rates of their own, corrections, the average of the weights."""
+"""What training changes: parameter groups, corrections, and the average of the weights."""
 
 from dataclasses import replace
 
 import pytest
 import torch
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.avatar import new_avatar
 from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
-from livehand.backend.training.average import WeightAverage
 from livehand.backend.training.checkpoint import checkpoint_path
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
-from livehand.backend.training.parts import Correction, Rendered, TrainedParts, optimiser_of, set_rates
-from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.parts import Correction, Rendered, TrainedParts, WeightAverage, optimiser_of, set_rates
 from safetensors import safe_open
 
-SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
-)
 SHORT = TrainConfig(steps=6, warmup_steps=1, checkpoint_every=3, ema_decay=0.0)
-
-
-@pytest.fixture
-def avatar():
-    return new_avatar("a", "hand", "0" * 64, SMALL)
 
 
 class Gain(torch.nn.Module):
@@ -37,16 +23,16 @@ class Gain(torch.nn.Module):
         self.log_gain = torch.nn.Parameter(torch.zeros(count))
 
     def forward(self, rendered, source):
-        return Rendered(*(picture * self.log_gain[source.camera_index].exp() for picture in rendered))
+        return Rendered(*(image * self.log_gain[source.camera_index].exp() for image in rendered))
 
 
-def test_planes_have_a_rate_of_their_own(avatar):
+def test_planes_have_a_rate_of_their_own(avatar, small):
     others, planes = optimiser_of(TrainedParts(avatar), SHORT).param_groups
     assert {id(p) for p in planes["params"]} == {id(avatar.field.planes[0].table), id(avatar.field.relief.table)}
     assert (others["initial_lr"], planes["initial_lr"]) == (SHORT.learning_rate, SHORT.plane_learning_rate)
     networks = [*avatar.field.parameters(), *avatar.superres.parameters()]
     assert len(others["params"]) + 2 == len(networks)
-    paper = new_avatar("a", "hand", "0" * 64, replace(SMALL, field=FieldConfig(kind="paper")))
+    paper = new_avatar("a", "hand", "0" * 64, replace(small, field=FieldConfig(kind="paper")))
     assert len(optimiser_of(TrainedParts(paper), SHORT).param_groups) == 1
 
 
@@ -61,8 +47,8 @@ def test_corrections_have_rates_of_their_own_too(avatar):
     assert rates[id(avatar.field.planes[0].table)] == pytest.approx(0.1 * SHORT.plane_learning_rate)
 
 
-def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_path):
-    """A gain that is learnt, a view whose truth is made dark, and a penalty that is counted."""
+def test_corrections_change_the_view_the_image_and_the_loss(setup, compute, tmp_path):
+    """A trained gain, a view whose ground truth is made darker, and a penalty."""
     gain, seen, begun = Gain(4), [], []
 
     def darker(view, source):
@@ -73,26 +59,19 @@ def test_corrections_see_the_view_the_picture_and_the_loss(painted_capture, tmp_
         "gain",
         gain,
         learning_rate=0.05,
-        begin=lambda views, moment: begun.append((len(views), moment.step)),
+        begin=lambda views, state: begun.append((len(views), state.step)),
         before=darker,
         after=gain,
         penalty=lambda: {"gain_l2": gain.log_gain.square().sum() * 1e-3},
     )
-    task = TrainingSetup(painted_capture, load_default_hand(), SMALL, corrections=(correction,))
-    output = tmp_path / "a.safetensors"
-    outcome = train(
-        task,
-        replace(SHORT, steps=12),
-        output,
-        Machine(torch.device("cpu")),
-        ReportConfig(log_every=6, preview_minutes=0.0),
-    )
+    output, reporting = tmp_path / "a.safetensors", ReportConfig(log_every=6, preview_minutes=0.0)
+    result = train(replace(setup, corrections=(correction,)), replace(SHORT, steps=12), output, compute, reporting)
     assert begun == [(6, step) for step in range(12)]
-    assert sorted(set(seen)) == sorted(view.file for view in painted_capture.of_split("train"))
-    assert (gain.log_gain[:3] < -0.05).all()  # as the truth is darker than anything the networks begin with
+    assert sorted(set(seen)) == sorted(view.file for view in setup.capture.of_split("train"))
+    assert (gain.log_gain[:3] < -0.05).all()  # as the ground truth is darker than the initial networks
     assert gain.log_gain[3] == 0  # of the held-out camera
     assert "loss/gain_l2" in (tmp_path / "a.log.jsonl").read_text()
-    assert outcome.avatar.provenance["corrections"] == {"gain": {}}
+    assert result.avatar.provenance["corrections"] == {"gain": {}}
     with safe_open(checkpoint_path(output), framework="pt") as archive:
         torch.testing.assert_close(archive.get_tensor("part.corrections.gain.log_gain"), gain.log_gain.detach())
     with safe_open(output, framework="pt") as archive:

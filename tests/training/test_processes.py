@@ -1,35 +1,25 @@
-"""Several processes come to what one comes to with the same batch."""
+"""Several processes give the result of one process with the same batch."""
 
 import json
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pytest
 import torch
+import torch.distributed as dist
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.avatar import AvatarConfig
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.runtime.command import run_commands
-from livehand.backend.training import processes
+from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
-from livehand.backend.training.loop import train
-from livehand.backend.training.processes import Processes, process_device
-from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine
+from livehand.backend.training.loop import Training, train
+from livehand.backend.training.processes import ComputeSetup, Processes, process_device
 from livehand.livehand_blender.cli import COMMANDS
 
-SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
-)
 CPU = torch.device("cpu")
 
 
-def test_two_processes_of_torchrun_come_to_what_one_comes_to(painted_capture, tmp_path, capsys):
+def test_two_processes_of_torchrun_give_the_result_of_one(painted_capture, tmp_path, capsys, weights_of, log_of):
     options = ["--steps", "5", "--batch", "2", "--perceptual", "0", "--device", "cpu", "--precision", "fp32", "--json"]
     options += ["--preview-minutes", "0"]
 
@@ -44,26 +34,23 @@ def test_two_processes_of_torchrun_come_to_what_one_comes_to(painted_capture, tm
     results = [json.loads(line) for line in (done.stdout + capsys.readouterr().out).splitlines()]
     assert [result["steps"] for result in results] == [5, 5]  # the second process prints nothing
     one, two = (load_avatar(tmp_path / f"{name}.safetensors") for name in ("one", "two"))
-    for part in ("field", "superres"):
-        expected = getattr(one, part).state_dict()
-        for key, value in getattr(two, part).state_dict().items():
-            torch.testing.assert_close(value, expected[key], atol=1e-4, rtol=2e-3)
-    losses = [loss_of(tmp_path / f"{name}.log.jsonl") for name in ("one", "two")]
+    for key, value in weights_of(two).items():
+        torch.testing.assert_close(value, weights_of(one)[key], atol=1e-4, rtol=2e-3)
+    losses = [
+        [entry["loss/total"] for entry in log_of(tmp_path / f"{name}.safetensors") if "loss/total" in entry]
+        for name in ("one", "two")
+    ]
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 
 
-def loss_of(path):
-    return [json.loads(line)["loss/total"] for line in path.read_text().splitlines() if "loss/total" in line]
-
-
-def test_shares_are_disjoint_and_whole():
+def test_shares_are_disjoint_and_complete():
     shares = [Processes(rank, 3).share(range(6)) for rank in range(3)]
     assert [list(share) for share in shares] == [[0, 3], [1, 4], [2, 5]]
     assert [Processes(rank, 3).is_first for rank in range(3)] == [True, False, False]
 
 
 def test_gradients_are_summed_and_unused_parameters_keep_none(monkeypatch):
-    """Two processes, one after the other: what the second sends is added to what the first has sent."""
+    """Two processes, one after the other: the values of the second are added to those of the first."""
     used, half_used, unused = (torch.nn.Parameter(torch.ones(2, 2)) for _ in range(3))
     sent = []
 
@@ -71,7 +58,7 @@ def test_gradients_are_summed_and_unused_parameters_keep_none(monkeypatch):
         sent.append(values.clone())
         values.copy_(sum(sent))
 
-    monkeypatch.setattr(processes, "dist", SimpleNamespace(all_reduce=all_reduce))
+    monkeypatch.setattr(dist, "all_reduce", all_reduce)
     used.grad, half_used.grad = torch.full((2, 2), 1.0), None
     Processes(0, 2).sum_gradients([used, half_used, unused])
     used.grad, half_used.grad = torch.full((2, 2), 4.0), torch.full((2, 2), 3.0)
@@ -81,24 +68,26 @@ def test_gradients_are_summed_and_unused_parameters_keep_none(monkeypatch):
     assert unused.grad is None
 
 
-def test_all_go_by_the_firsts_clock(monkeypatch, painted_capture, tmp_path):
-    """A second process whose own clock stands still ends when the first one's budget is spent."""
-    told = iter(range(0, 100, 7))
+def test_all_processes_use_the_clock_of_the_first(monkeypatch, setup, tmp_path):
+    """A second process whose own clock stands still ends when the budget is spent on the clock of the first."""
+    seconds = iter(range(0, 100, 7))
 
     def broadcast(values, source):
         assert source == 0
-        values.fill_(next(told))
+        values.fill_(next(seconds))
 
-    monkeypatch.setattr(processes, "dist", SimpleNamespace(broadcast=broadcast, all_reduce=lambda values: None))
-    monkeypatch.setattr("livehand.backend.training.clock.monotonic", lambda: 0.0)
-    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(1, 2))
-    outcome = train(task, TrainConfig(minutes=0.5, batch=2), tmp_path / "a.safetensors", machine, ReportConfig())
-    assert (outcome.progress.step, outcome.progress.seconds) == (6, 35)
+    monkeypatch.setattr(dist, "broadcast", broadcast)
+    monkeypatch.setattr(dist, "all_reduce", lambda values: None)
+    config, compute = TrainConfig(minutes=0.5, batch=2), ComputeSetup(CPU, "fp32", Processes(1, 2))
+    training = Training(setup, config, tmp_path / "a.safetensors", compute, clock=Clock(now=lambda: 0.0))
+    progress = training.run(ReportConfig()).progress
+    assert (progress.step, progress.seconds) == (6, 35)
     assert not list(tmp_path.iterdir())  # nor does it write anything
 
 
-def test_one_process_alone_leaves_everything(monkeypatch):
-    monkeypatch.setattr(processes, "dist", None)
+def test_a_single_process_does_not_communicate(monkeypatch):
+    for name in ("all_reduce", "broadcast"):
+        monkeypatch.setattr(dist, name, pytest.fail)
     parameter = torch.nn.Parameter(torch.ones(2))
     Processes().sum_gradients([parameter])
     assert parameter.grad is None
@@ -106,10 +95,10 @@ def test_one_process_alone_leaves_everything(monkeypatch):
     assert Processes().from_first(2.5, CPU) == 2.5
 
 
-def test_a_batch_that_cannot_be_shared_is_refused(painted_capture, tmp_path):
-    task, machine = TrainingSetup(painted_capture, load_default_hand(), SMALL), Machine(CPU, "fp32", Processes(0, 2))
+def test_a_batch_that_cannot_be_shared_is_refused(setup, tmp_path):
+    compute = ComputeSetup(CPU, "fp32", Processes(0, 2))
     with pytest.raises(LiveHandError, match="shared equally by 2 processes, got 3; give --batch 2 or a multiple"):
-        train(task, TrainConfig(batch=3), tmp_path / "a.safetensors", machine, ReportConfig())
+        train(setup, TrainConfig(batch=3), tmp_path / "a.safetensors", compute, ReportConfig())
 
 
 def test_every_process_of_a_machine_has_its_own_gpu(monkeypatch):

@@ -1,4 +1,4 @@
-"""Refinement of poses, shape and surface, on a capture that an avatar itself has drawn: the truth is known."""
+"""Refinement of poses, shape and surface, on a capture rendered by an avatar, so that the true poses are known."""
 
 import json
 from dataclasses import replace
@@ -38,8 +38,8 @@ def avatar():
 
 @pytest.fixture(scope="module")
 def capture(hand, avatar, tmp_path_factory):
-    """Three poses from three cameras, drawn by the avatar; the last pose is held out."""
-    folder = tmp_path_factory.mktemp("drawn")
+    """Three poses from three cameras, rendered by the avatar; the last pose is held out."""
+    folder = tmp_path_factory.mktemp("rendered")
     thetas = [
         theta_of(GESTURES[name].angles_deg(), FingerAxes.of_default_hand()) for name in ("relaxed", "open", "point")
     ]
@@ -54,8 +54,8 @@ def capture(hand, avatar, tmp_path_factory):
     renderer = Renderer(avatar, hand, "cpu")
     for view in views:
         pose = poses[view.pose_index]
-        drawn = encoded_on_black(renderer.render(Shot(pose, posed_vertices(hand, pose), view.camera)))
-        straight = np.concatenate([drawn[..., :3] / np.maximum(drawn[..., 3:], 1e-6), drawn[..., 3:]], -1)
+        rendered = encoded_on_black(renderer.render(Shot(pose, posed_vertices(hand, pose), view.camera)))
+        straight = np.concatenate([rendered[..., :3] / np.maximum(rendered[..., 3:], 1e-6), rendered[..., 3:]], -1)
         Image.fromarray((straight.clip(0, 1) * 255).round().astype(np.uint8)).save(folder / view.file)
     return capture
 
@@ -71,8 +71,8 @@ def views_of(capture, hand, avatar):
     return TrainingViews(capture, capture.of_split("train"), hand, avatar.config.sampler, CPU, 0)
 
 
-def shaken(refinement, size=0.2, seed=0):
-    """Every parameter somewhere else."""
+def perturbed(refinement, size=0.2, seed=0):
+    """The refinement with noise added to every parameter."""
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for parameter in refinement.parameters():
@@ -81,22 +81,22 @@ def shaken(refinement, size=0.2, seed=0):
 
 
 def test_fitting_recovers_perturbed_poses(capture, hand, avatar):
-    """One degree and two millimetres; the avatar is the true one and stays as it is."""
+    """Errors of one degree and two millimetres; the avatar is the true one and does not change."""
     noisy = with_noise(capture, 1.0, 2.0, seed=0)
     before = {key: value.clone() for key, value in avatar.field.state_dict().items()}
     config = PoseFitConfig(visits=8)
     config = replace(config, refinement=replace(config.refinement, learning_rate=4e-2))
     fitted = fit_poses(avatar, noisy, "train", hand, config, CPU)
-    wrong, left = (pose_error(poses, capture.poses, (0, 1), hand) for poses in (noisy.poses, fitted.poses))
-    assert wrong.vertex_mm > 0.8
-    assert left.vertex_mm < 0.4 * wrong.vertex_mm
+    before_fit, after_fit = (pose_error(poses, capture.poses, (0, 1), hand) for poses in (noisy.poses, fitted.poses))
+    assert before_fit.vertex_mm > 0.8
+    assert after_fit.vertex_mm < 0.4 * before_fit.vertex_mm
     assert fitted.poses[2] is not capture.poses[2]
     np.testing.assert_allclose(fitted.poses[2].theta, capture.poses[2].theta, atol=1e-6)
     assert all(torch.equal(value, before[key]) for key, value in avatar.field.state_dict().items())
     assert all(parameter.requires_grad for parameter in avatar.field.parameters())
 
 
-def test_nothing_corrected_changes_nothing(capture, hand, avatar):
+def test_corrections_of_zero_change_nothing(capture, hand, avatar):
     views = views_of(capture, hand, avatar)
     refinement = Refinement(capture, hand, ALL, CPU)
     view = views.get(1, 0)
@@ -111,8 +111,8 @@ def test_nothing_corrected_changes_nothing(capture, hand, avatar):
     assert (image - expected).abs().mean() < 2e-4
 
 
-def test_the_pictures_derivatives_are_finite_differences(capture, hand, avatar):
-    """Of the loss along random corrections of everything at once."""
+def test_the_derivatives_of_the_image_are_finite_differences(capture, hand, avatar):
+    """Derivatives of the loss along random changes of each parameter."""
     views = views_of(capture, hand, avatar)
     refinement = Refinement(capture, hand, ALL, CPU)
     refinement.begin_step(views, 0, 0.0)
@@ -141,8 +141,8 @@ def test_the_pictures_derivatives_are_finite_differences(capture, hand, avatar):
             assert gradient[1:].abs().max() == 0  # other poses
 
 
-def test_a_pose_is_what_its_parameters_say(capture, hand):
-    refinement = shaken(Refinement(capture, hand, replace(ALL, surface_deviation_m=0.0), CPU))
+def test_parameters_correct_a_pose_as_documented(capture, hand):
+    refinement = perturbed(Refinement(capture, hand, replace(ALL, surface_deviation_m=0.0), CPU))
     config, given = refinement.config, capture.poses[1]
     corrected, vertices = refinement.pose(1)
     numbers = {name: value.detach().double().numpy() for name, value in refinement.named_parameters()}
@@ -165,9 +165,9 @@ def test_all_poses_get_the_mean_shape(capture, hand):
         np.testing.assert_allclose(pose.beta, 0.4, atol=1e-6)
 
 
-def test_what_all_poses_share_is_taken_out(capture, hand, avatar):
+def test_the_mean_correction_is_removed(capture, hand, avatar):
     views = views_of(capture, hand, avatar)
-    refinement = shaken(Refinement(capture, hand, ALL, CPU))
+    refinement = perturbed(Refinement(capture, hand, ALL, CPU))
     before = refinement.theta.detach().clone()
     refinement.begin_step(views, 1, 0.0)
     for values in (refinement.theta, refinement.transl):
@@ -175,7 +175,7 @@ def test_what_all_poses_share_is_taken_out(capture, hand, avatar):
     apart = refinement.theta[0] - refinement.theta[1]
     torch.testing.assert_close(apart, before[0] - before[1])
     assert torch.equal(refinement.theta[2], before[2])  # a held-out pose
-    free = shaken(Refinement(capture, hand, replace(ALL, is_centred=False), CPU))
+    free = perturbed(Refinement(capture, hand, replace(ALL, is_centred=False), CPU))
     before = free.theta.detach().clone()
     free.begin_step(views, 1, 0.0)
     assert torch.equal(free.theta, before)
@@ -197,15 +197,15 @@ def test_views_follow_poses_that_have_moved_far(capture, hand, avatar):
     shift = far.mesh.vertices - before[1].mesh.vertices
     torch.testing.assert_close(shift[:, 0], torch.full((len(shift),), 3 * ALL.retrace_m), atol=1e-6, rtol=0)
     assert torch.equal(far.target, before[1].target)
-    refined = refinement.refined(far, 1)  # where it was traced, so the samples lie as tracing laid them
+    refined = refinement.refined(far, 1)  # the pose with which it was traced, so the samples are the traced ones
     assert (refined.rays.samples.height_m - far.rays.samples.height_m).abs().max() < 5e-6
 
 
 def test_a_resumed_refinement_has_the_same_rays(capture, hand, avatar):
     views = views_of(capture, hand, avatar)
-    refinement = shaken(Refinement(capture, hand, ALL, CPU))
+    refinement = perturbed(Refinement(capture, hand, ALL, CPU))
     refinement.begin_step(views, 0, 0.0)
-    shaken(refinement, 0.01, seed=1)  # has moved on since the views were traced, by too little to trace them again
+    perturbed(refinement, 0.01, seed=1)  # a change since the views were traced, too small to trace them again
     resumed_views, resumed = views_of(capture, hand, avatar), Refinement(capture, hand, ALL, CPU)
     resumed.load_state_dict(refinement.state_dict())
     refinement.begin_step(views, 5, 0.5)
@@ -219,8 +219,8 @@ def test_a_resumed_refinement_has_the_same_rays(capture, hand, avatar):
     assert torch.equal(refined[0].rays.samples.height_m, refined[1].rays.samples.height_m)
 
 
-def test_the_pull_is_the_mean_squared_correction(capture, hand):
-    refinement = shaken(Refinement(capture, hand, replace(ALL, pull=0.1, smoothness=0.0), CPU))
+def test_the_penalty_is_the_mean_squared_correction(capture, hand):
+    refinement = perturbed(Refinement(capture, hand, replace(ALL, pull=0.1, smoothness=0.0), CPU))
     numbers = [
         value.detach().double() for value in (refinement.theta, refinement.beta, refinement.transl, refinement.surface)
     ]
@@ -229,7 +229,7 @@ def test_the_pull_is_the_mean_squared_correction(capture, hand):
     smooth = Refinement(capture, hand, replace(ALL, pull=0.1, smoothness=3.0), CPU)
     assert float(smooth.penalty().detach()) == 0
     with torch.no_grad():
-        smooth.surface.fill_(2.0)  # an even offset is smooth
+        smooth.surface.fill_(2.0)  # a constant offset is smooth
         assert float(smooth.penalty()) == pytest.approx(0.1 * 4)
         smooth.surface[5] = 3.0
         edges = torch.as_tensor(hand.f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
@@ -239,7 +239,7 @@ def test_the_pull_is_the_mean_squared_correction(capture, hand):
 
 
 def test_a_refined_capture_is_a_capture(capture, hand, tmp_path):
-    refinement = shaken(Refinement(capture, hand, replace(ALL, surface_deviation_m=0.0), CPU))
+    refinement = perturbed(Refinement(capture, hand, replace(ALL, surface_deviation_m=0.0), CPU))
     folder = tmp_path / "deep" / "refined"
     assert save_refined_capture(capture, refinement, hand, folder) is hand
     back = load_capture(folder)
@@ -252,7 +252,7 @@ def test_a_refined_capture_is_a_capture(capture, hand, tmp_path):
 
 
 def test_a_refined_surface_is_a_hand_model_of_its_own(capture, hand, tmp_path):
-    refinement = shaken(Refinement(capture, hand, ALL, CPU))
+    refinement = perturbed(Refinement(capture, hand, ALL, CPU))
     refined = save_refined_capture(capture, refinement, hand, tmp_path)
     assert load_capture(tmp_path).hand_sha256 == refined.sha256 != hand.sha256
     offset = refined.v_template - hand.v_template
@@ -263,7 +263,7 @@ def test_a_refined_surface_is_a_hand_model_of_its_own(capture, hand, tmp_path):
     np.testing.assert_allclose(posed_vertices(refined, refinement.poses()[0]), vertices.detach(), atol=2e-6)
 
 
-def test_noise_is_as_large_as_asked_and_its_error_is_told(capture, hand):
+def test_noise_has_the_requested_size_and_is_measured(capture, hand):
     many = replace(
         capture,
         poses=capture.poses[:1] * 200,
@@ -275,8 +275,8 @@ def test_noise_is_as_large_as_asked_and_its_error_is_told(capture, hand):
     assert degrees(sqrt((theta**2).sum(-1).mean())) == pytest.approx(1.0, rel=0.05)
     assert 1000 * sqrt((transl**2).sum(-1).mean()) == pytest.approx(2.0, rel=0.1)
     assert noisy.poses[199] is many.poses[199]  # held out
-    told = pose_error(noisy.poses, many.poses, range(40), hand)
-    assert told.theta_deg == pytest.approx(1.0, rel=0.1)
-    assert told.transl_mm == pytest.approx(2.0, rel=0.2)
+    measured = pose_error(noisy.poses, many.poses, range(40), hand)
+    assert measured.theta_deg == pytest.approx(1.0, rel=0.1)
+    assert measured.transl_mm == pytest.approx(2.0, rel=0.2)
     shifted = tuple(replace(pose, transl=pose.transl + 0.01) for pose in many.poses)
-    assert pose_error(shifted, many.poses, range(5), hand).vertex_mm < 1e-6  # shared by all
+    assert pose_error(shifted, many.poses, range(5), hand).vertex_mm < 1e-6  # an error shared by all poses

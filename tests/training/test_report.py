@@ -1,6 +1,5 @@
-"""What a training tells: the log, TensorBoard, the preview of held-out views."""
+"""What training reports: the log, TensorBoard, and the preview of held-out views."""
 
-import json
 import sys
 from dataclasses import replace
 
@@ -9,41 +8,26 @@ import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.evaluation.evaluate import score_views
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rendering.renderer import Renderer
-from livehand.backend.training.clock import Clock, Every
+from livehand.backend.training.clock import Clock, Interval
 from livehand.backend.training.config import ReportConfig, TrainConfig
-from livehand.backend.training.journal import LogFile, TensorBoard
 from livehand.backend.training.loop import train
+from livehand.backend.training.metric_writers import JsonLinesLog, TensorBoardLog
 from livehand.backend.training.preview import HeldOutPreview, _spread_order
 from livehand.backend.training.report import TrainingReport, preview_path
 from livehand.backend.training.schedule import Schedule
-from livehand.backend.training.setup import TrainingSetup
-from livehand.backend.training.step import Machine, StepResult
+from livehand.backend.training.step import StepResult
 from PIL import Image
 
-SMALL = AvatarConfig(
-    FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
-)
 CPU = torch.device("cpu")
 SILENT = ReportConfig(preview_minutes=0.0, log_every=4)
 
 
-@pytest.fixture(scope="module")
-def avatar(hand):
-    return new_avatar("a", hand.name, hand.sha256, SMALL)
-
-
 @pytest.fixture
-def now(monkeypatch):
-    """A clock that stands still: now[0] is the time."""
-    time = [100.0]
-    monkeypatch.setattr("livehand.backend.training.clock.monotonic", lambda: time[0])
-    return time
+def now():
+    """The time of a clock that is moved by hand: now[0]."""
+    return [100.0]
 
 
 @pytest.fixture
@@ -55,13 +39,14 @@ def report_of(painted_capture, hand, tmp_path):
     return report
 
 
-def lines(folder):
-    return [json.loads(line) for line in (folder / "a.log.jsonl").read_text().splitlines()]
+@pytest.fixture
+def lines(log_of):
+    return lambda folder: log_of(folder / "a.safetensors")
 
 
-def test_the_log_holds_means_pace_and_what_is_left(report_of, tmp_path, now, avatar):
+def test_the_log_holds_means_pace_and_remaining_time(report_of, tmp_path, now, avatar, lines):
     config = TrainConfig(steps=20, warmup_steps=1)
-    clock = Clock(50.0)
+    clock = Clock(50.0, lambda: now[0])
     with report_of(SILENT, config, clock, first_step=8) as report:
         for step in range(8, 14):
             now[0] += 3
@@ -71,7 +56,7 @@ def test_the_log_holds_means_pace_and_what_is_left(report_of, tmp_path, now, ava
             report.step(Schedule(config).at(step), StepResult(terms, faulty), lambda: avatar)
         report.finish(14, avatar)
     first, last = lines(tmp_path)
-    rate = Schedule(config).at(11).rate
+    rate = Schedule(config).at(11).rate_factor
     assert first == {
         "step": 12,
         "loss/colour": pytest.approx((8 + 9 + 11) / 3, rel=1e-5),
@@ -86,31 +71,31 @@ def test_the_log_holds_means_pace_and_what_is_left(report_of, tmp_path, now, ava
     assert (last["step"], last["loss/colour"]) == (14, 12.5)
 
 
-def test_a_resumed_log_drops_what_will_come_again(tmp_path):
+def test_a_resumed_log_drops_the_steps_that_will_be_repeated(tmp_path, lines):
     path = tmp_path / "a.log.jsonl"
     path.write_text('{"step": 4, "x": 1.0}\n{"step": 8, "x": 2.0}\n{"step": 12, "x": 3.0}\n{"step": 16, "x"')
-    log = LogFile(path, 8)
-    log.figures(12, {"x": 1 / 3})
+    log = JsonLinesLog(path, 8)
+    log.write_scalars(12, {"x": 1 / 3})
     log.close()
     assert lines(tmp_path) == [{"step": 4, "x": 1}, {"step": 8, "x": 2}, {"step": 12, "x": 0.333333}]
-    LogFile(path, 0).close()
+    JsonLinesLog(path, 0).close()
     assert path.read_text() == ""
 
 
 def test_previews_come_by_the_clock_and_show_what_evaluation_measures(
-    report_of, painted_capture, hand, avatar, tmp_path, now
+    report_of, painted_capture, hand, avatar, tmp_path, now, lines
 ):
-    config, moment = TrainConfig(steps=20), Schedule(TrainConfig(steps=20))
+    config, schedule = TrainConfig(steps=20), Schedule(TrainConfig(steps=20))
     result = StepResult({"total": 1.0}, ())
     path = preview_path(tmp_path / "a.safetensors")
-    with report_of(ReportConfig(preview_minutes=2.0), config, Clock()) as report:
+    with report_of(ReportConfig(preview_minutes=2.0), config, Clock(now=lambda: now[0])) as report:
         now[0] += 119
-        report.step(moment.at(0), result, lambda: avatar)
+        report.step(schedule.at(0), result, lambda: avatar)
         assert not path.exists()
         now[0] += 1
-        report.step(moment.at(1), result, lambda: avatar)
+        report.step(schedule.at(1), result, lambda: avatar)
         assert path.exists()
-        report.step(moment.at(2), result, pytest.fail)
+        report.step(schedule.at(2), result, pytest.fail)
     scores = score_views(Renderer(avatar, hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     held_out = [line for line in lines(tmp_path) if "held_out/psnr_full" in line]
     assert [line["step"] for line in held_out] == [2]
@@ -127,15 +112,15 @@ def test_previews_come_by_the_clock_and_show_what_evaluation_measures(
 
 def test_a_preview_takes_the_first_split_that_shows_the_hand(painted_capture, hand, avatar):
     only_training = replace(painted_capture, views=painted_capture.of_split("train"))
-    assert HeldOutPreview(only_training, hand, CPU, 4).of(avatar).sheet.shape == (32, 24 * 12, 3)
+    assert HeldOutPreview(only_training, hand, CPU, 4).render(avatar).sheet.shape == (32, 24 * 12, 3)
     assert len(HeldOutPreview(only_training, hand, CPU, 4)._views) == 4
     assert len(HeldOutPreview(painted_capture, hand, CPU, 4)._views) == 2
     nothing = replace(painted_capture, views=())
-    assert HeldOutPreview(nothing, hand, CPU, 4).of(avatar) is None
+    assert HeldOutPreview(nothing, hand, CPU, 4).render(avatar) is None
 
 
 @pytest.mark.parametrize("count", [1, 5, 40, 97])
-def test_any_beginning_of_the_preview_order_is_spread(count):
+def test_the_first_views_of_a_preview_are_spread_evenly(count):
     order = _spread_order(count)
     assert sorted(order) == list(range(count))
     if count >= 40:
@@ -154,33 +139,32 @@ def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsy
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_end_of_training_is_previewed_with_the_average(painted_capture, hand, tmp_path, capsys):
+def test_the_end_of_training_is_previewed_with_the_average(setup, compute, painted_capture, hand, tmp_path, capsys):
     output = tmp_path / "a.safetensors"
-    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=4, warmup_steps=1)
-    outcome = train(task, config, output, Machine(CPU), ReportConfig())
+    result = train(setup, TrainConfig(steps=4, warmup_steps=1), output, compute, ReportConfig())
     scores = score_views(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     expected = np.mean([score.figures["psnr_full"] for score in scores])
-    assert outcome.held_out["psnr_full"] == pytest.approx(expected, abs=0.01)  # the file's half precision
-    assert 0 <= outcome.data_wait_share < 1
+    assert result.held_out["psnr_full"] == pytest.approx(expected, abs=0.01)  # the file's half precision
+    assert 0 <= result.data_wait_share < 1
     assert "step 4: held-out PSNR" in capsys.readouterr().err
 
 
-def test_looking_changes_nothing(painted_capture, hand, tmp_path):
-    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=6, warmup_steps=1)
+def test_previews_do_not_change_the_result(setup, compute, tmp_path, lines, weights_of):
+    config = TrainConfig(steps=6, warmup_steps=1)
     often = ReportConfig(preview_minutes=1e-9, preview_views=1, log_every=1)
-    looked, blind = (
-        train(task, config, tmp_path / f"{name}.safetensors", Machine(CPU), reporting)
+    with_previews, without = (
+        train(setup, config, tmp_path / f"{name}.safetensors", compute, reporting)
         for name, reporting in (("a", often), ("b", SILENT))
     )
     assert len([line for line in lines(tmp_path) if "held_out/psnr_full" in line]) == 7  # one more at the end
-    assert blind.held_out == {}
-    for part in ("field", "superres"):
-        for key, value in getattr(looked.avatar, part).state_dict().items():
-            assert torch.equal(value, getattr(blind.avatar, part).state_dict()[key])
+    assert without.held_out == {}
+    for key, value in weights_of(with_previews.avatar).items():
+        assert torch.equal(value, weights_of(without.avatar)[key])
 
 
-def test_recurring_things_are_due_by_their_interval(now):
-    every, never = Every(10.0), Every(0.0)
+def test_recurring_actions_are_due_after_their_interval(now):
+    clock = Clock(now=lambda: now[0])
+    every, never = Interval(10.0, clock), Interval(0.0, clock)
     due = []
     for now[0] in (105.0, 110.0, 111.0, 119.0, 120.5, 129.0, 131.0):
         due.append(every.is_due())
@@ -188,13 +172,12 @@ def test_recurring_things_are_due_by_their_interval(now):
     assert due == [False, True, False, False, True, False, True]
 
 
-def test_tensorboard_holds_figures_and_pictures(painted_capture, hand, tmp_path):
+def test_tensorboard_holds_metrics_and_previews(setup, compute, tmp_path, lines):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     board = tmp_path / "board"
-    task, config = TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8, warmup_steps=1)
     reporting = ReportConfig(log_every=4, tensorboard=board)
-    train(task, config, tmp_path / "a.safetensors", Machine(CPU), reporting)
+    train(setup, TrainConfig(steps=8, warmup_steps=1), tmp_path / "a.safetensors", compute, reporting)
     events = EventAccumulator(str(board)).Reload()
     logged = {line["step"]: line for line in lines(tmp_path) if "rate" in line}
     for name in ("loss/total", "rate", "time/data_wait_share"):
@@ -202,26 +185,24 @@ def test_tensorboard_holds_figures_and_pictures(painted_capture, hand, tmp_path)
         for event in events.Scalars(name):
             assert event.value == pytest.approx(logged[event.step][name], rel=1e-4)
     assert [event.step for event in events.Scalars("held_out/psnr_hand")] == [8]
-    (picture,) = events.Images("held_out/preview")
-    assert (picture.width, picture.height) == (24 * 12, 32)
+    (image,) = events.Images("held_out/preview")
+    assert (image.width, image.height) == (24 * 12, 32)
 
 
-def test_a_resumed_tensorboard_hides_what_comes_again(tmp_path):
+def test_a_resumed_tensorboard_hides_the_steps_that_are_repeated(tmp_path):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     for first_step, steps, value in ((0, (4, 8, 12, 16), 1.0), (8, (12, 16), 2.0)):
-        board = TensorBoard(tmp_path, first_step)
+        board = TensorBoardLog(tmp_path, first_step)
         for step in steps:
-            board.figures(step, {"x": value})
+            board.write_scalars(step, {"x": value})
         board.close()
     events = EventAccumulator(str(tmp_path)).Reload().Scalars("x")
     assert [(event.step, event.value) for event in events] == [(4, 1), (8, 1), (12, 2), (16, 2)]
 
 
-def test_tensorboard_that_is_missing_is_told(painted_capture, hand, tmp_path, monkeypatch):
+def test_a_missing_tensorboard_is_reported(setup, compute, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     reporting = ReportConfig(tensorboard=tmp_path / "board")
     with pytest.raises(LiveHandError, match=r'pip install "livehand\[tensorboard\]"'):
-        train(
-            TrainingSetup(painted_capture, hand, SMALL), TrainConfig(steps=8), tmp_path / "a", Machine(CPU), reporting
-        )
+        train(setup, TrainConfig(steps=8), tmp_path / "a", compute, reporting)

@@ -1,4 +1,4 @@
-"""Avatar files: what comes back, and that nothing else than a whole avatar is read."""
+"""Avatar files: round trips, and the refusal of everything but a complete avatar."""
 
 import json
 import pickle
@@ -18,7 +18,6 @@ from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.training.command import _CONFIGS
 from safetensors.torch import load_file, save_file
 
 SMALL = AvatarConfig(
@@ -59,7 +58,7 @@ def test_round_trip(tmp_path, config):
     assert (tmp_path / "b.safetensors").read_bytes() == (tmp_path / "a.safetensors").read_bytes()
 
 
-def test_the_header_says_what_it_is(avatar, path):
+def test_the_header_describes_the_avatar(avatar, path):
     header = read_header(path)
     assert header["format_version"] == FORMAT_VERSION
     assert header["provenance"] == avatar.provenance
@@ -74,7 +73,7 @@ def test_it_is_half_precision_and_no_pickle(path):
         pickle.loads(path.read_bytes())
 
 
-def test_the_seed_fixes_the_weights_and_leaves_the_callers_randomness_alone():
+def test_the_seed_determines_the_weights_and_the_global_random_state_is_kept():
     torch.manual_seed(1)
     expected = torch.rand(3)
     torch.manual_seed(1)
@@ -84,7 +83,7 @@ def test_the_seed_fixes_the_weights_and_leaves_the_callers_randomness_alone():
     assert not torch.equal(one.field.planes[0].table, other.field.planes[0].table)
 
 
-def test_nothing_half_written_is_left_and_an_older_file_survives_a_failure(avatar, path, monkeypatch):
+def test_a_failed_save_leaves_the_older_file_and_no_other(avatar, path, monkeypatch):
     before = path.read_bytes()
     monkeypatch.setattr(avatar_module, "save", lambda *_, **__: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
@@ -93,7 +92,7 @@ def test_nothing_half_written_is_left_and_an_older_file_survives_a_failure(avata
     assert [file.name for file in path.parent.iterdir()] == ["ada.safetensors"]
 
 
-def test_truncated_anywhere(path):
+def test_truncated_files_are_refused(path):
     data = path.read_bytes()
     for size in (0, 4, 8, 100, len(data) // 2, len(data) - 1):
         path.write_bytes(data[:size])
@@ -101,8 +100,8 @@ def test_truncated_anywhere(path):
             load_avatar(path)
 
 
-def test_one_byte_altered_anywhere(path):
-    """In the length, the header's text and the weights: always refused, always by a message of ours."""
+def test_an_altered_byte_is_refused_anywhere(path):
+    """In the length, the text of the header, and the weights: each is refused with a LiveHandError."""
     data = path.read_bytes()
     rng = np.random.default_rng(0)
     header_end = 8 + struct.unpack("<Q", data[:8])[0]
@@ -116,7 +115,7 @@ def test_one_byte_altered_anywhere(path):
             unnoticed.append((spot, load_avatar(path).config))
         except LiveHandError:
             continue
-    # Blanks that fill the header up may change without changing the avatar.
+    # The blanks that pad the header may change without changing the avatar.
     assert [spot for spot, config in unnoticed if data[spot] != ord(" ") or config != SMALL] == []
 
 
@@ -146,7 +145,7 @@ def test_an_altered_configuration_is_refused(path):
         read_header(path)
 
 
-def test_a_newer_version_is_told_apart(path):
+def test_a_newer_version_is_refused(path):
     rewritten(path, lambda header: header.update(format_version=FORMAT_VERSION + 1))
     with pytest.raises(LiveHandError, match=f"format {FORMAT_VERSION}, got {FORMAT_VERSION + 1}; update LiveHand"):
         load_avatar(path)
@@ -168,7 +167,7 @@ def test_a_pickle_is_never_run(tmp_path, protocol):
         load_avatar(path)
 
 
-def test_someone_elses_safetensors_is_refused(tmp_path):
+def test_another_safetensors_file_is_refused(tmp_path):
     path = tmp_path / "unet.safetensors"
     for metadata in (None, {"format": "pt"}):
         save_file({"weight": torch.ones(3)}, path, metadata=metadata)
@@ -181,28 +180,24 @@ def test_a_missing_file_is_named(tmp_path):
         load_avatar(tmp_path / "gone.safetensors")
 
 
-def test_weights_that_do_not_fit_their_configuration_are_refused(avatar, path, monkeypatch):
-    """With a right checksum: written by a program that is out of step."""
+def test_weights_that_do_not_fit_their_configuration_are_refused(avatar, path):
+    """With a correct checksum: written by a faulty program."""
     save_avatar(replace(avatar, config=replace(SMALL, field=FieldConfig(width=8, planes=((8, 2, 2),), relief=8))), path)
     with pytest.raises(LiveHandError, match="must fit the configuration"):
         load_avatar(path)
 
 
-@pytest.mark.parametrize("spoil", [lambda c: c["field"].update(colour="red"), lambda c: c.pop("sampler")])
-def test_a_configuration_of_another_time_is_refused(avatar, path, monkeypatch, spoil):
+@pytest.mark.parametrize("damage", [lambda c: c["field"].update(colour="red"), lambda c: c.pop("sampler")])
+def test_a_configuration_of_another_version_is_refused(avatar, path, monkeypatch, damage):
     def foreign(config):
         values = asdict(config)
-        spoil(values)
+        damage(values)
         return values
 
     monkeypatch.setattr(avatar_module, "asdict", foreign)
     save_avatar(avatar, path)
     with pytest.raises(LiveHandError, match="must be this version's"):
         load_avatar(path)
-
-
-def test_the_command_knows_the_presets():
-    assert tuple(PRESETS) == _CONFIGS
 
 
 @pytest.mark.parametrize("skin", SKINS)
@@ -212,6 +207,6 @@ def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
     assert path.stat().st_size <= 8e6
 
 
-def test_what_is_no_skins_name_is_a_path():
+def test_other_names_are_paths():
     assert avatar_path("mine.safetensors") == Path("mine.safetensors")
     assert load_avatar().provenance == load_avatar(avatar_path("light")).provenance

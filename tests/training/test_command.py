@@ -1,0 +1,78 @@
+"""The command `livehand train`."""
+
+import json
+
+import pytest
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.nerf.avatar import PRESETS
+from livehand.backend.runtime.command import run_commands
+from livehand.backend.training.command import PRESET_NAMES
+from livehand.livehand_blender.cli import COMMANDS
+
+
+@pytest.fixture(autouse=True)
+def _small_networks(small, monkeypatch):
+    monkeypatch.setitem(PRESETS, "default", small)
+
+
+def test_the_command_knows_the_presets():
+    assert tuple(PRESETS) == PRESET_NAMES
+
+
+def test_the_command_trains(painted_capture, tmp_path, capsys):
+    output = tmp_path / "new" / "a.safetensors"
+    arguments = ["train", str(painted_capture.folder), "-o", str(output), "--steps", "3", "--perceptual", "0"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["steps"] == 3
+    assert 0 <= result["data_wait_share"] < 1
+    assert result["held_out"]["psnr_hand"] > 5
+    assert load_avatar(output).provenance["precision"] == "bf16"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["-o", "a.pth"], "must end in .safetensors"),
+        (["--hand", "gone.npz"], "no hand model at gone.npz"),
+        (["--perceptual-weights", "gone.pth"], "no perceptual weights at gone.pth"),
+        (["--steps", "0"], "steps"),
+        (["--minutes", "0"], "must be a number of minutes above 0, got '0'"),
+        (["--minutes", "5", "--steps", "5"], "not allowed with argument"),
+        (["--batch", "two"], "must be a whole number from 1"),
+        (["--ema-decay", "1"], "must be a number from 0 to below 1"),
+        (["--from", "gone.safetensors"], "no avatar at gone.safetensors"),
+    ],
+)
+def test_bad_input_is_refused(painted_capture, tmp_path, capsys, changes, message):
+    arguments = ["train", str(painted_capture.folder), "-o", str(tmp_path / "a.safetensors"), "--device", "cpu"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, *changes]) in (1, 2)
+    assert message in capsys.readouterr().err
+
+
+def test_the_command_fine_tunes_for_a_time(painted_capture, tmp_path, capsys):
+    outputs = [str(tmp_path / name) for name in ("a.safetensors", "b.safetensors")]
+    common = ["--perceptual", "0", "--device", "cpu", "--preview-minutes", "0", "--json"]
+    lengths = (["--steps", "1"], ["--minutes", "0.005", "--batch", "2", "--from", outputs[0], "--ema-decay", "0.5"])
+    for output, length in zip(outputs, lengths, strict=True):
+        arguments = ["train", str(painted_capture.folder), "-o", output, *length, *common]
+        assert run_commands("livehand", "", COMMANDS, arguments) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["steps"] >= 1
+    assert result["minutes"] >= 0.005
+    assert result["held_out"] == {}
+    provenance = load_avatar(outputs[1]).provenance
+    assert provenance["fine_tuned_from"]["name"] == "a"
+    settings = provenance["training"]
+    assert (settings["minutes"], settings["batch"], settings["ema_decay"]) == (0.005, 2, 0.5)
+
+
+@pytest.mark.parametrize(("given", "kept"), [([], "crop"), (["window"], "crop"), (["patch"], "patch")])
+def test_the_perceptual_region_has_an_earlier_name(painted_capture, tmp_path, given, kept):
+    output = tmp_path / "a.safetensors"
+    arguments = ["train", str(painted_capture.folder), "-o", str(output), "--steps", "1", "--perceptual", "0"]
+    region = ["--perceptual-region", *given] if given else []
+    assert (
+        run_commands("livehand", "", COMMANDS, [*arguments, *region, "--device", "cpu", "--preview-minutes", "0"]) == 0
+    )
+    assert load_avatar(output).provenance["training"]["loss"]["perceptual_region"] == kept
