@@ -172,5 +172,5 @@ def curves_of():
 
 @pytest.fixture(scope="session")
 def foreign(registered):
-    """The module that makes a rigged hand as others make them (foreign_hand.py)."""
-    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "foreign_hand.py")))
+    """The module that makes a rigged hand as others make them (other_rigs.py)."""
+    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "other_rigs.py")))
