@@ -17,8 +17,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.skin import SkinTone, baked_material
 from livehand.livehand_blender.capture.surface import SkinSurface
-from livehand.livehand_blender.rig.hand import find_hands, mesh_of
-from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rig.pose import read_pose
 from PIL import Image
 
 BLEND = Path(__file__).with_name("grasp.blend")
@@ -36,10 +36,9 @@ def open_shot(frame: int, samples: int) -> bpy.types.Scene:
 
 def put_skin_in(scene: bpy.types.Scene, folder: Path) -> bpy.types.Object:
     """Replace the hand by the captures' surface in the same pose, for Cycles."""
-    (armature,) = find_hands(scene)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    pose = read_hand_pose(armature, depsgraph)
-    place = armature.matrix_world.copy()
+    (hand,) = RiggedHand.all_in(scene)
+    pose = read_pose(hand, bpy.context.evaluated_depsgraph_get())
+    place = hand.armature.matrix_world.copy()
     model = load_default_hand()
     surface = SkinSurface.create(model, detailed_surface(model))
     scene.render.engine = "CYCLES"
@@ -49,7 +48,7 @@ def put_skin_in(scene: bpy.types.Scene, folder: Path) -> bpy.types.Object:
     surface.object.data.materials.append(baked_material(maps, SkinTone()))
     surface.set_pose(pose)
     surface.object.matrix_world = place
-    mesh_of(armature).hide_render = True
+    hand.mesh.hide_render = True
     scene.cycles.samples, scene.cycles.use_denoising = samples, True  # baking has changed them
     return surface.object
 

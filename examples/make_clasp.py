@@ -10,6 +10,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
 from mathutils import Matrix, Vector
 
@@ -50,7 +51,7 @@ def add_hand(side: str, skin: str, place: Matrix) -> None:
     armature.livehand.skin = skin
     armature.matrix_world = place
     theta = theta_of(CURL.angles_deg(), FingerAxes.of_default_hand())
-    write_theta(armature, theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
+    write_theta(RiggedHand.of(armature), theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
 
 
 if __name__ == "__main__":

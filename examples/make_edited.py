@@ -11,7 +11,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.rig.hand import mesh_of
+from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
 
 SIZE_PX = (1152, 432)
@@ -42,7 +42,7 @@ def add_hand(x_m: float) -> bpy.types.Object:
     bpy.ops.livehand.add_hand()
     armature = bpy.context.active_object
     armature.location.x = x_m
-    write_theta(armature, theta_of(GESTURES["open"].angles_deg(), FingerAxes.of_default_hand()))
+    write_theta(RiggedHand.of(armature), theta_of(GESTURES["open"].angles_deg(), FingerAxes.of_default_hand()))
     return mesh_of(armature)
 
 

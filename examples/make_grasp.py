@@ -13,6 +13,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.livehand_blender.capture.light import dome_world
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from mathutils import Vector
 
@@ -54,7 +55,7 @@ def hold(armature: bpy.types.Object) -> None:
     """The grasp, the wrist as the template has it; tumbler and hand turn together, carried by an empty."""
     armature.rotation_euler = (0, 0, 0)
     theta = theta_of(GRASP.angles_deg(), FingerAxes.of_default_hand())
-    keyframe_theta(armature, np.array([theta, theta]), FRAMES)
+    keyframe_theta(RiggedHand.of(armature), np.array([theta, theta]), FRAMES)
     carrier = bpy.data.objects.new("Carrier", None)
     carrier.empty_display_size = 0.03
     bpy.context.scene.collection.objects.link(carrier)

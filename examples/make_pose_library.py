@@ -24,7 +24,8 @@ from livehand.backend.hand.poses import POSES, LibraryPose
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.decode import straight_srgb
 from livehand.backend.rendering.renderer import Renderer
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import bone_quaternions
 
 ASSETS = Path(livehand.__file__).parent / "livehand_blender" / "assets"
@@ -38,7 +39,8 @@ CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSI
 
 def make_library(folder: Path) -> None:
     """Write the library's two files."""
-    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    armatures = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    hands = [RiggedHand.of(armature) for armature in armatures]
     renderer = Renderer(load_avatar(), load_default_hand(), "cpu")
     actions = set()
     for name, pose in POSES.items():
@@ -55,7 +57,7 @@ def theta_of_pose(pose: LibraryPose) -> np.ndarray:
     return theta_of(pose.gesture.angles_deg(), FingerAxes.of_default_hand())
 
 
-def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> bpy.types.Action:
+def pose_action(name: str, hands: list[RiggedHand], pose: LibraryPose) -> bpy.types.Action:
     """An action of one frame with the finger bones of both hands, so that either takes the pose unflipped."""
     action = bpy.data.actions.new(name)
     slot = action.slots.new("OBJECT", "Hand")
@@ -64,7 +66,7 @@ def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> 
     for hand, theta in zip(hands, (theta_of_pose(pose), theta_of_pose(pose) * MIRROR_AXIS_ANGLE), strict=True):
         quaternions = bone_quaternions(hand, theta)
         for joint in range(1, 16):
-            bone = bone_name(joint, hand.livehand.side)
+            bone = bone_name(joint, hand.side)
             for index, value in enumerate(quaternions[joint]):
                 path = f'pose.bones["{bone}"].rotation_quaternion'
                 curves.new(path, index=index).keyframe_points.insert(1, value)

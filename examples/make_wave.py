@@ -16,6 +16,7 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 
 FRAMES = range(1, 25)
@@ -106,8 +107,9 @@ def animate_hand(armature: bpy.types.Object) -> None:
     axes = FingerAxes.of_default_hand()
     thetas = [theta_of(finger_angles_deg(frame), axes, matrix_to_axis_angle(wrist_rotation(frame))) for frame in FRAMES]
     knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
-    keyframe_theta(armature, np.array(thetas), FRAMES)
-    keyframe_transl(armature, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
+    hand = RiggedHand.of(armature)
+    keyframe_theta(hand, np.array(thetas), FRAMES)
+    keyframe_transl(hand, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
 
 
 def finger_angles_deg(frame: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A hand's size in the world, which its object's scale gives."""
+"""A hand's shape, and its size in the world, which is its object's scale."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import bpy
 import numpy as np
 
 from ...backend.retarget.shape_fit import HandShape
+from ..rig.hand import RiggedHand
 
 
-def present_shape(hand: bpy.types.Object) -> HandShape:
-    """The shape and the size that a hand has now."""
-    return HandShape(np.array(hand.livehand.beta, np.float64), float(np.mean(hand.matrix_world.to_scale())))
+def current_shape(hand: RiggedHand) -> HandShape:
+    """A hand's present shape and size."""
+    scale = float(np.mean(hand.armature.matrix_world.to_scale()))
+    return HandShape(np.array(hand.properties.beta, np.float64), scale)
 
 
-def take_shape(context: bpy.types.Context, hand: bpy.types.Object, shape: HandShape) -> None:
-    """Give a hand a shape and a size; its object stays where it is."""
-    hand.scale = [axis * shape.scale / present_shape(hand).scale for axis in hand.scale]
-    hand.livehand.beta = shape.beta
-    hand.update_tag()
+def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) -> None:
+    """Give a hand a shape and a size; its object's location is unchanged."""
+    armature = hand.armature
+    armature.scale = [axis * shape.scale / current_shape(hand).scale for axis in armature.scale]
+    armature.livehand.beta = shape.beta
+    armature.update_tag()
     context.view_layer.update()

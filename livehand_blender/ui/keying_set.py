@@ -1,11 +1,11 @@
-"""The keying set *LiveHand*: bones, targets and controls of the active hand at one press of I."""
+"""The keying set *LiveHand*: keys bones, targets and controls of the active hand at once."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels
-from .active_hand import active_hand
 from .posing import has_controls
 
 
@@ -17,16 +17,16 @@ class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
     bl_description = "Bones, fingertip targets and finger controls of the active LiveHand hand"
 
     def poll(self, context):
-        """Only on a hand that has controls."""
+        """Enabled on a hand that has controls."""
         return has_controls(context)
 
     def iterator(self, context, keying_set):
-        """The active hand alone."""
+        """Only the active hand."""
         self.generate(context, keying_set, active_hand(context))
 
     def generate(self, context, keying_set, data):
         """One path per channel, grouped by bone and by finger."""
-        for path, group in hand_channels(data):
+        for path, group in hand_channels(RiggedHand.of(data)):
             keying_set.paths.add(data, path, index=-1, group_method="NAMED", group_name=group)
 
 

@@ -13,7 +13,7 @@ import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
 
 
 @pytest.fixture(scope="session", autouse=True)

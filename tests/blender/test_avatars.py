@@ -60,7 +60,7 @@ def test_a_changed_file_is_read_again(gallery, right_hand, my_folder):
 
 def test_icons_show_the_portrait(gallery):
     path = shipped_avatar_path().resolve()
-    card = gallery.card(path)
+    card = gallery.metadata(path)
     for _ in range(2):  # made once; without a window it has no number
         gallery.icon(card)
     (preview,) = gallery._icons.values()
@@ -72,7 +72,7 @@ def test_icons_show_the_portrait(gallery):
 
 def test_an_avatar_without_portrait_has_no_icon(gallery, tmp_path):
     save_avatar(replace(load_avatar(), thumbnail=None), tmp_path / "plain.safetensors")
-    assert gallery.icon(gallery.card(tmp_path / "plain.safetensors")) == 0
+    assert gallery.icon(gallery.metadata(tmp_path / "plain.safetensors")) == 0
 
 
 def test_choosing_a_shipped_one_is_choosing_its_skin(right_hand):

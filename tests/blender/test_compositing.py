@@ -90,7 +90,7 @@ def test_without_a_scene_behind_the_render_is_the_hand(hand_scene, fake_session,
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("Nowhere", "no scene 'Nowhere'"), ("Scene", "another one"), ("Wall", "one size")]
+    ("name", "message"), [("Nowhere", "no scene 'Nowhere'"), ("Scene", "own scene"), ("Wall", "same size")]
 )
 def test_a_scene_that_cannot_lie_behind_is_refused(hand_scene, wall_scene, name, message):
     wall_scene.render.resolution_x = 50
@@ -245,10 +245,10 @@ def test_a_movie_begins_at_frame_1(empty_scene, read_exr, tmp_path):
 @pytest.mark.parametrize(
     ("hand", "plate", "message"),
     [
-        ("nowhere.exr", "plates/plate.004.png", "no picture at"),
+        ("nowhere.exr", "plates/plate.004.png", "no image at"),
         ("plates/plate.004.png", "", "a plate is needed"),
         ("hand.jpg", "plates/plate.004.png", "must be EXR or PNG"),
-        ("plates/plate.004.png", "nowhere.png", "no picture at"),
+        ("plates/plate.004.png", "nowhere.png", "no image at"),
     ],
 )
 def test_what_cannot_be_loaded_is_refused_and_leaves_no_nodes(empty_scene, plates, tmp_path, hand, plate, message):

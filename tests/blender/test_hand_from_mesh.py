@@ -28,10 +28,12 @@ from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
 from livehand.livehand_blender.retarget.follow import follow
-from livehand.livehand_blender.retarget.hand_from_mesh import make_own_hand, mesh_skinned_to
+from livehand.livehand_blender.retarget.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
 from livehand.livehand_blender.retarget.rest_mesh import read_rest_mesh
 from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.rig.hand import add_hand, mesh_of
+from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
 from livehand.livehand_blender.scene.settings import use_livehand
 from mathutils import Matrix
@@ -122,7 +124,7 @@ def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
     ours = add_hand(bpy.context, model, str(files / "mine.npz"))
     ours.location = (0.3, -0.2, 0.1)
     bpy.context.view_layer.update()
-    follow(bpy.context, ours, model, armature, joint_map)
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(armature, joint_map))
     rng = np.random.default_rng(6)
     for _ in range(3):
         turn_bones_as(rng.normal(size=(16, 3)) * 0.4, armature, joint_map, made.world2template, model)
@@ -180,7 +182,7 @@ def test_the_look_sees_what_the_source_saw(coarse, tmp_path):
     emission = nodes.new("ShaderNodeEmission")
     links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], emission.inputs["Color"])
     links.new(emission.outputs[0], nodes["Material Output"].inputs["Surface"])
-    make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "mine.npz")
+    hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "mine.npz")
     hand.pose_like(np.random.default_rng(0).normal(size=(16, 3)) * 0.3)
     bpy.context.view_layer.update()
     posed = evaluated_world_vertices(hand.mesh)
@@ -292,8 +294,8 @@ def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files)
     assert [key.name for key in armature.livehand.mesh.data.shape_keys.key_blocks] == ["Basis"]
     armature.livehand.avatar_path = str(avatar_path)
     pose = capture.poses[view.pose_index]
-    write_theta(armature, pose.theta)
-    write_transl(armature, pose.transl)
+    write_theta(RiggedHand.of(armature), pose.theta)
+    write_transl(RiggedHand.of(armature), pose.transl)
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(scene.camera)
     use_livehand(scene)
@@ -370,12 +372,12 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
 def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
     """An arm and a body in one mesh with the hand, split along a seam as files split it, subdivided."""
     hand = coarse.make_foreign_hand()
-    alone = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
+    alone = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
     grow_into_a_character(hand, coarse.FOREARM)
     modifier = hand.mesh.modifiers.new("Subdivision", "SUBSURF")
     modifier.levels = modifier.render_levels = 1
     count = len(hand.mesh.data.vertices)
-    made = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "cut.npz")
+    made = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "cut.npz")
     model, other = (load_hand_model(tmp_path / name) for name in ("cut.npz", "alone.npz"))
     assert made["vertices"] < count - 100
     assert abs(made["vertices"] - alone["vertices"]) < 150

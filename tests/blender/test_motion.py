@@ -15,7 +15,8 @@ from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.opening import open_pose_file
 from livehand.backend.motion.placing import TO_BLENDER
 from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.ui.motion import LIVEHAND_OT_import_motion
@@ -180,7 +181,7 @@ def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
 
 def test_a_file_without_places_turns_the_hand_where_it_stands(hand, model, tmp_path):
     hand.matrix_world = Matrix.Translation((0.3, -2, 1)) @ Matrix.Rotation(1.1, 4, (1, 2, 3))
-    keyframe_transl(hand, np.array([[0.01, 0.02, 0.03]]), [1])
+    keyframe_transl(RiggedHand.of(hand), np.array([[0.01, 0.02, 0.03]]), [1])
     motion = motion_of(model.side)
     np.savez(tmp_path / "t.npz", poses=motion.theta.reshape(-1, 48), side=model.side)
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "t.npz"), space="y_up", start_frame=1)
@@ -302,5 +303,5 @@ def test_writing_a_pose_still_works_beside_keys(hand, model, tmp_path):
     motion = motion_of(model.side)
     write_motion(motion, tmp_path / "m.npz")
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
-    write_hand_pose(hand, motion.pose(4))
+    write_hand_pose(RiggedHand.of(hand), motion.pose(4))
     np.testing.assert_allclose(read(hand, 2).theta, motion.theta[1], atol=1e-5)

@@ -8,7 +8,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
 from livehand.backend.runtime import dependencies
 from livehand.livehand_blender.render import renderer_loading
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.scene.settings import use_livehand
 
@@ -85,7 +86,7 @@ def test_a_collection_outside_the_view_layer_is_refused_and_leaves_nothing():
 
 def test_reset_pose_rests_the_hand_and_keeps_its_shape():
     hand = add_hand(bpy.context, load_default_hand())
-    write_hand_pose(hand, HandPose(np.full((16, 3), 0.3), np.ones(10), np.ones(3)))
+    write_hand_pose(RiggedHand.of(hand), HandPose(np.full((16, 3), 0.3), np.ones(10), np.ones(3)))
     assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
     pose = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
     np.testing.assert_allclose(pose.theta, 0, atol=1e-6)
@@ -136,7 +137,7 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
 
 def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
-    with pytest.raises(RuntimeError, match="nothing is missing"):
+    with pytest.raises(RuntimeError, match="no package is missing"):
         bpy.ops.livehand.copy_install_command()
 
 

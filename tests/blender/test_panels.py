@@ -7,7 +7,8 @@ import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.runtime import dependencies
-from livehand.livehand_blender.rig.hand import add_hand, find_hands
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.ui import avatars, compositing, panels, picker
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 

@@ -9,6 +9,7 @@ import pytest
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.poses import POSES
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder
 
@@ -39,7 +40,7 @@ def test_every_pose_of_the_table_gives_either_hand_its_theta(hand, model, action
 def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
     theta = np.zeros((16, 3))
     theta[0] = 0.3, -0.2, 0.1
-    write_theta(hand, theta)
+    write_theta(RiggedHand.of(hand), theta)
     hand.pose.apply_pose_from_action(actions["Fist"], evaluation_time=1)
     hand.update_tag()
     np.testing.assert_allclose(
@@ -68,10 +69,10 @@ def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
 def test_the_script_makes_the_same_poses(actions):
     """Its pictures take seconds and are left out."""
     from livehand.backend.hand.model_file import load_default_hand
-    from livehand.livehand_blender.rig.hand import add_hand
+    from livehand.livehand_blender.rig.build import add_hand
 
     script = runpy.run_path(str(SCRIPT))
-    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    hands = [RiggedHand.of(add_hand(bpy.context, load_default_hand().for_side(side))) for side in ("right", "left")]
     for name in ("Fist", "Palmar Pinch"):
         saved, made = (keys(action) for action in (actions[name], script["pose_action"]("new", hands, POSES[name])))
         assert saved.keys() == made.keys()

@@ -9,7 +9,8 @@ from livehand.backend.hand.bones import FINGERS, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -97,7 +98,7 @@ def test_the_keying_set_brings_poses_back(hand):
     poses = {}
     for frame, fist in ((1, 0.0), (11, 0.6)):
         scene.frame_set(frame)
-        write_theta(hand, np.full((16, 3), 0.02 * frame))
+        write_theta(RiggedHand.of(hand), np.full((16, 3), 0.02 * frame))
         hand.livehand.fist, hand.livehand.pinky.spread = fist, -fist
         poses[frame] = read(hand)
         press_i()
@@ -121,7 +122,7 @@ def test_a_pose_pasted_flipped_on_the_other_hand_is_its_mirror_image(source):
     hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
     theta = theta_of(GESTURES["point"].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.3, 0.4]))
     theta = theta if source == 0 else theta * MIRROR_AXIS_ANGLE
-    write_theta(hands[source], theta)
+    write_theta(RiggedHand.of(hands[source]), theta)
     copy_and_paste_flipped(hands[source], hands[1 - source])
     np.testing.assert_allclose(read(hands[1 - source]), theta * MIRROR_AXIS_ANGLE, atol=1e-5)
 

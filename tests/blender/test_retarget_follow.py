@@ -13,7 +13,9 @@ from livehand.backend.retarget.shape_fit import rest_nodes
 from livehand.livehand_blender.retarget.bake import bake
 from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following
 from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the true ones
@@ -61,9 +63,9 @@ def test_fingertips_meet_the_true_ones(foreign, model, moving, tmp_path, record_
     found = guess_joints(read_skeleton(source), model.side).joint_map()
     assert found == made.joint_map
     if way == "live":
-        follow(bpy.context, ours, load_default_hand(), source, found)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(source, found))
     else:
-        assert bake(bpy.context, ours, load_default_hand(), source, found, frames) == len(frames)
+        assert bake(bpy.context, RiggedHand.of(ours), SourceRig(source, found), frames) == len(frames)
     errors = tip_errors_m(ours, made, frames)
     record_property("fingertips, mm", [round(1e3 * error, 2) for error in (errors.mean(), errors.max())])
     assert errors.mean() < MEAN_M
@@ -84,7 +86,7 @@ def evaluated_pose(hand):
 
 def start(moving, frame=6, **options):
     made, _, ours = moving
-    follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, **options)
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), **options)
     bpy.context.scene.frame_set(frame)
     return made, ours
 
@@ -102,19 +104,19 @@ def test_it_turns_as_its_source_does_and_its_bones_point_alike(moving):
 def test_stopping_removes_everything_and_keeps_the_pose_by_choice(moving):
     ours = moving[2]
     theta = np.random.default_rng(0).normal(size=(16, 3)) * 0.3
-    write_theta(ours, theta)
+    write_theta(RiggedHand.of(ours), theta)
     before = state(ours)
     start(moving)
     seen = evaluated_pose(ours)
     assert is_following(ours)
-    stop_following(bpy.context, ours)
+    stop_following(bpy.context, RiggedHand.of(ours))
     assert not is_following(ours)
     assert state(ours) == before
     np.testing.assert_allclose(evaluated_pose(ours).theta, seen.theta, atol=1e-5)
     np.testing.assert_allclose(evaluated_pose(ours).transl, seen.transl, atol=1e-5)
-    write_theta(ours, theta)
+    write_theta(RiggedHand.of(ours), theta)
     start(moving)
-    stop_following(bpy.context, ours, keeps_pose=False)
+    stop_following(bpy.context, RiggedHand.of(ours), keeps_pose=False)
     np.testing.assert_allclose(evaluated_pose(ours).theta, theta, atol=1e-5)
 
 
@@ -199,7 +201,8 @@ def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
     source = bpy.data.objects["Elsewhere"]
     bpy.context.scene.collection.objects.link(source)
     ours = add_hand(bpy.context, model)
-    follow(bpy.context, ours, load_default_hand(), source, made_map := guess_joints(read_skeleton(source)).joint_map())
+    joint_map = guess_joints(read_skeleton(source)).joint_map()
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(source, joint_map))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"), use_scripts=False)
     ours, source = bpy.data.objects["LiveHand"], bpy.data.objects["Elsewhere"]
@@ -207,7 +210,7 @@ def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
     assert source.library is not None
     for frame in (1, 6, 11):
         bpy.context.scene.frame_set(frame)
-        error = np.linalg.norm(our_tips(ours) - foreign.bone_heads(source, made_map.tips), axis=1)
+        error = np.linalg.norm(our_tips(ours) - foreign.bone_heads(source, joint_map.tips), axis=1)
         assert error.max() < MOST_M
 
 
@@ -216,14 +219,14 @@ def test_what_cannot_be_followed_is_refused_and_nothing_changes(foreign, moving)
     before = state(ours), tuple(ours.scale)
     other = foreign.make_foreign_hand("left" if made.side == "right" else "right", name="Other")
     with pytest.raises(LiveHandError, match="can follow a"):
-        follow(bpy.context, ours, load_default_hand(), other.armature, other.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(other.armature, other.joint_map))
     made.armature.scale[0] *= -1
     bpy.context.view_layer.update()
     with pytest.raises(LiveHandError, match="must not be scaled by negative"):
-        follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map))
     ours.hide_set(True)
     with pytest.raises(LiveHandError, match="must be visible"):
-        follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map))
     assert (state(ours), tuple(ours.scale)) == before
 
 
@@ -232,7 +235,7 @@ def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
     frames = made.animate()
     ours = add_hand(bpy.context, model)
     ours.location = (0.4, 0, 0)
-    bake(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, frames)
+    bake(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), frames)
     for frame in frames:
         bpy.context.scene.frame_set(frame)
         error = np.linalg.norm(our_tips(ours) - made.fingertips() * [-1, 1, 1], axis=1)
@@ -243,4 +246,4 @@ def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
 def test_no_frames_are_refused(moving, frames):
     made, _, ours = moving
     with pytest.raises(LiveHandError, match="last frame"):
-        bake(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, frames)
+        bake(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), frames)

@@ -8,8 +8,9 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.retarget.shape_fit import rest_nodes
-from livehand.livehand_blender.retarget.importing import _everything
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.retarget.importing import all_data
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from mathutils import Matrix
@@ -88,9 +89,9 @@ def run(path, **options):
 def test_a_bvh_with_known_answers(hand, model, tmp_path, fps):
     thetas = some_thetas(model.side)
     wrists_cm = np.array([[0, 100, 0], [10, 100, 0], [10, 110, 5], [0, 100, 0.0]])
-    before = _everything()
+    before = all_data()
     run(write_bvh(tmp_path / "m.bvh", model.side, thetas, wrists_cm, fps), match_fps=False)
-    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}  # the hand's own
+    assert {type(thing).__name__ for thing in all_data() - before} == {"Action"}  # the hand's own
     nodes = rest_nodes(model, np.zeros(10))
     for frame, (theta, wrist) in enumerate(zip(thetas, wrists_cm, strict=True), 1):
         pose = pose_at(hand, frame)
@@ -122,9 +123,9 @@ def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, mod
     ours.location = (0.3, 0.2, 0.1)
     bpy.context.view_layer.objects.active = ours
     bpy.ops.object.mode_set(mode="POSE")
-    before = _everything()
+    before = all_data()
     assert run(path, set_shape=True) == {"FINISHED"}
-    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}
+    assert {type(thing).__name__ for thing in all_data() - before} == {"Action"}
     assert (bpy.context.mode, bpy.context.active_object) == ("POSE", ours)
     rest = rest_nodes(model, np.zeros(10))
     rows = [int(np.linalg.norm(model.v_template - rest[4 * f + 4], axis=1).argmin()) for f in range(5)]
@@ -141,18 +142,18 @@ def test_the_other_hand_of_a_file_is_refused_or_mirrored(hand, model, tmp_path):
     other = "left" if model.side == "right" else "right"
     thetas = some_thetas(other)
     path = write_bvh(tmp_path / "m.bvh", other, thetas, np.zeros((4, 3)), 24)
-    before = _everything(), tuple(hand.scale)
+    before = all_data(), tuple(hand.scale)
     with pytest.raises(RuntimeError, match="turn on Mirror"):
         run(path, set_shape=True)
     with pytest.raises(RuntimeError, match=f"whole {model.side} hand"):
         run(path, side=model.side)
-    assert (_everything(), tuple(hand.scale)) == before
+    assert (all_data(), tuple(hand.scale)) == before
     run(path, mirror=True)
     np.testing.assert_allclose(pose_at(hand, 2).theta[1:], thetas[1, 1:] * MIRROR_AXIS_ANGLE, atol=2e-4)
 
 
 def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
-    keyframe_theta(hand, np.zeros((1, 16, 3)), [1])
+    keyframe_theta(RiggedHand.of(hand), np.zeros((1, 16, 3)), [1])
     (tmp_path / "no.bvh").write_text("nothing at all")
     for suffix in ("fbx", "glb", "gltf"):
         (tmp_path / f"no.{suffix}").write_bytes(b"nothing at all" * 10)
@@ -162,7 +163,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     cube.select_set(True)
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
     bpy.context.view_layer.objects.active = hand
-    before = _everything()
+    before = all_data()
     for name, message in {
         "no.bvh": "must be a BVH file",
         "no.fbx": "importer failed",
@@ -173,7 +174,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     }.items():
         with pytest.raises(RuntimeError, match=message):
             run(tmp_path / name)
-        assert _everything() == before, name
+        assert all_data() == before, name
     assert tuple(hand.animation_data.action.frame_range) == (1, 1)
     assert bpy.context.scene.name == "Scene"
 
