@@ -17,7 +17,7 @@ _KIND, _ROLE = "livehand_block", "livehand_role"
 _COLUMN_PX, _ROW_PX, _MARGIN_PX = 260, 320, 120
 
 
-class _Reader(NamedTuple):
+class _OutsideLink(NamedTuple):
     """A socket outside a block that a node of the block feeds."""
 
     role: str
@@ -78,11 +78,11 @@ def _members(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[bpy.ty
     return (node for node in tree.nodes if node.parent == frame and _ROLE in node)
 
 
-def _readers(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[_Reader]:
+def _readers(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[_OutsideLink]:
     members = list(_members(tree, frame))
     for link in tree.links:
         if link.from_node in members and link.to_node not in members:
-            yield _Reader(link.from_node[_ROLE], link.from_socket.name, link.to_socket)
+            yield _OutsideLink(link.from_node[_ROLE], link.from_socket.name, link.to_socket)
 
 
 def _remove(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> None:

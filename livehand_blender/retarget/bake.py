@@ -12,8 +12,7 @@ from ...backend.retarget.retarget import retarget
 from ..motion.keying import Placement, key_motion, motion_for_hand
 from ..rig.hand import RiggedHand
 from .importing import RigFile, read_rig_file
-from .size import current_shape, set_shape
-from .source import SourceRig, align_hand, sample_source
+from .source import SourceRig, align_hand, current_shape, sample_source, set_shape
 
 
 def bake(

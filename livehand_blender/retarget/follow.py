@@ -27,8 +27,7 @@ from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
 from ..rig.hand import RiggedHand
 from ..rig.pose import read_pose, write_theta, write_transl
-from .size import set_shape
-from .source import SourceRig, align_hand
+from .source import SourceRig, align_hand, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
 _SOURCE, _FITTED, _FOLLOWING = "SRC", "FIT", "FOL"

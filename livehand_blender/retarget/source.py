@@ -1,4 +1,7 @@
-"""Another armature over a range of frames -> `SourceMotion`, and our hand aligned to it at rest."""
+"""Another armature over a range of frames -> `SourceMotion`, and our hand aligned to it at rest.
+
+A hand's size in the world is its object's scale.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ import numpy as np
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.alignment import Alignment, align
 from ...backend.retarget.retarget import SourceMotion
+from ...backend.retarget.shape_fit import HandShape
 from ...backend.retarget.skeleton import JointMap
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
-from .size import current_shape
 from .skeleton import read_skeleton
 
 
@@ -43,6 +46,21 @@ def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> Alignme
         )
     shape = None if fits_shape else current_shape(hand)
     return align(read_skeleton(source.armature), source.joint_map, hand.model, shape)
+
+
+def current_shape(hand: RiggedHand) -> HandShape:
+    """A hand's present shape and size."""
+    scale = float(np.mean(hand.armature.matrix_world.to_scale()))
+    return HandShape(np.array(hand.properties.beta, np.float64), scale)
+
+
+def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) -> None:
+    """Give a hand a shape and a size; its object's location is unchanged."""
+    armature = hand.armature
+    armature.scale = [axis * shape.scale / current_shape(hand).scale for axis in armature.scale]
+    armature.livehand.beta = shape.beta
+    armature.update_tag()
+    context.view_layer.update()
 
 
 def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterable[int]) -> SourceMotion:

@@ -1,4 +1,4 @@
-"""Import of hand motions, and the panel for import and export."""
+"""Import and export of hand motions, and their panel."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bpy.props import CollectionProperty, StringProperty
-from bpy_extras.io_utils import ImportHelper
+from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...backend.motion.describe import describe
+from ...backend.motion.formats.own import write_motion
 from ...backend.motion.request import Changes, changed, motion_from, open_files
 from ...backend.records.errors import LiveHandError
-from ..motion.keying import Placement, key_motion
+from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
 from ..retarget.importing import RIG_SUFFIXES, RigFile
 from ..rig.hand import RiggedHand
-from . import motion_export, motion_files
-from .mixins import HandTab, OnHand, reports_errors
+from . import motion_files
+from .mixins import FrameRange, HandTab, OnHand, reports_errors
 from .motion_settings import MotionSettings
 
 _LINE_CHARACTERS = 40  # as wide as the side panel of the file browser shows
@@ -132,6 +133,24 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return self._detected_lines
 
 
+class LIVEHAND_OT_export_motion(OnHand, FrameRange, bpy.types.Operator, ExportHelper):
+    """Write the active hand's motion in a range of frames to a .npz file."""
+
+    bl_idname = "livehand.export_motion"
+    bl_label = "Export Hand Motion"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".npz"
+    filter_glob: StringProperty(default="*.npz", options={"HIDDEN"})
+
+    @reports_errors
+    def execute(self, context):
+        """Sample the frames, then write the file."""
+        motion = sample_motion(context, RiggedHand.active(context), self.frames(context.scene))
+        write_motion(motion, Path(bpy.path.abspath(self.filepath)))
+        self.report({"INFO"}, f"Wrote {len(motion)} frames")
+
+
 class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     """Motions of the active hand."""
 
@@ -144,7 +163,7 @@ class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
         self.layout.operator("livehand.export_motion", text="Export Motion", icon="EXPORT")
 
 
-CLASSES = (LIVEHAND_OT_import_motion, *motion_export.CLASSES, *motion_files.CLASSES, LIVEHAND_PT_motion)
+CLASSES = (LIVEHAND_OT_import_motion, LIVEHAND_OT_export_motion, *motion_files.CLASSES, LIVEHAND_PT_motion)
 
 
 def _is_rig(paths: list[Path]) -> bool:

@@ -1,4 +1,4 @@
-"""Operators for posing: select fingers, and snap poses between bones and fingertip targets."""
+"""Operators for posing: select fingers, snap poses between bones and fingertip targets, and key the whole pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
-from ..rig.keyframes import key_finger
+from ..rig.keyframes import hand_channels, key_finger
 from .mixins import polled_hand, reports_errors
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
@@ -119,11 +119,33 @@ class LIVEHAND_OT_snap_fk_to_ik(_Snap, bpy.types.Operator):
     move = staticmethod(move_bones_to_ik)
 
 
+class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
+    """Key the whole pose of the active hand."""
+
+    bl_idname = "LIVEHAND_KS_hand"
+    bl_label = "LiveHand"
+    bl_description = "Bones, fingertip targets and finger controls of the active LiveHand hand"
+
+    def poll(self, context):
+        """Enabled on a hand that has controls."""
+        return has_controls(context)
+
+    def iterator(self, context, keying_set):
+        """Only the active hand."""
+        self.generate(context, keying_set, active_hand(context))
+
+    def generate(self, context, keying_set, data):
+        """One path per channel, grouped by bone and by finger."""
+        for path, group in hand_channels(RiggedHand.of(data)):
+            keying_set.paths.add(data, path, index=-1, group_method="NAMED", group_name=group)
+
+
 CLASSES = (
     LIVEHAND_OT_select_finger,
     LIVEHAND_OT_select_bone,
     LIVEHAND_OT_snap_ik_to_fk,
     LIVEHAND_OT_snap_fk_to_ik,
+    LIVEHAND_KS_hand,
 )
 
 

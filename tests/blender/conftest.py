@@ -171,6 +171,6 @@ def curves_of():
 
 
 @pytest.fixture(scope="session")
-def foreign(registered):
+def other_rigs(registered):
     """The module that makes a rigged hand as others make them (other_rigs.py)."""
     return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "other_rigs.py")))

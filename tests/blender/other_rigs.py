@@ -46,7 +46,7 @@ _TURN = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass
-class ForeignHand:
+class OtherHand:
     """What was made, and what is known of it.
 
     Attributes:
@@ -124,7 +124,7 @@ def bone_heads(armature: bpy.types.Object, names: tuple[str, ...]) -> np.ndarray
     return np.array([evaluated.matrix_world @ evaluated.pose.bones[name].head for name in names])
 
 
-def make_foreign_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere") -> ForeignHand:
+def make_rigged_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere") -> OtherHand:
     """Build it in the scene's collection, at rest.
 
     Args:
@@ -154,7 +154,7 @@ def make_foreign_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere
     armature.scale = (1 / _CM,) * 3
     bpy.context.view_layer.update()
     turns = _global_turns(theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
-    return ForeignHand(armature, mesh, side, turns)
+    return OtherHand(armature, mesh, side, turns)
 
 
 def _tensors(*arrays: np.ndarray):
@@ -300,7 +300,7 @@ def _give_look(mesh: bpy.types.Object, rng) -> None:
     data.materials.append(material)
 
 
-def write_glb(hand: ForeignHand, path: Path) -> Path:
+def write_glb(hand: OtherHand, path: Path) -> Path:
     """Written by Blender's exporter, animation included; bones lose their tails and rolls.
 
     In a process of its own: one that has used this exporter and torch hangs when it ends (Blender 4.5).
@@ -315,7 +315,7 @@ def write_glb(hand: ForeignHand, path: Path) -> Path:
     return path
 
 
-def write_fbx(hand: ForeignHand, path: Path) -> Path:
+def write_fbx(hand: OtherHand, path: Path) -> Path:
     """Written by Blender's exporter, animation included, with leaf bones as it adds them by default."""
     _select(hand)
     options = {"path_mode": "COPY", "embed_textures": True, "bake_anim_simplify_factor": 0}
@@ -334,14 +334,14 @@ def read_file(path: Path) -> bpy.types.Object:
     return next(thing for thing in bpy.data.objects if thing not in before and thing.type == "ARMATURE")
 
 
-def remove(hand: ForeignHand) -> None:
+def remove(hand: OtherHand) -> None:
     """Take it out of the file again."""
     for thing in (hand.mesh, hand.armature):
         bpy.data.objects.remove(thing)
     bpy.data.orphans_purge(do_recursive=True)
 
 
-def _select(hand: ForeignHand) -> None:
+def _select(hand: OtherHand) -> None:
     for thing in bpy.context.scene.objects:
         thing.select_set(thing in (hand.armature, hand.mesh))
     bpy.context.view_layer.objects.active = hand.armature

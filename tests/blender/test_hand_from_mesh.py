@@ -43,9 +43,9 @@ SIZE = (64, 96)
 
 
 @pytest.fixture(scope="module")
-def coarse(foreign):
+def coarse(other_rigs):
     """The rigged hand made elsewhere, with fewer vertices: its atlas is made in a second."""
-    names = foreign.make_foreign_hand.__globals__
+    names = other_rigs.make_rigged_hand.__globals__
     voxel_m = names["_VOXEL_M"]
     names["_VOXEL_M"] = 0.005
     yield foreign
@@ -58,7 +58,7 @@ def files(coarse, registered, tmp_path_factory):
     folder = tmp_path_factory.mktemp("own")
     for side, name in (("right", "mine.npz"), ("left", "mine_left.npz")):
         bpy.ops.wm.read_homefile(use_empty=True)
-        coarse.write_glb(coarse.make_foreign_hand(side), folder / f"{side}.glb")
+        coarse.write_glb(coarse.make_rigged_hand(side), folder / f"{side}.glb")
         assert main(["make-hand", str(folder / f"{side}.glb"), "-o", str(folder / name)]) == 0
     return folder
 
@@ -74,7 +74,7 @@ def trained(files):
     return files / "capture", files / "mine.safetensors"
 
 
-def test_the_file_says_where_it_is_from(files):
+def test_the_file_records_its_provenance(files):
     with np.load(files / "mine.npz") as arrays:
         told = json.loads(str(arrays["provenance"]))
     assert told["source"] == "right.glb"
@@ -90,7 +90,7 @@ def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name)
     model = load_hand_model(files / name)
     assert model.side == side
     armature = coarse.read_file(files / f"{side}.glb")
-    joint_map = coarse.make_foreign_hand.__globals__["JointMap"](side, coarse.JOINTS)
+    joint_map = coarse.make_rigged_hand.__globals__["JointMap"](side, coarse.JOINTS)
     mesh = mesh_skinned_to(armature, joint_map)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(bpy.context, mesh, armature, skeleton)
@@ -110,11 +110,11 @@ def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name)
         assert error_mm[agreeing].max() < 0.02
 
 
-def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
+def test_the_hand_follows_its_source_rig_exactly(files, coarse):
     """The rig moves its own mesh, ours follows by constraints: the same vertices in the same places."""
     model = load_hand_model(files / "mine.npz")
     armature = coarse.read_file(files / "right.glb")
-    joint_map = coarse.make_foreign_hand.__globals__["JointMap"]("right", coarse.JOINTS)
+    joint_map = coarse.make_rigged_hand.__globals__["JointMap"]("right", coarse.JOINTS)
     mesh = mesh_skinned_to(armature, joint_map)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(bpy.context, mesh, armature, skeleton)
@@ -174,9 +174,9 @@ def test_the_posed_look_is_the_renderers_mesh(files):
     assert [layer.name for layer in surface.object.data.uv_layers]
 
 
-def test_the_look_sees_what_the_source_saw(coarse, tmp_path):
+def test_materials_have_the_same_coordinates_as_on_the_source(coarse, tmp_path):
     """Coordinates that Blender generates of the resting mesh, in the same picture of both, posed."""
-    hand = coarse.make_foreign_hand()
+    hand = coarse.make_rigged_hand()
     (material,) = hand.mesh.data.materials
     nodes, links = material.node_tree.nodes, material.node_tree.links
     emission = nodes.new("ShaderNodeEmission")
@@ -220,7 +220,7 @@ def _emitted(thing, path, posed):
         return np.asarray(image, int)
 
 
-def test_a_look_of_another_hand_is_refused(files, tmp_path):
+def test_a_look_of_another_hand_is_rejected(files, tmp_path):
     model = load_hand_model(files / "mine.npz")
     with pytest.raises(LiveHandError, match="no look at"):
         OwnSurface.of_look(model, files / "none.blend")
@@ -256,7 +256,7 @@ def test_a_left_hands_poses_are_the_mirror_image_of_a_rights():
         np.testing.assert_array_equal(one.camera.cam2world, other.camera.cam2world)
 
 
-def test_gestures_count_from_where_the_fingers_rest(files):
+def test_gestures_are_relative_to_the_rest_pose(files):
     """This hand rests spread and straight: bent as far as ours, its fingers end up as ours do."""
     plan = CapturePlan(poses=12, cameras=5)
     models = load_default_hand(), load_hand_model(files / "mine.npz")
@@ -279,7 +279,7 @@ def directions_of(model, poses):
     return np.array(found)
 
 
-def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files):
+def test_the_trained_avatar_renders_in_blender(trained, files):
     folder, avatar_path = trained
     model = load_hand_model(files / "mine.npz")
     assert load_avatar(avatar_path).hand_sha256 == model.sha256 == load_capture(folder).hand_sha256
@@ -314,7 +314,7 @@ def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files)
         np.testing.assert_allclose(np.asarray(image)[..., 3] / 255.0, alpha, atol=0.02)
 
 
-def test_a_pose_file_renders_with_ones_own_hand(trained, files, capsys):
+def test_a_pose_file_renders_with_the_new_hand(trained, files, capsys):
     take, out = files / "take.npz", files / "pictures"
     write_motion(HandMotion(np.zeros((1, 16, 3)), np.zeros(10), np.zeros((1, 3))), take)
     asked = ["render", str(take), "--avatar", str(trained[1]), "-o", str(out), "--size", "48x64", "--device", "cpu"]
@@ -325,15 +325,15 @@ def test_a_pose_file_renders_with_ones_own_hand(trained, files, capsys):
         assert 0.05 < (np.asarray(image)[..., 3] > 128).mean() < 0.9
 
 
-def test_a_hand_without_shapes_says_so(files):
+def test_shape_operators_report_a_hand_without_shapes(files):
     add_hand(bpy.context, load_hand_model(files / "mine.npz"), str(files / "mine.npz"))
     for run in (bpy.ops.livehand.random_shape, bpy.ops.livehand.match_measurements):
         with pytest.raises(RuntimeError, match="'mine' has none"):
             run()
 
 
-def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_path):
-    hand = coarse.make_foreign_hand()
+def test_the_operator_writes_both_files_and_keeps_the_scene(coarse, files, tmp_path):
+    hand = coarse.make_rigged_hand()
     bpy.context.view_layer.objects.active = hand.mesh
     hand.pose_like(np.full((16, 3), 0.2))  # the rest pose counts, not this one
     hand.mesh.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
@@ -371,7 +371,7 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
 
 def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
     """An arm and a body in one mesh with the hand, split along a seam as files split it, subdivided."""
-    hand = coarse.make_foreign_hand()
+    hand = coarse.make_rigged_hand()
     alone = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
     grow_into_a_character(hand, coarse.FOREARM)
     modifier = hand.mesh.modifiers.new("Subdivision", "SUBSURF")
@@ -458,7 +458,7 @@ def _left_map(hand, folder):
         (["right.glb", "--bones", "mine.npz"], "must be JSON"),
     ],
 )
-def test_what_make_hand_cannot_do_it_says(files, arguments, said, tmp_path, capsys):
+def test_make_hand_reports_errors(files, arguments, said, tmp_path, capsys):
     character, *others = arguments
     others = [str(files / value) if value == "mine.npz" else value for value in others]
     assert main(["make-hand", str(files / character), "-o", str(tmp_path / "x.npz"), *others]) == 1

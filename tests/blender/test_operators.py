@@ -42,7 +42,7 @@ def test_add_hand_stands_upright():
     np.testing.assert_allclose(turned @ [0, 1, 0], [0, -1, 0], atol=1e-6)  # back of the hand to the front
 
 
-def test_add_hand_lands_on_the_cursor_and_reads_a_file(tmp_path):
+def test_add_hand_uses_the_cursor_and_a_model_file(tmp_path):
     model = load_default_hand()
     arrays = {name: getattr(model, name) for name in ("v_template", "f", "J_regressor", "shapedirs", "posedirs")}
     kintree = np.array([model.parents, np.arange(16)])
@@ -72,7 +72,7 @@ def test_add_hand_leaves_other_modes_first(mode):
     assert len(find_hands(bpy.context.scene)) == 2
 
 
-def test_a_collection_outside_the_view_layer_is_refused_and_leaves_nothing():
+def test_a_collection_outside_the_view_layer_is_rejected_and_nothing_is_added():
     collection = bpy.data.collections.new("Hidden")
     bpy.context.scene.collection.children.link(collection)
     layer = bpy.context.view_layer.layer_collection.children["Hidden"]
@@ -94,7 +94,7 @@ def test_reset_pose_rests_the_hand_and_keeps_its_shape():
     np.testing.assert_allclose(pose.beta, 1)
 
 
-def test_reset_pose_works_from_the_mesh_and_says_why_it_cannot():
+def test_reset_pose_works_from_the_mesh_and_reports_errors():
     with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
         bpy.ops.livehand.reset_pose()
     hand = add_hand(bpy.context, load_default_hand())
@@ -114,7 +114,7 @@ def test_set_engine_does_what_the_function_does():
         assert scene.render.image_settings.color_mode == "RGBA"
 
 
-def test_set_engine_leaves_a_format_without_alpha_alone():
+def test_set_engine_keeps_a_format_without_alpha():
     bpy.context.scene.render.image_settings.file_format = "JPEG"
     use_livehand(bpy.context.scene)
     assert bpy.context.scene.render.image_settings.file_format == "JPEG"
@@ -135,7 +135,7 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     assert f'pip install --target "{target}" "fake>=1"' in command
 
 
-def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):
+def test_the_install_command_is_disabled_when_nothing_is_missing(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
     with pytest.raises(RuntimeError, match="no package is missing"):
         bpy.ops.livehand.copy_install_command()

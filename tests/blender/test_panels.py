@@ -111,7 +111,7 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     assert not [word for word in draw(avatars.LIVEHAND_PT_choose_avatar) if word == "livehand.wear_avatar"]
 
 
-def test_a_missing_avatar_is_told_in_the_panel():
+def test_the_panel_reports_a_missing_avatar():
     add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
     drawn = draw(avatars.LIVEHAND_PT_avatar)
     assert "/nowhere/a.safetensors" in "".join(drawn[:-2])

@@ -37,7 +37,7 @@ def test_every_pose_of_the_table_gives_either_hand_its_theta(hand, model, action
         np.testing.assert_allclose(theta, theta_for(name, model.side), atol=2e-6, err_msg=name)
 
 
-def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
+def test_a_pose_does_not_move_the_wrist(hand, model, actions):
     theta = np.zeros((16, 3))
     theta[0] = 0.3, -0.2, 0.1
     write_theta(RiggedHand.of(hand), theta)
@@ -48,7 +48,7 @@ def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
     )
 
 
-def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
+def test_every_pose_is_an_asset_with_a_catalog_tags_and_a_preview(actions):
     lines = (library_folder() / "blender_assets.cats.txt").read_text().splitlines()[2:]
     catalogs = {identity: path for identity, path, _ in (line.split(":") for line in lines)}
     pictures = []
@@ -85,7 +85,7 @@ def keys(action):
     return {(curve.data_path, curve.array_index): curve.evaluate(1) for curve in curves}
 
 
-def test_the_library_is_added_once_and_only_when_asked_for():
+def test_the_library_is_added_once_and_only_by_the_operator():
     libraries = bpy.context.preferences.filepaths.asset_libraries
     before = [library.path for library in libraries]
     assert str(library_folder()) not in before
@@ -99,7 +99,7 @@ def test_the_library_is_added_once_and_only_when_asked_for():
     assert [library.path for library in libraries] == before
 
 
-def test_no_path_of_a_machine_is_in_the_file():
+def test_the_file_contains_no_local_path():
     zstandard = pytest.importorskip("zstandard")
     with zstandard.open(library_folder() / "poses.blend") as stream:
         data = stream.read()

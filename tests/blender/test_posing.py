@@ -127,7 +127,7 @@ def test_a_pose_pasted_flipped_on_the_other_hand_is_its_mirror_image(source):
     np.testing.assert_allclose(read(hands[1 - source]), theta * MIRROR_AXIS_ANGLE, atol=1e-5)
 
 
-def test_targets_pasted_flipped_pull_the_other_hand_alike():
+def test_targets_pasted_flipped_move_the_other_hand_symmetrically():
     right, left = (add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left"))
     right.pose.bones["IK-index.R"].location = (0.01, -0.02, 0.02)
     right.livehand.index.ik = left.livehand.index.ik = 1.0
@@ -137,7 +137,7 @@ def test_targets_pasted_flipped_pull_the_other_hand_alike():
     np.testing.assert_allclose(read(left), theta * MIRROR_AXIS_ANGLE, atol=2e-3)
 
 
-def test_shapes_are_made_once_and_come_with_no_scene(hand, model):
+def test_bone_shapes_are_made_once_and_are_in_no_scene(hand, model):
     other = add_hand(bpy.context, model.for_side("left"))
     worn = {bone.custom_shape for thing in (hand, other) for bone in thing.pose.bones if bone.custom_shape}
     assert len(worn) == 2

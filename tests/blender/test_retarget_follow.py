@@ -31,23 +31,23 @@ def our_tips(hand):
     return np.array([mesh.matrix_world @ mesh.data.vertices[row].co for row in rows])
 
 
-def tip_errors_m(hand, foreign_hand, frames):
+def tip_errors_m(hand, other_hand, frames):
     errors = []
     for frame in frames:
         bpy.context.scene.frame_set(frame)
-        errors.append(np.linalg.norm(our_tips(hand) - foreign_hand.fingertips(), axis=1))
+        errors.append(np.linalg.norm(our_tips(hand) - other_hand.fingertips(), axis=1))
     return np.array(errors)
 
 
-def source_of(foreign, hand, kind, tmp_path):
-    write = {"glb": foreign.write_glb, "fbx": foreign.write_fbx}
-    return hand.armature if kind == "as made" else foreign.read_file(write[kind](hand, tmp_path / f"h.{kind}"))
+def source_of(other_rigs, hand, kind, tmp_path):
+    write = {"glb": other_rigs.write_glb, "fbx": other_rigs.write_fbx}
+    return hand.armature if kind == "as made" else other_rigs.read_file(write[kind](hand, tmp_path / f"h.{kind}"))
 
 
 @pytest.fixture
-def moving(foreign, model):
+def moving(other_rigs, model):
     """A foreign hand that is animated, and its frames; ours stands elsewhere, turned."""
-    made = foreign.make_foreign_hand(model.side)
+    made = other_rigs.make_rigged_hand(model.side)
     frames = made.animate(("rest", "fist", "point", "pinch", "relaxed", "spread"))
     ours = add_hand(bpy.context, model)
     ours.location, ours.rotation_euler = (0.3, -0.7, 0.2), (0.5, 1, 2)
@@ -57,9 +57,9 @@ def moving(foreign, model):
 
 @pytest.mark.parametrize("kind", ["as made", "glb", "fbx"])
 @pytest.mark.parametrize("way", ["live", "baked"])
-def test_fingertips_meet_the_true_ones(foreign, model, moving, tmp_path, record_property, way, kind):
+def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record_property, way, kind):
     made, frames, ours = moving
-    source = source_of(foreign, made, kind, tmp_path)
+    source = source_of(other_rigs, made, kind, tmp_path)
     found = guess_joints(read_skeleton(source), model.side).joint_map()
     assert found == made.joint_map
     if way == "live":
@@ -91,7 +91,7 @@ def start(moving, frame=6, **options):
     return made, ours
 
 
-def test_it_turns_as_its_source_does_and_its_bones_point_alike(moving):
+def test_bones_point_in_the_directions_of_the_source(moving):
     made, ours = start(moving)
     joints = np.array([ours.matrix_world @ ours.pose.bones[bone_name(k, made.side)].head for k in range(16)])
     theirs = made.joints()
@@ -101,7 +101,7 @@ def test_it_turns_as_its_source_does_and_its_bones_point_alike(moving):
             assert a @ b / np.linalg.norm(a) / np.linalg.norm(b) > 1 - 1e-5
 
 
-def test_stopping_removes_everything_and_keeps_the_pose_by_choice(moving):
+def test_stopping_removes_everything_and_optionally_keeps_the_pose(moving):
     ours = moving[2]
     theta = np.random.default_rng(0).normal(size=(16, 3)) * 0.3
     write_theta(RiggedHand.of(ours), theta)
@@ -134,7 +134,7 @@ def evaluate(hand):
     bpy.context.view_layer.update()
 
 
-def test_the_influence_goes_from_the_own_pose_to_the_others(moving):
+def test_the_influence_blends_from_the_hands_own_pose(moving):
     _, ours = start(moving)
     wholly = evaluated_pose(ours)
     for share in (0.0, 0.5):
@@ -164,7 +164,7 @@ def test_finger_controls_and_limits_work_on_top(moving):
     assert np.linalg.norm(evaluated_pose(ours).theta - free.theta, axis=1)[2] > 0.2
 
 
-def test_a_fingertip_can_reach_elsewhere(moving):
+def test_fingertip_ik_works_on_top(moving):
     _, ours = start(moving, 1)
     before = our_tips(ours)
     ours.livehand.index.ik = 1.0
@@ -182,7 +182,7 @@ def test_moving_either_object_keeps_the_hand_on_its_source(moving):
     assert tip_errors_m(ours, made, [6]).max() < MOST_M
 
 
-def test_without_fitting_shape_and_size_stay(moving):
+def test_shape_and_size_are_kept_without_fitting(moving):
     made, ours = start(moving, fits_shape=False)
     assert tuple(ours.livehand.beta) == (0.0,) * 10
     assert tuple(ours.scale) == (1.0, 1.0, 1.0)
@@ -191,8 +191,8 @@ def test_without_fitting_shape_and_size_stay(moving):
     assert np.abs(fitted.livehand.beta).max() > 0.1
 
 
-def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
-    made = foreign.make_foreign_hand(model.side)
+def test_a_linked_source_works_without_trusted_scripts(other_rigs, model, tmp_path):
+    made = other_rigs.make_rigged_hand(model.side)
     made.animate()
     bpy.data.libraries.write(str(tmp_path / "rig.blend"), {made.armature, made.mesh})
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -210,14 +210,14 @@ def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
     assert source.library is not None
     for frame in (1, 6, 11):
         bpy.context.scene.frame_set(frame)
-        error = np.linalg.norm(our_tips(ours) - foreign.bone_heads(source, joint_map.tips), axis=1)
+        error = np.linalg.norm(our_tips(ours) - other_rigs.bone_heads(source, joint_map.tips), axis=1)
         assert error.max() < MOST_M
 
 
-def test_what_cannot_be_followed_is_refused_and_nothing_changes(foreign, moving):
+def test_invalid_sources_are_rejected_and_nothing_changes(other_rigs, moving):
     made, _, ours = moving
     before = state(ours), tuple(ours.scale)
-    other = foreign.make_foreign_hand("left" if made.side == "right" else "right", name="Other")
+    other = other_rigs.make_rigged_hand("left" if made.side == "right" else "right", name="Other")
     with pytest.raises(LiveHandError, match="can follow a"):
         follow(bpy.context, RiggedHand.of(ours), SourceRig(other.armature, other.joint_map))
     made.armature.scale[0] *= -1
@@ -230,8 +230,8 @@ def test_what_cannot_be_followed_is_refused_and_nothing_changes(foreign, moving)
     assert (state(ours), tuple(ours.scale)) == before
 
 
-def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
-    made = foreign.make_foreign_hand("left" if model.side == "right" else "right")
+def test_a_source_of_the_other_side_is_baked_mirrored(other_rigs, model):
+    made = other_rigs.make_rigged_hand("left" if model.side == "right" else "right")
     frames = made.animate()
     ours = add_hand(bpy.context, model)
     ours.location = (0.4, 0, 0)
@@ -243,7 +243,7 @@ def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
 
 
 @pytest.mark.parametrize("frames", [range(1, 1), range(5, 2)])
-def test_no_frames_are_refused(moving, frames):
+def test_an_empty_frame_range_is_rejected(moving, frames):
     made, _, ours = moving
     with pytest.raises(LiveHandError, match="last frame"):
         bake(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), frames)

@@ -115,10 +115,10 @@ def test_the_frame_rate_is_converted(hand, model, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["glb", "fbx"])
-def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, model, tmp_path, suffix):
-    made = foreign.make_foreign_hand(model.side)
+def test_files_of_another_rig_animate_our_hand_and_leave_nothing_behind(other_rigs, model, tmp_path, suffix):
+    made = other_rigs.make_rigged_hand(model.side)
     frames = made.animate()
-    path = {"glb": foreign.write_glb, "fbx": foreign.write_fbx}[suffix](made, tmp_path / f"h.{suffix}")
+    path = {"glb": other_rigs.write_glb, "fbx": other_rigs.write_fbx}[suffix](made, tmp_path / f"h.{suffix}")
     ours = add_hand(bpy.context, model)
     ours.location = (0.3, 0.2, 0.1)
     bpy.context.view_layer.objects.active = ours
@@ -138,7 +138,7 @@ def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, mod
     assert np.max(errors) < 0.005
 
 
-def test_the_other_hand_of_a_file_is_refused_or_mirrored(hand, model, tmp_path):
+def test_the_other_hand_of_a_file_is_rejected_or_mirrored(hand, model, tmp_path):
     other = "left" if model.side == "right" else "right"
     thetas = some_thetas(other)
     path = write_bvh(tmp_path / "m.bvh", other, thetas, np.zeros((4, 3)), 24)
@@ -152,7 +152,7 @@ def test_the_other_hand_of_a_file_is_refused_or_mirrored(hand, model, tmp_path):
     np.testing.assert_allclose(pose_at(hand, 2).theta[1:], thetas[1, 1:] * MIRROR_AXIS_ANGLE, atol=2e-4)
 
 
-def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
+def test_unreadable_files_change_nothing(other_rigs, hand, model, tmp_path):
     keyframe_theta(RiggedHand.of(hand), np.zeros((1, 16, 3)), [1])
     (tmp_path / "no.bvh").write_text("nothing at all")
     for suffix in ("fbx", "glb", "gltf"):
@@ -179,7 +179,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     assert bpy.context.scene.name == "Scene"
 
 
-def test_an_importer_that_is_not_enabled_is_asked_for(hand, model, tmp_path, monkeypatch):
+def test_an_importer_that_is_not_enabled_is_named(hand, model, tmp_path, monkeypatch):
     from livehand.livehand_blender.retarget import importing
 
     monkeypatch.setattr(importing, "_importer", lambda suffix: None)
@@ -188,7 +188,7 @@ def test_an_importer_that_is_not_enabled_is_asked_for(hand, model, tmp_path, mon
         run(path)
 
 
-def test_it_prints_nothing_but_reports(hand, model, tmp_path, capfd):
+def test_the_import_prints_nothing(hand, model, tmp_path, capfd):
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
     run(path)
     assert [line for line in capfd.readouterr().out.splitlines() if not line.startswith("Info:")] == []

@@ -69,7 +69,7 @@ def test_controls_can_be_keyed(hand, model):
 
 
 @pytest.mark.parametrize("write", [write_theta, lambda hand, theta: keyframe_theta(hand, theta[None], [1])])
-def test_writing_a_pose_takes_the_controls_off(hand, random_pose, model, write):
+def test_writing_a_pose_resets_the_controls(hand, random_pose, model, write):
     hand.livehand.fist, hand.livehand.thumb.spread, hand.livehand.ring.ik = 0.5, 0.5, 1.0
     pose = random_pose(1, model.side)
     write(RiggedHand.of(hand), pose.theta)
@@ -88,7 +88,7 @@ def test_the_controls_of_another_model_bend_about_its_bones():
     np.testing.assert_allclose(read(hand).theta, by_control, atol=2e-6)
 
 
-def test_a_linked_hand_has_its_controls_through_an_override(hand, model, tmp_path):
+def test_a_linked_hand_can_be_controlled_through_an_override(hand, model, tmp_path):
     path, shot = str(tmp_path / "hand.blend"), str(tmp_path / "shot.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_homefile(use_empty=True)

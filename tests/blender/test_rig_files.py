@@ -39,7 +39,7 @@ def driver_targets(owner):
     }
 
 
-def test_saved_hand_opens_in_its_pose_and_goes_on_working(hand, model, random_pose, matches, tmp_path):
+def test_a_saved_hand_keeps_its_pose_and_still_works(hand, model, random_pose, matches, tmp_path):
     write_hand_pose(RiggedHand.of(hand), random_pose(0, model.side))
     path = str(tmp_path / "hand.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
@@ -51,7 +51,7 @@ def test_saved_hand_opens_in_its_pose_and_goes_on_working(hand, model, random_po
     assert hand.livehand.model_sha256 == model.sha256
 
 
-def test_appended_hand_brings_its_mesh(hand_file, model, random_pose, matches):
+def test_an_appended_hand_includes_its_mesh(hand_file, model, random_pose, matches):
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.append(filename="LiveHand", directory=f"{hand_file}/Object/")
     hand = only_hand()
@@ -82,7 +82,7 @@ def test_linked_hand_can_be_posed_through_an_override(hand_file, model, random_p
     assert matches(hand, pose)
 
 
-def test_a_copy_is_a_hand_of_its_own(hand, model, random_pose, matches):
+def test_a_copy_is_an_independent_hand(hand, model, random_pose, matches):
     for thing in (hand, mesh_of(hand)):
         thing.select_set(True)
     bpy.ops.object.duplicate()
@@ -102,7 +102,7 @@ def test_mesh_of_a_copied_armature_alone_is_not_the_first_hands_mesh(hand, model
         mesh_of(copy)
 
 
-def test_two_hands_side_by_side_do_not_mix(hand, model, random_pose, matches):
+def test_two_hands_are_independent(hand, model, random_pose, matches):
     other = add_hand(bpy.context, model)
     write_hand_pose(RiggedHand.of(hand), random_pose(6, model.side))
     write_hand_pose(RiggedHand.of(other), random_pose(7, model.side))
@@ -110,7 +110,7 @@ def test_two_hands_side_by_side_do_not_mix(hand, model, random_pose, matches):
     assert matches(other, random_pose(7, model.side))
 
 
-def test_undo_takes_a_pose_back(hand, model, random_pose):
+def test_undo_restores_the_pose(hand, model, random_pose):
     bpy.ops.ed.undo_push(message="Add hand")
     write_hand_pose(RiggedHand.of(hand), random_pose(8, model.side))
     bpy.ops.ed.undo_push(message="Pose")

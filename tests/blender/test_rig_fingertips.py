@@ -45,7 +45,7 @@ def drag(hand, rng, reach_m):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_fk_to_ik_and_back_leaves_every_bone(hand, model, seed):
+def test_fk_to_ik_and_back_restores_every_bone(hand, model, seed):
     write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
     hand.livehand.fist, hand.livehand.index.spread = 0.1 * seed, 0.2
     before = read(hand)
@@ -58,7 +58,7 @@ def test_fk_to_ik_and_back_leaves_every_bone(hand, model, seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_an_ik_pose_becomes_bones_and_ik_again_without_a_jump(hand, model, seed, evaluated_vertices, backend_vertices):
+def test_ik_to_fk_and_back_keeps_the_pose(hand, model, seed, evaluated_vertices, backend_vertices):
     write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
     hand.livehand.middle.curl = 0.1
     before = read(hand)
@@ -73,7 +73,7 @@ def test_an_ik_pose_becomes_bones_and_ik_again_without_a_jump(hand, model, seed,
     assert apart_deg(read(hand), by_targets) < MOST_DEG
 
 
-def test_targets_go_to_where_the_bones_alone_have_the_fingertips(hand, model):
+def test_targets_move_to_the_fingertips_of_the_fk_pose(hand, model):
     hand.livehand.fist = 0.3
     before = read(hand)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
@@ -95,7 +95,7 @@ def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
         assert (tip - bones[target_name(finger, model.side)].head).length < 5e-4, finger
 
 
-def test_a_wrist_that_moves_with_the_shape_takes_the_targets_along():
+def test_targets_move_with_a_wrist_that_depends_on_the_shape():
     """MANO's does; the built-in hand's does not."""
     rng = np.random.default_rng(0)
     plain = load_default_hand()
@@ -108,7 +108,7 @@ def test_a_wrist_that_moves_with_the_shape_takes_the_targets_along():
     assert apart_deg(read(hand), before) < MOST_DEG
 
 
-def test_the_slider_mixes_and_touches_its_own_finger_only(hand, model):
+def test_the_ik_slider_blends_and_affects_only_its_own_finger(hand, model):
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["index"])
     target = hand.pose.bones[target_name("index", model.side)]
     target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0.03, -0.03, 0)

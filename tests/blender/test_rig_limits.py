@@ -64,7 +64,7 @@ def test_gestures_lie_within_the_limits(hand, model, gesture):
     assert np.rad2deg(np.abs(read(hand) - theta).max()) < 6
 
 
-def test_a_fist_control_turned_too_far_is_stopped(hand, model):
+def test_limits_stop_an_excessive_fist_control(hand, model):
     hand.livehand.limit_joints = True
     hand.livehand.fist = 2.0
     assert np.rad2deg(np.linalg.norm(read(hand)[1:13], axis=1)).max() < 100

@@ -29,7 +29,7 @@ def random_theta(rng, frames=None, largest=3.0):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_pose_comes_back_as_it_was_written(hand, model, mode):
+def test_a_written_pose_is_read_back(hand, model, mode):
     for bone in hand.pose.bones:
         bone.rotation_mode = mode
     rng = np.random.default_rng(0)
@@ -50,12 +50,12 @@ def test_round_trip_at_small_and_at_largest_angles(hand, angle):
     np.testing.assert_allclose(read(hand).theta, theta, atol=1e-5)
 
 
-def test_a_half_turn_comes_back_as_a_half_turn(hand):
+def test_a_half_turn_is_read_back(hand):
     write_theta(RiggedHand.of(hand), np.tile([0.0, 0.0, math.pi], (16, 1)))
     np.testing.assert_allclose(np.abs(read(hand).theta), np.tile([0, 0, math.pi], (16, 1)), atol=1e-4)
 
 
-def test_turning_about_x_closes_the_finger(hand, model):
+def test_rotation_about_x_closes_the_finger(hand, model):
     """The animator's promise: +X on any finger bone moves its tip towards the palm."""
     palmar = rest_bones(model).frames[0][:, 2]
     for joint in range(1, 13):
@@ -90,7 +90,7 @@ def test_constraints_count_in_theta_and_in_the_mesh(hand, model, evaluated_verti
     assert np.linalg.norm(evaluated_vertices(hand) - backend_vertices(model, held), axis=1).max() <= 1e-5
 
 
-def test_scaled_object_and_scaled_bone_leave_theta_alone(hand, model):
+def test_scaling_the_object_or_a_bone_does_not_change_theta(hand, model):
     theta = random_theta(np.random.default_rng(4))
     write_theta(RiggedHand.of(hand), theta)
     hand.scale, hand.location, hand.rotation_euler = (2, 2, 2), (1, 2, 3), (1, 1, 1)
@@ -99,7 +99,7 @@ def test_scaled_object_and_scaled_bone_leave_theta_alone(hand, model):
     np.testing.assert_allclose(read(hand).theta, theta, atol=1e-5)
 
 
-def test_an_evaluated_armature_may_be_read_too(hand):
+def test_an_evaluated_armature_can_be_read(hand):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     np.testing.assert_array_equal(read_hand_pose(hand.evaluated_get(depsgraph), depsgraph).theta, read(hand).theta)
 
@@ -111,7 +111,7 @@ def test_nan_in_a_channel_is_an_error(hand, model):
         read(hand)
 
 
-def test_other_objects_and_renamed_bones_are_refused(hand, model):
+def test_other_objects_and_renamed_bones_are_rejected(hand, model):
     other = bpy.data.objects.new("Cube", None)
     with pytest.raises(LiveHandError, match="Cube is not a LiveHand hand"):
         read_hand_pose(other, bpy.context.evaluated_depsgraph_get())
@@ -120,7 +120,7 @@ def test_other_objects_and_renamed_bones_are_refused(hand, model):
         read(hand)
 
 
-def test_a_pose_of_the_other_hand_is_refused(hand, model):
+def test_a_pose_for_the_other_side_is_rejected(hand, model):
     other = "left" if model.side == "right" else "right"
     with pytest.raises(LiveHandError, match="mirror"):
         write_hand_pose(RiggedHand.of(hand), HandPose.rest(other))
@@ -138,7 +138,7 @@ def test_keyframes_play_back_the_sequence(hand):
         np.testing.assert_allclose(read(hand).transl, transl, atol=1e-6)
 
 
-def test_between_keys_a_turn_takes_the_short_way(hand):
+def test_rotations_between_keys_take_the_short_way(hand):
     """From 3.0 to 3.3 rad about one axis; the second as its shorter equal, whose quaternion has the other sign."""
     thetas = np.zeros((2, 16, 3))
     thetas[0, 1, 2], thetas[1, 1, 2] = 3.0, 3.3 - 2 * math.pi
@@ -177,6 +177,6 @@ def _curves(hand):
         (np.zeros((2, 16, 3)), [2, 2], "increase"),
     ],
 )
-def test_bad_sequences_are_refused(hand, thetas, frames, message):
+def test_invalid_sequences_are_rejected(hand, thetas, frames, message):
     with pytest.raises(LiveHandError, match=message):
         keyframe_theta(RiggedHand.of(hand), thetas, frames)
