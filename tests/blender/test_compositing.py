@@ -1,4 +1,4 @@
-"""Compositor set-ups, by rendering: each pixel against the closed form of over; and what they leave alone."""
+"""Compositor set-ups: rendered pixels against the closed form of over, and nodes that must be kept."""
 
 import bpy
 import cv2
@@ -10,7 +10,7 @@ from livehand.livehand_blender.compositing.tree import compositor_of, output_inp
 from PIL import Image
 
 SIZE = (48, 64)
-HALF = {"rtol": 5e-4, "atol": 5e-6}  # the compositor keeps 8-bit pictures as half floats
+HALF = {"rtol": 5e-4, "atol": 5e-6}  # the compositor stores 8-bit images as half floats
 
 
 def linear(srgb):
@@ -23,7 +23,7 @@ def over(front, back):
 
 
 def composite(scene, path, read_exr, frame=1):
-    """[H, W, 4] float, what the compositor makes of a frame."""
+    """[H, W, 4] float, the compositor's result for a frame."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGBA"
     settings.color_depth, settings.exr_codec = "32", "ZIP"
@@ -40,7 +40,7 @@ def as_array(frame):
 
 @pytest.fixture
 def wall_scene(hand_scene):
-    """Another scene of the same size and camera: a wall of known light, its left half before and the right behind."""
+    """Another scene of the same size and camera: a wall of known radiance, left half in front of the hand."""
     hand_scene.camera.location.x = load_default_hand().v_template[:, 0].mean()
     scene = bpy.data.scenes.new("Wall")
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
@@ -48,7 +48,7 @@ def wall_scene(hand_scene):
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x, scene.render.resolution_y = SIZE
     material = bpy.data.materials.new("Light")
-    if material.node_tree is None:  # Blender 5 makes it by itself, and warns
+    if material.node_tree is None:  # Blender 5 creates it by itself, and warns
         material.use_nodes = True
     nodes = material.node_tree.nodes
     nodes.clear()
@@ -97,7 +97,7 @@ def test_an_invalid_scene_behind_is_rejected(hand_scene, wall_scene, name, messa
 
 
 def hand_picture(frame):
-    """[H, W, 4] straight sRGB levels of a frame's picture: soft alpha, another colour each frame."""
+    """[H, W, 4] straight sRGB levels of a frame: soft alpha, and another colour for each frame."""
     rng = np.random.default_rng(frame)
     return rng.integers(0, 256, (SIZE[1], SIZE[0], 4)).astype(np.uint8)
 
@@ -269,7 +269,7 @@ def users_tree(hand_scene):
 
 
 def shape_of(tree):
-    """All that tells two trees apart, but names."""
+    """Everything in which two node trees can differ, except names."""
     nodes = sorted((node.bl_idname, node.label, tuple(node.location)) for node in tree.nodes)
     ends = ((link.from_node, link.from_socket, link.to_node, link.to_socket) for link in tree.links)
     links = sorted((a.bl_idname, output.name, b.bl_idname, socket.name) for a, output, b, socket in ends)

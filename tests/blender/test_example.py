@@ -1,4 +1,4 @@
-"""The example shot: what is in it, that the hand stays in the picture, and that its script makes it anew."""
+"""The example shot: its contents, that the hand is always in the image, and that its script makes the same file."""
 
 import runpy
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A hand rigged elsewhere becomes a hand model, is captured in its own look, trained on, and rendered in Blender."""
+"""A hand model is made from another rig's mesh, captured with its own materials, trained, and rendered in Blender."""
 
 import hashlib
 import json
@@ -44,17 +44,17 @@ SIZE = (64, 96)
 
 @pytest.fixture(scope="module")
 def coarse(other_rigs):
-    """The rigged hand made elsewhere, with fewer vertices: its atlas is made in a second."""
+    """The other rig with fewer vertices, so that its atlas is computed in a second."""
     names = other_rigs.make_rigged_hand.__globals__
     voxel_m = names["_VOXEL_M"]
     names["_VOXEL_M"] = 0.005
-    yield foreign
+    yield other_rigs
     names["_VOXEL_M"] = voxel_m
 
 
 @pytest.fixture(scope="module")
 def files(coarse, registered, tmp_path_factory):
-    """`right.glb` and `left.glb`, and the hand models that `livehand make-hand` makes of them."""
+    """`right.glb` and `left.glb`, and the hand models that `livehand make-hand` makes from them."""
     folder = tmp_path_factory.mktemp("own")
     for side, name in (("right", "mine.npz"), ("left", "mine_left.npz")):
         bpy.ops.wm.read_homefile(use_empty=True)
@@ -65,7 +65,7 @@ def files(coarse, registered, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(files):
-    """A few small pictures of the right hand, and an avatar after a few steps."""
+    """A small capture of the right hand, and an avatar after a few training steps."""
     hand, capture, avatar = (str(files / name) for name in ("mine.npz", "capture", "mine.safetensors"))
     few = "--poses 6 --cameras 5 --cameras-per-pose 3 --size 64x96 --samples 2 --eval-samples 4 --eval-views 1"
     assert main(["capture", "--hand", hand, "-o", capture, *few.split(), "--threads", "1"]) == 0
@@ -86,7 +86,7 @@ def test_the_file_records_its_provenance(files):
 
 @pytest.mark.parametrize(("side", "name"), [("right", "mine.npz"), ("left", "mine_left.npz")])
 def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name):
-    """Wherever the weights agree: not in the stump, which follows the wrist here and half the forearm there."""
+    """Compared where the weights agree: not at the stump, which the rig moves partly with the forearm."""
     model = load_hand_model(files / name)
     assert model.side == side
     armature = coarse.read_file(files / f"{side}.glb")
@@ -111,7 +111,7 @@ def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name)
 
 
 def test_the_hand_follows_its_source_rig_exactly(files, coarse):
-    """The rig moves its own mesh, ours follows by constraints: the same vertices in the same places."""
+    """The rig deforms its own mesh and ours follows by constraints: corresponding vertices must coincide."""
     model = load_hand_model(files / "mine.npz")
     armature = coarse.read_file(files / "right.glb")
     joint_map = coarse.make_rigged_hand.__globals__["JointMap"]("right", coarse.JOINTS)
@@ -134,7 +134,7 @@ def test_the_hand_follows_its_source_rig_exactly(files, coarse):
 
 
 def turn_bones_as(theta, armature, joint_map, world2template, model):
-    """Turn a rig's bones by theta in the template's frame; returns the hand's transl there."""
+    """Rotate a rig's bones by theta in the template's frame; returns the hand's transl there."""
     to_template = world2template[:3, :3] @ np.array(armature.matrix_world.to_3x3().normalized())
     for name, turn in zip(joint_map.bones, axis_angle_to_matrix(theta), strict=True):
         bone = armature.pose.bones[name]
@@ -175,7 +175,7 @@ def test_the_posed_look_is_the_renderers_mesh(files):
 
 
 def test_materials_have_the_same_coordinates_as_on_the_source(coarse, tmp_path):
-    """Coordinates that Blender generates of the resting mesh, in the same picture of both, posed."""
+    """Generated coordinates of the rest mesh, rendered for both posed meshes."""
     hand = coarse.make_rigged_hand()
     (material,) = hand.mesh.data.materials
     nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -199,7 +199,7 @@ def test_materials_have_the_same_coordinates_as_on_the_source(coarse, tmp_path):
 
 
 def _emitted(thing, path, posed):
-    """[H, W, 4] of a picture in which only emission lights."""
+    """[H, W, 4] of an image with emission only."""
     scene = bpy.context.scene
     if scene.camera is None:
         scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -257,12 +257,12 @@ def test_a_left_hands_poses_are_the_mirror_image_of_a_rights():
 
 
 def test_gestures_are_relative_to_the_rest_pose(files):
-    """This hand rests spread and straight: bent as far as ours, its fingers end up as ours do."""
+    """This hand's rest pose is spread and straight, but the same gesture must give the same finger directions."""
     plan = CapturePlan(poses=12, cameras=5)
     models = load_default_hand(), load_hand_model(files / "mine.npz")
     ours, theirs = (directions_of(model, plan.make(Path(), model, {}).poses) for model in models)
     assert np.rad2deg(np.arccos((ours * theirs).sum(-1))).mean() < 8
-    spread = [model.joints[2] - model.joints[1] for model in models]  # at rest the index fingers lie apart by more
+    spread = [model.joints[2] - model.joints[1] for model in models]  # at rest the index fingers differ by more
     assert np.rad2deg(np.arccos(np.dot(*spread) / np.prod(np.linalg.norm(spread, axis=1)))) > 12
 
 
@@ -370,7 +370,7 @@ def test_the_operator_writes_both_files_and_keeps_the_scene(coarse, files, tmp_p
 
 
 def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
-    """An arm and a body in one mesh with the hand, split along a seam as files split it, subdivided."""
+    """Arm, body and hand in one subdivided mesh, which is split along a seam as file formats split it."""
     hand = coarse.make_rigged_hand()
     alone = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
     grow_into_a_character(hand, coarse.FOREARM)
@@ -403,7 +403,7 @@ def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
 
 
 def grow_into_a_character(hand, forearm):
-    """Draw the mesh's end out along the forearm, add a body beside it, and split an edge loop's worth of faces off."""
+    """Extend the mesh along the forearm, add a body beside it, and split some faces off at their edges."""
     mesh = hand.mesh.data
     bones = hand.armature.data.bones
     out = np.array(bones[forearm].head_local - bones["wrist"].head_local)

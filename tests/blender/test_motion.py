@@ -169,7 +169,7 @@ def test_mean_and_components_need_a_mano_file(hand, model, tmp_path):
 def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
     rest = Skeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
     seen = rest if model.side == "right" else rest * [-1, 1, 1]
-    label = "Left" if model.side == "right" else "Right"  # of a picture that was not mirrored
+    label = "Left" if model.side == "right" else "Right"  # MediaPipe's label in a picture that is not mirrored
     np.savez(tmp_path / "l.npz", landmarks=np.tile(seen, (3, 1, 1)), handedness=label)
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "l.npz"), space="z_up", start_frame=1)
     pose = read(hand, 2)
@@ -269,20 +269,20 @@ def test_the_file_browser_shows_the_detected_format(tmp_path):
         def __init__(self, path):
             self.filepath, self.layout = str(path), Layout([])
 
-    told = {}
+    drawn_by_name = {}
     for name in ("labels.npz", "bad.npz", "gone.npz"):
         browser = Browser(tmp_path / name)
         for _ in range(2):  # as often as Blender redraws
             browser.layout.drawn.clear()
             browser.draw(bpy.context)
-        told[name] = browser.layout.drawn
-    assert "Format: DexYCB" in told["labels.npz"]
-    assert "Angles: 45 components (needs a MANO file)" in " ".join(told["labels.npz"])
-    assert max(map(len, told["labels.npz"])) <= 40  # wider ones are cut
-    assert "readable .npz" in " ".join(told["bad.npz"])
-    assert "Choose a file" in told["gone.npz"]
+        drawn_by_name[name] = browser.layout.drawn
+    assert "Format: DexYCB" in drawn_by_name["labels.npz"]
+    assert "Angles: 45 components (needs a MANO file)" in " ".join(drawn_by_name["labels.npz"])
+    assert max(map(len, drawn_by_name["labels.npz"])) <= 40  # wider lines would be cut off
+    assert "readable .npz" in " ".join(drawn_by_name["bad.npz"])
+    assert "Choose a file" in drawn_by_name["gone.npz"]
     known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
-    drawn = {name for name in told["gone.npz"] if name.islower()}
+    drawn = {name for name in drawn_by_name["gone.npz"] if name.islower()}
     assert drawn <= known
     assert known - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
 
@@ -297,7 +297,7 @@ def test_dropped_files_start_the_import():
 
 
 def test_keys_override_a_written_pose(hand, model, tmp_path):
-    """The motion's keys win over what is set by hand, as keys do."""
+    """As always in Blender, keys override values set without keying."""
     motion = motion_of(model.side)
     write_motion(motion, tmp_path / "m.npz")
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)

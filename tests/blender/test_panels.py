@@ -16,7 +16,7 @@ UI = bpy.types.UILayout.bl_rna.functions
 
 
 class Layout:
-    """Records what is drawn; refuses arguments, icons, properties and operators that Blender does not know."""
+    """Records what is drawn; rejects arguments, icons, properties and operators that Blender does not have."""
 
     def __init__(self, drawn):
         self.drawn = drawn
@@ -68,7 +68,7 @@ class Layout:
 
 
 class OperatorSettings:
-    """Takes the properties that an operator has, and records their values."""
+    """Accepts the properties that an operator has, and records their values."""
 
     def __init__(self, rna, drawn):
         object.__setattr__(self, "rna", rna)

@@ -1,4 +1,4 @@
-"""The pose library: what is in its files, and that either hand takes its poses."""
+"""The pose library: the contents of its files, and its poses on both hands."""
 
 import runpy
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_every_pose_is_an_asset_with_a_catalog_tags_and_a_preview(actions):
 
 @pytest.mark.skipif(bpy.app.version < (4, 4), reason="the script needs slotted actions")
 def test_the_script_makes_the_same_poses(actions):
-    """Its pictures take seconds and are left out."""
+    """Without the previews, which take seconds."""
     from livehand.backend.hand.model_file import load_default_hand
     from livehand.livehand_blender.rig.build import add_hand
 

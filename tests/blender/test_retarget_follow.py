@@ -1,4 +1,4 @@
-"""A hand made elsewhere drives ours: live by constraints, and baked into keyframes."""
+"""Another rig drives our hand: live by constraints, and baked into keyframes."""
 
 import bpy
 import numpy as np
@@ -18,7 +18,7 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
-MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the true ones
+MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 
 
 def our_tips(hand):
@@ -46,7 +46,7 @@ def source_of(other_rigs, hand, kind, tmp_path):
 
 @pytest.fixture
 def moving(other_rigs, model):
-    """A foreign hand that is animated, and its frames; ours stands elsewhere, turned."""
+    """An animated rig, its frames, and our hand in another place and orientation."""
     made = other_rigs.make_rigged_hand(model.side)
     frames = made.animate(("rest", "fist", "point", "pinch", "relaxed", "spread"))
     ours = add_hand(bpy.context, model)
@@ -73,7 +73,7 @@ def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record
 
 
 def state(hand):
-    """Everything that following may add to a hand, and its pose's parts."""
+    """Everything that following can add to a hand."""
     drivers = sorted((curve.data_path, curve.array_index) for curve in hand.animation_data.drivers)
     constraints = {bone.name: [c.name for c in bone.constraints] for bone in hand.pose.bones}
     collections = {c.name: sorted(bone.name for bone in c.bones) for c in hand.data.collections_all}
@@ -129,7 +129,7 @@ def test_following_again_changes_nothing(moving):
 
 
 def evaluate(hand):
-    """Blender 4.2 as a module does not see a changed property by itself."""
+    """Blender 4.2 as a module does not notice a changed property by itself."""
     hand.update_tag()
     bpy.context.view_layer.update()
 

@@ -1,4 +1,4 @@
-"""Import Motion reads BVH, FBX and glTF: known answers, and nothing of the file left behind."""
+"""Import Motion reads BVH, FBX and glTF: known poses, and nothing of the file is left behind."""
 
 import bpy
 import numpy as np
@@ -15,7 +15,7 @@ from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from mathutils import Matrix
 
-# Blender's BVH importer leaves its file to the garbage collector.
+# Blender's BVH importer does not close its file.
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),

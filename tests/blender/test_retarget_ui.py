@@ -1,4 +1,4 @@
-"""The panel Other Rig: its fields are guessed, its buttons do what the functions do, and errors change nothing."""
+"""The panel Other Rig: bones are guessed, operators do the same as the functions, and errors change nothing."""
 
 import bpy
 import numpy as np
@@ -12,7 +12,7 @@ from livehand.livehand_blender.ui.retarget import LIVEHAND_PT_other_rig, LIVEHAN
 
 @pytest.fixture
 def chosen(other_rigs, model):
-    """A moving foreign hand that is chosen on ours."""
+    """An animated rig that is chosen on our hand."""
     made = other_rigs.make_rigged_hand(model.side)
     made.animate()
     ours = add_hand(bpy.context, model)
@@ -141,7 +141,7 @@ def test_a_following_hand_that_cannot_be_edited_is_not_keyed(chosen):
 def test_only_an_armature_is_a_rig(chosen):
     _, ours = chosen
     assert bpy.ops.livehand.guess_bones.poll()
-    ours.livehand.other_rig.armature = ours.livehand.mesh  # as scripts may, and Blender 4.2's field
+    ours.livehand.other_rig.armature = ours.livehand.mesh  # as scripts and Blender 4.2's field can
     for button in ("guess_bones", "follow_rig", "bake_rig"):
         assert not getattr(bpy.ops.livehand, button).poll()
     assert not LIVEHAND_PT_other_rig_bones.poll(bpy.context)

@@ -1,4 +1,4 @@
-"""Finger controls: what they add, that they add it to the bones, and that nothing else moves."""
+"""Finger controls: the rotations they add, before the bones' own, and that nothing else moves."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ def set_control(hand, path, value):
 
 
 def theta_of_controls(values, side):
-    """Sum of the controls' gestures, as the table says it."""
+    """Sum of the controls' gestures in the table."""
     angles = sum(value * CONTROLS[path].angles_deg() for path, value in values.items())
     theta = theta_of(angles, FingerAxes.of_default_hand())
     return theta if side == "right" else theta * MIRROR_AXIS_ANGLE
@@ -77,7 +77,7 @@ def test_writing_a_pose_resets_the_controls(hand, random_pose, model, write):
 
 
 def test_the_controls_of_another_model_bend_about_its_bones():
-    """Only the built-in hand brings anatomical axes."""
+    """Only the built-in hand has anatomical axes of its own."""
     hand = add_hand(bpy.context, replace(load_default_hand(), sha256="0" * 64))
     hand.livehand.thumb.curl = 0.5
     by_control = read(hand).theta

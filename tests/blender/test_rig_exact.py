@@ -91,7 +91,7 @@ def test_a_model_with_dense_correctives_and_moving_wrist_is_exact_too(
 
 
 def test_drivers_need_no_python(hand):
-    """Where scripts are not trusted Blender still evaluates simple expressions."""
+    """Blender evaluates simple expressions even in files whose scripts are not trusted."""
     owners = (hand, hand.livehand.mesh.data.shape_keys)
     drivers = [curve.driver for owner in owners for curve in owner.animation_data.drivers]
     assert len(drivers) > 100

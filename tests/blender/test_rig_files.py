@@ -1,4 +1,4 @@
-"""A hand survives what happens to files: save, append, link and override, copy, undo."""
+"""A hand works after save, append, link and override, copy, and undo."""
 
 import bpy
 import numpy as np
@@ -10,7 +10,7 @@ from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 @pytest.fixture
 def matches(model, evaluated_vertices, backend_vertices):
-    """A function: whether a hand's mesh is what the backend makes of a pose."""
+    """A function that checks a hand's mesh against the backend's mesh for a pose."""
 
     def check(hand, pose):
         return np.abs(evaluated_vertices(hand) - backend_vertices(model, pose)).max() <= 1e-5

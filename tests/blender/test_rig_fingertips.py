@@ -1,4 +1,4 @@
-"""Fingertip IK: bones to targets to bones without a jump, and fingertips that reach where they are sent."""
+"""Fingertip IK: snapping between bones and targets keeps the pose, and fingertips reach their targets."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def apart_deg(pose, other):
 
 
 def natural_pose(seed, side):
-    """A natural pose of a hand of any shape and place."""
+    """A natural pose with a random shape and translation."""
     rng = np.random.default_rng(seed)
     theta = theta_of(sample_angles_deg(rng, 1)[0], FingerAxes.of_default_hand(), rng.normal(size=3) * 0.5)
     theta = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
@@ -83,7 +83,7 @@ def test_targets_move_to_the_fingertips_of_the_fk_pose(hand, model):
 
 
 def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
-    """From a half-closed hand, so that every finger has room to reach."""
+    """From a half-closed hand, so that every finger can reach its target."""
     hand.livehand.fist = 0.4
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     wrist = hand.pose.bones[bone_name(0, model.side)]
@@ -96,7 +96,7 @@ def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
 
 
 def test_targets_move_with_a_wrist_that_depends_on_the_shape():
-    """MANO's does; the built-in hand's does not."""
+    """MANO's wrist moves with the shape; the built-in hand's does not."""
     rng = np.random.default_rng(0)
     plain = load_default_hand()
     model = replace(plain, shapedirs=plain.shapedirs + rng.normal(size=plain.shapedirs.shape) * 1e-3)

@@ -1,4 +1,4 @@
-"""Joint limits: where they stop a joint, and that they are off until asked for."""
+"""Joint limits: the angles at which they stop a joint, and that they are off by default."""
 
 import math
 
@@ -22,7 +22,7 @@ def read(hand):
 
 
 def flexion_deg(hand, joint, side):
-    """A joint's turn about its bone's X; the rest of the rotation must be nothing."""
+    """A joint's rotation about its bone's X; there must be no other rotation."""
     frame = np.array(hand.data.bones[bone_name(joint, side)].matrix_local.to_3x3())
     turned = np.rad2deg(frame.T @ read(hand)[joint])
     np.testing.assert_allclose(turned[1:], 0, atol=1e-3)
@@ -71,7 +71,7 @@ def test_limits_stop_an_excessive_fist_control(hand, model):
 
 
 def test_a_fingertip_target_bends_no_joint_past_its_range(hand, model):
-    """The target pulls the thumb's tip towards the wrist, where a free saddle joint would turn out too far."""
+    """The target pulls the thumb's tip towards the wrist, where an unlimited saddle joint would rotate too far."""
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["thumb"])
     target = hand.pose.bones[target_name("thumb", model.side)]
     towards_wrist = 0.06 if model.side == "right" else -0.06

@@ -22,7 +22,7 @@ def read(hand):
 
 
 def random_theta(rng, frames=None, largest=3.0):
-    """Axis-angles of at most `largest` rad: longer ones come back as their shorter equals."""
+    """Axis-angles of at most `largest` rad: longer ones are read back as their shorter equivalents."""
     shape = (16, 3) if frames is None else (frames, 16, 3)
     axes = rng.normal(size=shape)
     return axes / np.linalg.norm(axes, axis=-1, keepdims=True) * rng.uniform(0, largest, (*shape[:-1], 1))
@@ -56,7 +56,7 @@ def test_a_half_turn_is_read_back(hand):
 
 
 def test_rotation_about_x_closes_the_finger(hand, model):
-    """The animator's promise: +X on any finger bone moves its tip towards the palm."""
+    """For the animator: rotation about +X on any finger bone moves its tip towards the palm."""
     palmar = rest_bones(model).frames[0][:, 2]
     for joint in range(1, 13):
         bone = hand.pose.bones[bone_name(joint, model.side)]
@@ -139,7 +139,7 @@ def test_keyframes_play_back_the_sequence(hand):
 
 
 def test_rotations_between_keys_take_the_short_way(hand):
-    """From 3.0 to 3.3 rad about one axis; the second as its shorter equal, whose quaternion has the other sign."""
+    """From 3.0 to 3.3 rad about one axis; the second in its shorter form, whose quaternion has the other sign."""
     thetas = np.zeros((2, 16, 3))
     thetas[0, 1, 2], thetas[1, 1, 2] = 3.0, 3.3 - 2 * math.pi
     keyframe_theta(RiggedHand.of(hand), thetas, [1, 3])
