@@ -1,4 +1,4 @@
-"""Make `clasp.blend`: a clasped pair of hands, light and deep, which hide each other finger by finger.
+"""Make `clasp.blend`: two clasped hands, light and deep, whose fingers occlude each other.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_clasp.py [OUT.blend]`.
 """
@@ -25,7 +25,7 @@ CAMERA_M, TARGET_M = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0)
 
 
 def build_clasp() -> bpy.types.Scene:
-    """Fill the open, empty file with two hands, palm to palm and crossed, and a camera."""
+    """Fill the open, empty file with two crossed hands, palm to palm, and a camera."""
     scene = bpy.context.scene
     scene.name = "Clasp"
     scene.frame_start = scene.frame_end = 1

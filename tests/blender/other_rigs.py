@@ -67,7 +67,7 @@ class OtherHand:
         return JointMap(self.side, JOINTS, TIPS)
 
     def pose_like(self, theta: np.ndarray, cupped_deg: float = 0.0) -> None:
-        """Rotate the bones as theta [16, 3] (of this side) rotates ours, and the little finger's metacarpal in addition.
+        """Rotate the bones as theta [16, 3] (of this side) rotates ours; cup the little finger's metacarpal.
 
         The wrist rotates relative to the forearm, which does not move.
         """
