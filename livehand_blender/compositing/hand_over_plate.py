@@ -8,7 +8,7 @@ import bpy
 
 from ...backend.records.errors import LiveHandError
 from .block import Block
-from .picture_files import PictureFiles
+from .image_files import ImageFiles
 from .tree import compositor_of
 
 # EXR files hold premultiplied linear colour, PNG files straight alpha.
@@ -25,11 +25,11 @@ class Plate:
             has its own settings instead.
     """
 
-    source: PictureFiles | bpy.types.MovieClip
+    source: ImageFiles | bpy.types.MovieClip
     delay_frames: int = 0
 
 
-def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, replace_output: bool) -> bool:
+def hand_over_plate(scene: bpy.types.Scene, hand: ImageFiles, plate: Plate, replace_output: bool) -> bool:
     """Build the nodes in the scene's compositor: `hand + (1 - alpha) * plate`.
 
     A numbered image is shown at the frame of its number. Before a sequence and in its gaps there is no hand; after it,
@@ -52,12 +52,12 @@ def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, re
     # Before any node is added, so that a file that cannot be read changes nothing.
     hand_image = hand.load()
     hand_image.alpha_mode = _ALPHA_MODES[hand.path.suffix.lower()]
-    plate_image = plate.source.load() if isinstance(plate.source, PictureFiles) else plate.source
+    plate_image = plate.source.load() if isinstance(plate.source, ImageFiles) else plate.source
     block = Block(compositor_of(scene), "hand_over_plate", "LiveHand: Hand over Plate")
-    hand_node = _picture_node(block, "hand", (0, 0), hand_image)
-    plate_node = _picture_node(block, "plate", (0, 1), plate_image)
+    hand_node = _image_node(block, "hand", (0, 0), hand_image)
+    plate_node = _image_node(block, "plate", (0, 1), plate_image)
     _show_at(hand_node, hand)
-    if isinstance(plate.source, PictureFiles):
+    if isinstance(plate.source, ImageFiles):
         _show_at(plate_node, plate.source, plate.delay_frames)
     over, inputs = block.add_over("result", (1, 0))
     block.link(_colour(plate_node), inputs["background"])
@@ -66,19 +66,19 @@ def hand_over_plate(scene: bpy.types.Scene, hand: PictureFiles, plate: Plate, re
     return block.feed_output(over.outputs["Image"], replace_output)
 
 
-def _picture_node(
-    block: Block, role: str, at: tuple[int, int], picture: bpy.types.Image | bpy.types.MovieClip
+def _image_node(
+    block: Block, role: str, at: tuple[int, int], source: bpy.types.Image | bpy.types.MovieClip
 ) -> bpy.types.Node:
-    if isinstance(picture, bpy.types.MovieClip):
+    if isinstance(source, bpy.types.MovieClip):
         node = block.add("CompositorNodeMovieClip", role, at)
-        node.clip = picture
+        node.clip = source
     else:
         node = block.add("CompositorNodeImage", role, at)
-        node.image = picture
+        node.image = source
     return node
 
 
-def _show_at(node: bpy.types.Node, files: PictureFiles, delay_frames: int = 0) -> None:
+def _show_at(node: bpy.types.Node, files: ImageFiles, delay_frames: int = 0) -> None:
     """Set which file an Image node shows at which frame; a still needs no settings."""
     if files.source == "FILE":
         return

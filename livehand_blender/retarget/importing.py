@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from .source import SourceRig, sample_source
 
 RIG_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+Importer = Callable[[Path], object]
 _ADD_ONS = {".bvh": "BioVision Motion Capture (BVH) format", ".fbx": "FBX format", ".gltf": "glTF 2.0 format"}
 
 
@@ -116,35 +117,7 @@ def all_data() -> set[bpy.types.ID]:
     return {thing for kind in kinds for thing in getattr(bpy.data, kind)}
 
 
-def import_rig(path: Path) -> None:
-    """Run Blender's importer for the file's kind.
-
-    Raises:
-        LiveHandError: it is not enabled, or it failed.
-    """
-    suffix = ".gltf" if path.suffix.lower() == ".glb" else path.suffix.lower()
-    if suffix == ".bvh" and path.read_bytes()[:64].split()[:1] != [b"HIERARCHY"]:
-        raise LiveHandError(f"{path.name} must be a BVH file, which starts with HIERARCHY; choose another")
-    run = _importer(suffix)
-    if run is None:
-        raise LiveHandError(
-            f"{path.name} must be read by Blender's add-on '{_ADD_ONS[suffix]}', which is not enabled; enable it "
-            "in the preferences"
-        )
-    try:
-        # The importers print. The stream must stay open, because glTF's logger keeps it.
-        with contextlib.redirect_stdout(io.StringIO()):
-            run(path)
-    except (RuntimeError, TypeError) as error:
-        # An add-on's exception includes its traceback; the last line is the message.
-        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Location")]
-        raise LiveHandError(
-            f"{path.name} must be a readable {path.suffix} file, Blender's importer failed ({lines[-1].strip()}); "
-            "export it again"
-        ) from error
-
-
-def _importer(suffix: str):
+def _importer(suffix: str) -> Importer | None:
     """A function that imports a path; None if the add-on is not enabled."""
     if suffix == ".bvh" and hasattr(bpy.types, "IMPORT_ANIM_OT_bvh"):
         return lambda path: bpy.ops.import_anim.bvh(filepath=str(path), update_scene_fps=True, rotate_mode="QUATERNION")
@@ -164,6 +137,34 @@ def _has_operator(module: str, name: str) -> bool:
     except (AttributeError, KeyError):
         return False
     return True
+
+
+def import_rig(path: Path, importer_of: Callable[[str], Importer | None] = _importer) -> None:
+    """Run Blender's importer for the file's kind, or the one that `importer_of` returns for its suffix.
+
+    Raises:
+        LiveHandError: it is not enabled, or it failed.
+    """
+    suffix = ".gltf" if path.suffix.lower() == ".glb" else path.suffix.lower()
+    if suffix == ".bvh" and path.read_bytes()[:64].split()[:1] != [b"HIERARCHY"]:
+        raise LiveHandError(f"{path.name} must be a BVH file, which starts with HIERARCHY; choose another")
+    run = importer_of(suffix)
+    if run is None:
+        raise LiveHandError(
+            f"{path.name} must be read by Blender's add-on '{_ADD_ONS[suffix]}', which is not enabled; enable it "
+            "in the preferences"
+        )
+    try:
+        # The importers print. The stream must stay open, because glTF's logger keeps it.
+        with contextlib.redirect_stdout(io.StringIO()):
+            run(path)
+    except (RuntimeError, TypeError) as error:
+        # An add-on's exception includes its traceback; the last line is the message.
+        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Location")]
+        raise LiveHandError(
+            f"{path.name} must be a readable {path.suffix} file, Blender's importer failed ({lines[-1].strip()}); "
+            "export it again"
+        ) from error
 
 
 def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side) -> tuple[bpy.types.Object, Guess]:

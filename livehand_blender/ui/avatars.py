@@ -24,7 +24,7 @@ class LIVEHAND_OT_wear_avatar(OnHand, bpy.types.Operator):
     """Use this avatar for the active hand."""
 
     bl_idname = "livehand.wear_avatar"
-    bl_label = "Wear Avatar"
+    bl_label = "Use Avatar"
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(name="Avatar", description="An avatar's file (.safetensors)", subtype="FILE_PATH")

@@ -12,7 +12,7 @@ from bpy_extras.io_utils import ImportHelper
 from ...backend.records.errors import LiveHandError
 from ..compositing.hand_over_plate import Plate, hand_over_plate
 from ..compositing.hand_over_scene import hand_over_scene
-from ..compositing.picture_files import PictureFiles
+from ..compositing.image_files import ImageFiles
 from .mixins import reports_errors
 
 
@@ -77,7 +77,7 @@ class LIVEHAND_OT_load_sequence_over_plate(_SetUp, bpy.types.Operator, ImportHel
     def execute(self, context):
         """Build the nodes."""
         plate = Plate(_plate_source(self, context.scene), self.plate_delay)
-        hand = PictureFiles.find(Path(bpy.path.abspath(self.filepath)))
+        hand = ImageFiles.find(Path(bpy.path.abspath(self.filepath)))
         self.report_output(hand_over_plate(context.scene, hand, plate, self.replace_output))
 
 
@@ -117,14 +117,14 @@ def _scene(name: str) -> bpy.types.Scene | None:
 
 def _plate_source(
     operator: LIVEHAND_OT_load_sequence_over_plate, scene: bpy.types.Scene
-) -> PictureFiles | bpy.types.MovieClip:
+) -> ImageFiles | bpy.types.MovieClip:
     """The operator's file, or the scene's clip if no file is set.
 
     Raises:
         LiveHandError: there is neither, or the file does not exist.
     """
     if operator.plate_path:
-        return PictureFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
+        return ImageFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
     if scene.active_clip is None:
         raise LiveHandError("a plate is needed; choose an image or a movie, or load a clip into the scene")
     return scene.active_clip

@@ -41,6 +41,8 @@ class _OnControls:
 
 
 class _Select(_OnControls):
+    execute: Callable[[bpy.types.Context], set[str]]
+
     extend: BoolProperty(name="Extend", description="Extend the selection", options={"SKIP_SAVE"})
 
     def invoke(self, context, event):

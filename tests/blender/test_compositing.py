@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.compositing.picture_files import PictureFiles
+from livehand.livehand_blender.compositing.image_files import ImageFiles
 from livehand.livehand_blender.compositing.tree import compositor_of, output_input
 from PIL import Image
 
@@ -207,11 +207,11 @@ def test_the_plate_is_visible_where_frames_are_missing(empty_scene, hands, plate
 def test_a_sequence_is_the_files_of_one_name(tmp_path):
     for name in ("v2_0009.png", "v2_0010.png", "v2_0012.png", "v3_0001.png", "v2_0001.exr", "v2_0100.png.txt", "a.png"):
         (tmp_path / name).touch()
-    found = PictureFiles.find(tmp_path / "v2_0010.png")
-    assert found == PictureFiles(tmp_path / "v2_0009.png", "SEQUENCE", 9, 12)
+    found = ImageFiles.find(tmp_path / "v2_0010.png")
+    assert found == ImageFiles(tmp_path / "v2_0009.png", "SEQUENCE", 9, 12)
     for alone in ("v3_0001.png", "a.png"):
-        assert PictureFiles.find(tmp_path / alone) == PictureFiles(tmp_path / alone, "FILE")
-    assert PictureFiles.find(tmp_path / "v2_0010.png", is_still=True).source == "FILE"
+        assert ImageFiles.find(tmp_path / alone) == ImageFiles(tmp_path / alone, "FILE")
+    assert ImageFiles.find(tmp_path / "v2_0010.png", is_still=True).source == "FILE"
 
 
 def test_a_clip_can_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path):

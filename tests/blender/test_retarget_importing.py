@@ -7,8 +7,9 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.shape_fit import rest_nodes
-from livehand.livehand_blender.retarget.importing import all_data
+from livehand.livehand_blender.retarget.importing import all_data, import_rig
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
@@ -179,13 +180,10 @@ def test_unreadable_files_change_nothing(other_rigs, hand, model, tmp_path):
     assert bpy.context.scene.name == "Scene"
 
 
-def test_an_importer_that_is_not_enabled_is_named(hand, model, tmp_path, monkeypatch):
-    from livehand.livehand_blender.retarget import importing
-
-    monkeypatch.setattr(importing, "_importer", lambda suffix: None)
+def test_an_importer_that_is_not_enabled_is_named(model, tmp_path):
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
-    with pytest.raises(RuntimeError, match=r"BioVision Motion Capture \(BVH\) format'"):
-        run(path)
+    with pytest.raises(LiveHandError, match=r"BioVision Motion Capture \(BVH\) format'"):
+        import_rig(path, importer_of=lambda suffix: None)
 
 
 def test_the_import_prints_nothing(hand, model, tmp_path, capfd):

@@ -14,7 +14,7 @@ _NUMBERED = re.compile(r"(.*?)(\d+)(\.[^.]+)")
 
 
 @dataclass(frozen=True)
-class PictureFiles:
+class ImageFiles:
     """A still, a movie, or a numbered image sequence.
 
     Attributes:
@@ -30,7 +30,7 @@ class PictureFiles:
     last_frame: int = 1
 
     @classmethod
-    def find(cls, path: Path, is_still: bool = False) -> PictureFiles:
+    def find(cls, path: Path, is_still: bool = False) -> ImageFiles:
         """The files that `path` belongs to; a still is always a file of its own.
 
         Raises:
