@@ -69,7 +69,7 @@ def area_with(kind):
 
 
 def geometry_of(area):
-    """For a picture of it: WxH+X+Y."""
+    """The area for a screenshot: WxH+X+Y."""
     return f"{area.width}x{area.height}+{area.x}+{from_top(area.y + area.height)}"
 
 
@@ -109,7 +109,7 @@ def heads_of(side):
 
 
 def drop_the_take(report):
-    """The same file dragged out of another program's window onto the hand; needs Tk and tkdnd."""
+    """Drag the same file from another program's window onto the hand; needs Tk and tkdnd."""
     bpy.context.scene.frame_set(12)
     x, y, size = 20, 640, (160, 60)
     script = [Path(__file__).with_name("drag_source.py"), folder_with_the_take() / "take.json", x, y]
