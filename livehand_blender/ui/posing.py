@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels, key_finger
@@ -94,13 +95,12 @@ class LIVEHAND_OT_select_bone(_Select, bpy.types.Operator):
 
     bone: StringProperty(name="Bone")
 
+    @reports_errors
     def execute(self, context):
         """Select in pose mode."""
         if self.bone not in polled_hand(context).pose.bones:
-            self.report({"ERROR"}, f"the hand has no bone {self.bone}")
-            return {"CANCELLED"}
+            raise LiveHandError(f"the hand has no bone {self.bone}")
         _select(context, [self.bone], self.extend)
-        return {"FINISHED"}
 
 
 class LIVEHAND_OT_snap_ik_to_fk(_Snap, bpy.types.Operator):

@@ -24,9 +24,7 @@ def add_both_hands(report):
     yield from over_view()
     yield from write("gx-0.2")
     x, y, *_ = region_of("HUD")
-    yield from click(
-        x + 14, y + 14
-    )  # collapsed, because an import's panel is so tall that it would receive the view's keys
+    yield from click(x + 14, y + 14)  # collapse it: an import's tall panel would receive the view's keys
     yield from over_view()
     yield from press("Home")
     yield 1
