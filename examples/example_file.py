@@ -1,4 +1,4 @@
-"""How the scripts beside this one write their .blend: nothing in it that is not used, and nothing of this machine."""
+"""How the example scripts save their .blend: without unused data and without local paths."""
 
 import sys
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import livehand
 
 
 def write_example(build: Callable[[], object], default: Path) -> None:
-    """Build a scene in an empty file and save it under the path that the command line names, or `default`."""
+    """Build a scene in an empty file and save it to the path on the command line, or to `default`."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else default
     livehand.register()
     try:

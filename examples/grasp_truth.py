@@ -1,9 +1,9 @@
-"""`grasp.blend` as LiveHand renders it, beside the same shot with the captures' own skin, rendered by Cycles alone.
+"""Compare `grasp.blend` as rendered by LiveHand with the captures' own skin in the same shot, rendered by Cycles.
 
     python examples/grasp_truth.py OUT_DIR [--frame 12] [--samples 64]
 
-writes livehand.png, cycles.png and both.png (LiveHand left), and prints how well what the camera sees of the hand
-agrees (intersection over union of the silhouettes, occlusion by the tumbler included).
+writes livehand.png, cycles.png and both.png (LiveHand left), and prints the intersection over union of the hand's
+visible silhouettes (occlusion by the tumbler included).
 """
 
 import argparse
@@ -17,8 +17,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.skin import SkinTone, baked_material
 from livehand.livehand_blender.capture.surface import SkinSurface
-from livehand.livehand_blender.rig.hand import find_hands, mesh_of
-from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rig.pose import read_pose
 from PIL import Image
 
 BLEND = Path(__file__).with_name("grasp.blend")
@@ -35,34 +35,33 @@ def open_shot(frame: int, samples: int) -> bpy.types.Scene:
 
 
 def put_skin_in(scene: bpy.types.Scene, folder: Path) -> bpy.types.Object:
-    """Replace the hand by the captures' surface in the same pose, for Cycles."""
-    (armature,) = find_hands(scene)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    pose = read_hand_pose(armature, depsgraph)
-    place = armature.matrix_world.copy()
+    """Replace the hand with the captures' surface in the same pose, for Cycles."""
+    (hand,) = RiggedHand.all_in(scene)
+    pose = read_pose(hand, bpy.context.evaluated_depsgraph_get())
+    place = hand.armature.matrix_world.copy()
     model = load_default_hand()
     surface = SkinSurface.create(model, detailed_surface(model))
     scene.render.engine = "CYCLES"
-    bpy.ops.object.select_all(action="DESELECT")  # what is selected is baked
+    bpy.ops.object.select_all(action="DESELECT")  # selected objects would be baked
     samples = scene.cycles.samples
     maps = bake_skin(surface.object, folder / "skin", SkinTone())
     surface.object.data.materials.append(baked_material(maps, SkinTone()))
     surface.set_pose(pose)
     surface.object.matrix_world = place
-    mesh_of(armature).hide_render = True
+    hand.mesh.hide_render = True
     scene.cycles.samples, scene.cycles.use_denoising = samples, True  # baking has changed them
     return surface.object
 
 
 def render(scene: bpy.types.Scene, path: Path) -> np.ndarray:
-    """[H, W, 4] levels of the open scene's picture."""
+    """[H, W, 4] levels of the rendered scene."""
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     return np.array(Image.open(path).convert("RGBA"))
 
 
 def our_coverage(scene: bpy.types.Scene, folder: Path) -> np.ndarray:
-    """[H, W] how much of each pixel is hand: what does not change between a black scene and a white one. Spoils it."""
+    """[H, W] the hand's coverage: what is equal in a black scene and a white one. Changes the scene."""
     scene.world, scene.cycles.samples, scene.view_settings.view_transform = None, 1, "Raw"
     flat = bpy.data.materials.new("Flat")
     flat.use_nodes = True
@@ -77,7 +76,7 @@ def our_coverage(scene: bpy.types.Scene, folder: Path) -> np.ndarray:
 
 
 def true_coverage(scene: bpy.types.Scene, hand: bpy.types.Object, folder: Path) -> np.ndarray:
-    """[H, W] the same of Cycles' own picture: all but the hand is cut out of it. Spoils the scene."""
+    """[H, W] the coverage by Cycles: everything but the hand is a holdout. Changes the scene."""
     for thing in scene.objects:
         if thing.type == "MESH" and thing != hand:
             thing.is_holdout = True

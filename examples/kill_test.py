@@ -1,10 +1,10 @@
-"""Kill `livehand render` at random, again and again, and see what is on disk in the end.
+"""Kill `livehand render` repeatedly at random times, and check the frames on disk.
 
     python examples/kill_test.py [KILLS]        20 if not given
 
-renders 40 frames of `wave.blend` at 251 x 384 px undisturbed, then once more into another folder while it is killed
-with SIGKILL at random moments and started again; a last run is left in peace. Then all frames must be whole and equal
-to the undisturbed ones, and nothing else may lie there.
+renders 40 frames of `wave.blend` at 251 x 384 px undisturbed, then again into another folder while it is killed with
+SIGKILL at random times and restarted; the last run is not killed. Afterwards all frames must be complete and equal to
+the undisturbed ones, and there must be no other files.
 """
 
 import json
@@ -22,14 +22,14 @@ SIZE = "251x384"
 
 
 def survive_kills(command: list[str], folder: Path, kills: int, delay_s: tuple[float, float], random: random.Random):
-    """Run a render command undisturbed and killed; returns figures.
+    """Run a render command undisturbed and with kills; returns figures.
 
     Args:
         command: without `-o`.
         folder: for both runs' frames; made.
         kills: how many.
         delay_s: (least, most) seconds to a kill from when the run has opened the shot and written 0 to 2 frames.
-        random: gives the moments.
+        random: source of the times.
     """
     calm, killed = folder / "calm", folder / "killed"
     written = _frames(_start(command, calm))
@@ -64,7 +64,7 @@ def _start(command: list[str], folder: Path) -> subprocess.Popen[str]:
 
 
 def _read_until(process: subprocess.Popen[str], count: int) -> str:
-    """What a process prints until it has opened the shot and written that many frames, or ends."""
+    """The output of a process until it has opened the shot and written that many frames, or ends."""
     printed = process.stdout.readline()
     while len(_written(printed)) < count:
         line = process.stdout.readline()
@@ -75,18 +75,18 @@ def _read_until(process: subprocess.Popen[str], count: int) -> str:
 
 
 def _frames(process: subprocess.Popen[str], printed: str = "") -> list[int]:
-    """The frames that a process told it has written, once it has ended."""
+    """The frames that a process reported as written, read when it has ended."""
     out, _ = process.communicate()
     return _written(printed + out)
 
 
 def _written(printed: str) -> list[int]:
-    told = [json.loads(line) for line in printed.splitlines() if line.endswith("}")]
-    return [event["frame"] for event in told if event.get("event") == "frame" and event["state"] == "written"]
+    events = [json.loads(line) for line in printed.splitlines() if line.endswith("}")]
+    return [event["frame"] for event in events if event.get("event") == "frame" and event["state"] == "written"]
 
 
 def _is_equal(path: Path, other: Path) -> bool:
-    """Whether both are whole and hold the same pixels: all that follows the header, which holds the date."""
+    """Whether both are complete and equal after the header, which contains the date."""
     data, expected = path.read_bytes(), other.read_bytes()
     parts, start = read_exr_header(data)
     _, other_start = read_exr_header(expected)

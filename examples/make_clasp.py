@@ -1,4 +1,4 @@
-"""Make `clasp.blend`: a clasped pair of hands, light and deep, which hide each other finger by finger.
+"""Make `clasp.blend`: two clasped hands, light and deep, whose fingers occlude each other.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_clasp.py [OUT.blend]`.
 """
@@ -10,6 +10,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
 from mathutils import Matrix, Vector
 
@@ -24,7 +25,7 @@ CAMERA_M, TARGET_M = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0)
 
 
 def build_clasp() -> bpy.types.Scene:
-    """Fill the open, empty file with two hands, palm to palm and crossed, and a camera."""
+    """Fill the open, empty file with two crossed hands, palm to palm, and a camera."""
     scene = bpy.context.scene
     scene.name = "Clasp"
     scene.frame_start = scene.frame_end = 1
@@ -50,7 +51,7 @@ def add_hand(side: str, skin: str, place: Matrix) -> None:
     armature.livehand.skin = skin
     armature.matrix_world = place
     theta = theta_of(CURL.angles_deg(), FingerAxes.of_default_hand())
-    write_theta(armature, theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
+    write_theta(RiggedHand.of(armature), theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
 
 
 if __name__ == "__main__":

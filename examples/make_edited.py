@@ -1,6 +1,6 @@
-"""Make `edited.blend`: one avatar on four surfaces, of which three are edited as any mesh of Blender's is.
+"""Make `edited.blend`: one avatar on four surfaces, three of them edited with Blender's tools.
 
-From the left: as it is; a shape key that draws the fingertips into claws; a lattice that swells the fingers; a twist.
+From the left: unedited; a shape key with claws; a lattice that swells the fingers; a twist.
 Run it with the Python that LiveHand is installed in: `python examples/make_edited.py [OUT.blend]`.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.rig.hand import mesh_of
+from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
 
 SIZE_PX = (1152, 432)
@@ -38,16 +38,16 @@ def build_edited() -> bpy.types.Scene:
 
 
 def add_hand(x_m: float) -> bpy.types.Object:
-    """A relaxed hand, its fingers up, at a place in the row; returns its mesh."""
+    """Add an open hand, fingers up, at a position in the row; returns its mesh."""
     bpy.ops.livehand.add_hand()
     armature = bpy.context.active_object
     armature.location.x = x_m
-    write_theta(armature, theta_of(GESTURES["open"].angles_deg(), FingerAxes.of_default_hand()))
+    write_theta(RiggedHand.of(armature), theta_of(GESTURES["open"].angles_deg(), FingerAxes.of_default_hand()))
     return mesh_of(armature)
 
 
 def draw_claws(mesh: bpy.types.Object) -> None:
-    """A shape key, as sculpting makes one: the last bones' vertices, longer and thinner towards the tip."""
+    """A shape key, as from sculpting: fingertips that become longer and thinner."""
     hand = load_default_hand()
     axes = FingerAxes.of_default_hand()
     vertices = hand.v_template.copy()
@@ -80,7 +80,7 @@ def swell_fingers(mesh: bpy.types.Object) -> None:
 
 
 def twist(mesh: bpy.types.Object) -> None:
-    """Turned about the hand's length, from the wrist to the fingertips."""
+    """A twist about the hand's length, from the wrist to the fingertips."""
     modifier = mesh.modifiers.new("Twist", "SIMPLE_DEFORM")
     modifier.deform_method, modifier.deform_axis = "TWIST", "X"
     modifier.angle = np.deg2rad(TWIST_DEG)

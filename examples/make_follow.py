@@ -1,7 +1,7 @@
-"""Make `follow.blend`: a hand that follows somebody else's rig, here a stick figure's hand with Mixamo's bone names.
+"""Make `follow.blend`: a hand that follows another rig, here a stick figure's hand with Mixamo's bone names.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_follow.py [OUT.blend]`. The collection
-*Sticks* holds the rig and what it moves, *LiveHand* the hand that follows it; hide either to render the other alone.
+*Sticks* contains the rig and its meshes, *LiveHand* the hand that follows it; hide one to render the other alone.
 """
 
 from pathlib import Path
@@ -64,7 +64,7 @@ def build_follow() -> bpy.types.Scene:
 
 
 def collection(name: str) -> bpy.types.Collection:
-    """A new collection, made the active one."""
+    """A new collection, which becomes active."""
     made = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(made)
     bpy.context.view_layer.active_layer_collection = bpy.context.view_layer.layer_collection.children[name]
@@ -81,7 +81,7 @@ def chains() -> dict[str, list[Vector]]:
 
 
 def build_rig(target: bpy.types.Collection) -> bpy.types.Object:
-    """The armature, fingers up, and a stick and a ball for every bone."""
+    """The armature, fingers up, with a stick and a ball for every bone."""
     rig = bpy.data.objects.new("Stick Figure", bpy.data.armatures.new("Stick Figure"))
     target.objects.link(rig)
     bpy.context.view_layer.objects.active = rig
@@ -97,7 +97,7 @@ def build_rig(target: bpy.types.Collection) -> bpy.types.Object:
             bone.head, bone.tail, bone.parent = head, tail, above
             above = bone
     bpy.ops.object.mode_set(mode="OBJECT")
-    # Fingers up, the back of the hand to the front (-Y), a little turned to show the thumb.
+    # Fingers up, the back of the hand to the front (-Y), rotated a little to show the thumb.
     rig.matrix_world = Matrix.Rotation(np.deg2rad(25), 4, "Z") @ Matrix.Rotation(np.pi / 2, 4, "X")
     bpy.context.view_layer.update()
     add_sticks(rig, target)
@@ -108,7 +108,7 @@ def add_sticks(rig: bpy.types.Object, target: bpy.types.Collection) -> None:
     """Bones of the fingers as sticks, joints as balls, the palm as sticks from the wrist."""
     stick, ball = bpy.data.materials.new("Stick"), bpy.data.materials.new("Ball")
     for material, colour in ((stick, (0.55, 0.57, 0.6, 1)), (ball, (0.9, 0.25, 0.05, 1))):
-        if bpy.app.version < (5, 0):  # later ones have nodes at once, and warn
+        if bpy.app.version < (5, 0):  # later versions always use nodes, and warn
             material.use_nodes = True
         material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = colour
     for bone in rig.data.bones:
@@ -129,7 +129,7 @@ def add_part(
     start: Vector,
     end: Vector,
 ) -> None:
-    """A stick from start to end, or a ball where they are one, that a bone carries; places of the rig at rest."""
+    """A stick from start to end (a ball if they coincide), parented to a bone; positions in the rig's rest pose."""
     along = end - start
     if along.length:
         bpy.ops.mesh.primitive_cylinder_add(radius=STICK_M, depth=along.length, vertices=24)
@@ -159,14 +159,14 @@ def key_pose(rig: bpy.types.Object, pose: str, frame: int) -> None:
 
 
 def thumb_turn(bone: bpy.types.PoseBone, under_deg: float, across_deg: float) -> Euler:
-    """Turns about the palm's Y and Z in the bone's own axes."""
+    """Rotation about the palm's Y and Z, in the bone's own axes."""
     rest = bone.bone.matrix_local.to_3x3()
     turn = Matrix.Rotation(-np.deg2rad(across_deg), 3, "Z") @ Matrix.Rotation(-np.deg2rad(under_deg), 3, "Y")
     return (rest.transposed() @ turn @ rest).to_euler("XYZ")
 
 
 def follow(hand: bpy.types.Object, rig: bpy.types.Object) -> None:
-    """As the buttons do: choose, guess, follow."""
+    """The same as in the panel: choose the rig, guess its bones, follow."""
     other = hand.livehand.other_rig
     other.armature = rig
     bpy.ops.livehand.guess_bones()

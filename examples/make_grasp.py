@@ -1,9 +1,9 @@
-"""Make `grasp.blend`: a hand round a tumbler on a table, one second of turning the wrist, rendered in its scene.
+"""Make `grasp.blend`: a hand that lifts and turns a tumbler for one second, rendered in its scene.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_grasp.py [OUT.blend]`.
 
-World: Z up, metres. The hand lies as its template does: fingers towards -X, palm to the front (-Y), thumb up. The light
-is that of the avatars' captures, so that the scene and the hand are lit alike.
+World: Z up, metres. The hand is oriented like its template: fingers towards -X, palm to the front (-Y), thumb up. The
+light is that of the avatars' captures, so that the scene and the hand are lit alike.
 """
 
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.livehand_blender.capture.light import dome_world
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from mathutils import Vector
 
@@ -51,10 +52,10 @@ def build_grasp() -> bpy.types.Scene:
 
 
 def hold(armature: bpy.types.Object) -> None:
-    """The grasp, the wrist as the template has it; tumbler and hand turn together, carried by an empty."""
+    """Pose the fingers, and parent the hand to an empty that also carries the tumbler."""
     armature.rotation_euler = (0, 0, 0)
     theta = theta_of(GRASP.angles_deg(), FingerAxes.of_default_hand())
-    keyframe_theta(armature, np.array([theta, theta]), FRAMES)
+    keyframe_theta(RiggedHand.of(armature), np.array([theta, theta]), FRAMES)
     carrier = bpy.data.objects.new("Carrier", None)
     carrier.empty_display_size = 0.03
     bpy.context.scene.collection.objects.link(carrier)
@@ -66,7 +67,7 @@ def hold(armature: bpy.types.Object) -> None:
 
 
 def add_tumbler(scene: bpy.types.Scene) -> None:
-    """A glazed tumbler: its outline turned about Z, with a wall, a foot and a rounded rim."""
+    """A glazed tumbler: a profile with a wall, a foot and a rounded rim, rotated about Z."""
     outer, inner = RADIUS_M, RADIUS_M - WALL_M
     rim = [(outer - WALL_M / 2 * (1 - np.cos(a)), HEIGHT_M + WALL_M / 2 * np.sin(a)) for a in np.linspace(0, np.pi, 9)]
     outline = [(0, 0), (outer - 0.004, 0), (outer - 0.001, 0.001), (outer, 0.004), *rim, (inner, 0.006), (0, 0.006)]
@@ -86,7 +87,7 @@ def add_tumbler(scene: bpy.types.Scene) -> None:
 
 
 def add_table(scene: bpy.types.Scene) -> None:
-    """A table top that fills the picture."""
+    """A table top that fills the image."""
     z = CENTRE_M[2]
     corners = [(-3, -3, z), (3, -3, z), (3, 3, z), (-3, 3, z)]
     add_mesh(scene, "Table", corners, [(0, 1, 2, 3)], TABLE, roughness=0.5)

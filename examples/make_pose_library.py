@@ -1,8 +1,8 @@
 """Make the pose library: `poses.blend`, one pose asset per row of `backend/hand/poses.py`, and its catalog file.
 
-Run it with the Python that LiveHand is installed in: `python examples/make_pose_library.py [FOLDER]`. Without a folder
-the library that comes with LiveHand is made anew. The pictures are rendered with the light avatar. It needs Blender 4.4
-or later; the library itself is read by 4.2 too.
+Run it with the Python that LiveHand is installed in: `python examples/make_pose_library.py [FOLDER]`. Without a folder,
+it replaces the library that ships with LiveHand. The previews are rendered with the light avatar. The script needs
+Blender 4.4 or later; Blender 4.2 can read the library.
 """
 
 import sys
@@ -24,13 +24,14 @@ from livehand.backend.hand.poses import POSES, LibraryPose
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.decode import straight_srgb
 from livehand.backend.rendering.renderer import Renderer
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import bone_quaternions
 
 ASSETS = Path(livehand.__file__).parent / "livehand_blender" / "assets"
 PICTURE_PX = 128
 GROUND = 0.22  # sRGB grey behind the hand
-FILLED = 0.9  # of the picture by the hand's longer side
+FILLED = 0.9  # fraction of the preview that the hand's longer side covers
 # Towards the camera, of an upright right hand: back to the front (-Y), thumb to the left (-X).
 TOWARDS_CAMERA = {"palm": (-0.35, 1.0, 0.15), "thumb": (-1.0, -0.1, 0.2)}
 CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSION 1\n"
@@ -38,7 +39,8 @@ CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\nVERSI
 
 def make_library(folder: Path) -> None:
     """Write the library's two files."""
-    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    armatures = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    hands = [RiggedHand.of(armature) for armature in armatures]
     renderer = Renderer(load_avatar(), load_default_hand(), "cpu")
     actions = set()
     for name, pose in POSES.items():
@@ -55,8 +57,8 @@ def theta_of_pose(pose: LibraryPose) -> np.ndarray:
     return theta_of(pose.gesture.angles_deg(), FingerAxes.of_default_hand())
 
 
-def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> bpy.types.Action:
-    """An action of one frame with the finger bones of both hands, so that either takes the pose unflipped."""
+def pose_action(name: str, hands: list[RiggedHand], pose: LibraryPose) -> bpy.types.Action:
+    """An action of one frame with the finger bones of both hands, so that either can be posed without flipping."""
     action = bpy.data.actions.new(name)
     slot = action.slots.new("OBJECT", "Hand")
     strip = action.layers.new("Pose").strips.new(type="KEYFRAME")
@@ -64,7 +66,7 @@ def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> 
     for hand, theta in zip(hands, (theta_of_pose(pose), theta_of_pose(pose) * MIRROR_AXIS_ANGLE), strict=True):
         quaternions = bone_quaternions(hand, theta)
         for joint in range(1, 16):
-            bone = bone_name(joint, hand.livehand.side)
+            bone = bone_name(joint, hand.side)
             for index, value in enumerate(quaternions[joint]):
                 path = f'pose.bones["{bone}"].rotation_quaternion'
                 curves.new(path, index=index).keyframe_points.insert(1, value)
@@ -72,7 +74,7 @@ def pose_action(name: str, hands: list[bpy.types.Object], pose: LibraryPose) -> 
 
 
 def describe(action: bpy.types.Action, pose: LibraryPose) -> None:
-    """Make the action an asset with words to find it by."""
+    """Mark the action as an asset with searchable tags."""
     action.asset_mark()
     asset = action.asset_data
     asset.catalog_id = catalog_id(pose.catalog)
@@ -84,7 +86,7 @@ def describe(action: bpy.types.Action, pose: LibraryPose) -> None:
 
 
 def set_preview(action: bpy.types.Action, picture: np.ndarray) -> None:
-    """Give an asset its picture [H, W, 3], sRGB in 0..1, top row first."""
+    """Set an asset's preview [H, W, 3], sRGB in 0..1, top row first."""
     preview = action.preview_ensure()
     preview.image_size = (PICTURE_PX, PICTURE_PX)
     opaque = np.concatenate([picture, np.ones((PICTURE_PX, PICTURE_PX, 1))], -1)
@@ -92,7 +94,7 @@ def set_preview(action: bpy.types.Action, picture: np.ndarray) -> None:
 
 
 def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
-    """[H, W, 3] sRGB in 0..1, the upright right hand on a grey ground."""
+    """[H, W, 3] sRGB in 0..1, the upright right hand on a grey background."""
     theta = theta_of_pose(pose)
     theta[0] = matrix_to_axis_angle(UPRIGHT)
     hand_pose = HandPose(theta, np.zeros(10), np.zeros(3))
@@ -103,7 +105,7 @@ def picture_of(renderer: Renderer, pose: LibraryPose) -> np.ndarray:
 
 
 def catalog_id(catalog: str) -> str:
-    """The same in every run, so that nobody's assets lose their catalog."""
+    """The same in every run, so that users' assets keep their catalogs."""
     return str(uuid.uuid5(uuid.NAMESPACE_URL, f"livehand/poses/{catalog}"))
 
 

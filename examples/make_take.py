@@ -1,10 +1,10 @@
-"""Make `take.json`: a left hand that counts from one to five, as MediaPipe would have tracked it; nobody's recording.
+"""Make `take.json`: a synthetic take of a left hand that counts from one to five, as tracked by MediaPipe.
 
 Run it with the Python that LiveHand is installed in: `python examples/make_take.py [OUT.json]`.
 
-Two seconds of 21 world landmarks, 12 a second: metres, in the camera's axes (x right, y down, z forward), counted from
-the hand's middle. The hand stands upright with its back to the camera. Its label says "Right", as MediaPipe's does of a
-left hand whose picture is not mirrored.
+Two seconds of 21 world landmarks, 12 a second: metres, in the camera's axes (x right, y down, z forward), relative to
+the hand's centre. The hand is upright with its back to the camera. Its label is "Right", MediaPipe's label of a left
+hand in a picture that is not mirrored.
 """
 
 import json
@@ -21,7 +21,7 @@ from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skele
 COUNT = 24
 FPS = 12
 GESTURES = ("Fist", "One", "Two", "Three", "Four", "Five")
-HOLD = 0.35  # of the time from one gesture to the next in which nothing moves
+HOLD = 0.35  # fraction of the time between two gestures without motion
 LEAN_RAD = 0.12  # of the wrist, to and fro
 WORLD_TO_CAMERA = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # of a camera that looks along +Y
 
@@ -43,7 +43,7 @@ def landmarks() -> np.ndarray:
 
 
 def angles_deg() -> np.ndarray:
-    """[COUNT, 15, 3] flexion, abduction and twist of joints 1..15: from gesture to gesture, with rests."""
+    """[COUNT, 15, 3] flexion, abduction and twist of joints 1..15: from gesture to gesture, with pauses."""
     gestures = np.array([POSES[name].gesture.angles_deg() for name in GESTURES])
     place = np.linspace(0, len(GESTURES) - 1, COUNT)
     before = np.minimum(place.astype(int), len(GESTURES) - 2)

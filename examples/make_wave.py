@@ -2,7 +2,7 @@
 
 Run it with the Python that LiveHand is installed in: `python examples/make_wave.py [OUT.blend]`.
 
-World: Z up, metres. The hand stands upright with its back to the front (-Y) and its thumb to the left (-X), where the
+World: Z up, metres. The hand is upright with its back to the front (-Y) and its thumb to the left (-X), where the
 built-in avatar's key light is.
 """
 
@@ -16,6 +16,7 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
 
 FRAMES = range(1, 25)
@@ -25,12 +26,12 @@ SIZE_PX = (334, 512)
 
 @dataclass(frozen=True)
 class Key:
-    """The hand at one moment; between two of them every finger eases from one gesture to the next.
+    """A key pose; between two of them every finger eases from one gesture to the next.
 
     Attributes:
         frame: when it is reached.
         gesture: a name in `GESTURES`.
-        wrist_deg: turns about X (nods forwards), Y (leans sideways) and Z (turns like a screw) of the upright hand.
+        wrist_deg: rotation of the upright hand about X (forwards), Y (sideways) and Z (twist).
     """
 
     frame: float
@@ -51,7 +52,7 @@ CLOSED_FIST = replace(
     thumb=((33, -16, 8), (42, 0, 0), (50, 0, 0)),
 )
 EASED_GESTURES = GESTURES | {"fist": CLOSED_FIST}
-# How many frames a finger runs behind the wrist: hands close from the little finger, and the thumb comes last.
+# Delay of each finger relative to the wrist: hands close from the little finger, and the thumb is last.
 DELAY_FRAMES = {"pinky": -0.4, "ring": 0.0, "middle": 0.2, "index": 0.4, "thumb": 1.6}
 
 FIELD_OF_VIEW_M = 0.272  # height of the image, 0.75 m away
@@ -59,7 +60,7 @@ FIELD_OF_VIEW_M = 0.272  # height of the image, 0.75 m away
 
 @dataclass(frozen=True)
 class CameraKey:
-    """Where the camera's arm stands at one moment.
+    """A key of the camera's arm.
 
     Attributes:
         frame: when.
@@ -93,7 +94,7 @@ def build_wave() -> bpy.types.Scene:
     scene.render.image_settings.file_format = "PNG"
     bpy.ops.livehand.set_engine()
     bpy.ops.livehand.add_hand(side="right")
-    bpy.context.active_object.rotation_euler = (0, 0, 0)  # its wrist holds the hand upright, keyed
+    bpy.context.active_object.rotation_euler = (0, 0, 0)  # the keyed wrist makes the hand upright
     animate_hand(bpy.context.active_object)
     add_camera(scene)
     scene.frame_set(FRAMES[0])
@@ -101,17 +102,18 @@ def build_wave() -> bpy.types.Scene:
 
 
 def animate_hand(armature: bpy.types.Object) -> None:
-    """Key every bone on every frame, and the wrist's place so that the knuckles start at the world's origin."""
+    """Key every bone on every frame, and the wrist's location so that the knuckles start at the world's origin."""
     joints = load_default_hand().joints
     axes = FingerAxes.of_default_hand()
     thetas = [theta_of(finger_angles_deg(frame), axes, matrix_to_axis_angle(wrist_rotation(frame))) for frame in FRAMES]
     knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
-    keyframe_theta(armature, np.array(thetas), FRAMES)
-    keyframe_transl(armature, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
+    hand = RiggedHand.of(armature)
+    keyframe_theta(hand, np.array(thetas), FRAMES)
+    keyframe_transl(hand, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
 
 
 def finger_angles_deg(frame: float) -> np.ndarray:
-    """[15, 3] flexion, abduction and twist of joints 1..15, each finger in its own time."""
+    """[15, 3] flexion, abduction and twist of joints 1..15, with each finger's own delay."""
     angles = np.empty((15, 3))
     gestures = np.array([EASED_GESTURES[key.gesture].angles_deg() for key in MOTION])
     for finger, name in enumerate(FINGERS):

@@ -1,4 +1,4 @@
-"""What refinement is worth: a capture whose training poses are wrong by a known amount, trained with and without it.
+"""Measure pose refinement: train on a capture with known errors of its training poses, with and without refinement.
 
     python examples/perturbed_poses.py worsen capture worse --degrees 1 --millimetres 2
     livehand train worse -o off.safetensors
@@ -7,7 +7,7 @@
     livehand evaluate capture --avatar off.safetensors --split all
     livehand evaluate capture --avatar on.safetensors --split all
 
-Held-out poses stay true, so evaluation measures the avatars alone.
+The held-out poses are unchanged, so evaluation compares only the avatars.
 """
 
 import argparse
@@ -28,7 +28,7 @@ def compare(args):
     truth = load_capture(args.truth)
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     trained = sorted({view.pose_index for view in truth.of_split("train")})
-    print(f"{'rms of training poses':24} {'angles, deg':>12} {'place, mm':>12} {'vertices, mm':>14}")
+    print(f"{'rms of training poses':24} {'angles, deg':>12} {'location, mm':>12} {'vertices, mm':>14}")
     for folder in args.captures:
         error = pose_error(load_capture(folder).poses, truth.poses, trained, hand)
         print(f"{str(folder)[-24:]:24} {error.theta_deg:12.3f} {error.transl_mm:12.3f} {error.vertex_mm:14.3f}")
@@ -36,19 +36,19 @@ def compare(args):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    verbs = parser.add_subparsers(required=True)
-    make = verbs.add_parser("worsen", help="write a capture with wrong training poses; its images are the first one's")
-    make.add_argument("capture", type=Path)
-    make.add_argument("output", type=Path)
-    make.add_argument("--degrees", type=float, default=1.0, help="rms length of each joint's axis-angle error")
-    make.add_argument("--millimetres", type=float, default=2.0, help="rms length of each place's error")
-    make.add_argument("--seed", type=int, default=0)
-    make.set_defaults(run=worsen)
-    tell = verbs.add_parser("compare", help="how far captures' poses are from the true ones, but for a common offset")
-    tell.add_argument("truth", type=Path)
-    tell.add_argument("captures", type=Path, nargs="+")
-    tell.add_argument("--hand", type=Path)
-    tell.set_defaults(run=compare)
+    commands = parser.add_subparsers(required=True)
+    worsened = commands.add_parser("worsen", help="write a capture with perturbed training poses and the same images")
+    worsened.add_argument("capture", type=Path)
+    worsened.add_argument("output", type=Path)
+    worsened.add_argument("--degrees", type=float, default=1.0, help="rms length of each joint's axis-angle error")
+    worsened.add_argument("--millimetres", type=float, default=2.0, help="rms length of each location's error")
+    worsened.add_argument("--seed", type=int, default=0)
+    worsened.set_defaults(run=worsen)
+    compared = commands.add_parser("compare", help="print pose errors of captures, without a common offset")
+    compared.add_argument("truth", type=Path)
+    compared.add_argument("captures", type=Path, nargs="+")
+    compared.add_argument("--hand", type=Path)
+    compared.set_defaults(run=compare)
     args = parser.parse_args()
     args.run(args)
 

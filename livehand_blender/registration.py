@@ -1,4 +1,4 @@
-"""Everything Blender is told about, in order; `unregister` goes back the same way."""
+"""Registration of classes, properties, menus and the render engine; `unregister` is in reverse order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from .ui import (
     avatars,
     compositing,
     hand_model,
-    keying_set,
     motion,
     motion_files,
     operators,
@@ -20,15 +19,14 @@ from .ui import (
     pose_library,
     posing,
     preferences,
+    retarget,
     shape,
 )
-from .ui import retarget as foreign_rig
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
     *posing.CLASSES,
-    *keying_set.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
     *compositing.CLASSES,
@@ -37,14 +35,14 @@ CLASSES = (
     *avatars.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
-    *foreign_rig.CLASSES,
+    *retarget.CLASSES,
     *hand_model.CLASSES,
     *engine.CLASSES,
 )
 
 
 def register() -> None:
-    """Classes first: properties and menus refer to them."""
+    """Register everything; classes come first, because properties and menus refer to them."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     properties.attach()
@@ -56,7 +54,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """What stays registered at exit hangs Blender 4.5 as a module, so nothing may be left."""
+    """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     BlenderCommand.unregister()
     memory.stop_watching()
     engine.unregister_panels()

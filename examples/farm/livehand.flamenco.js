@@ -2,17 +2,17 @@
 
 const JOB_TYPE = {
     label: "LiveHand",
-    description: "Render the hands of a shot, resumed where frames are there already",
+    description: "Render the hands of a shot; existing frames are skipped",
     settings: [
         { key: "frames", type: "string", required: true,
           eval: "f'{C.scene.frame_start}-{C.scene.frame_end}'",
           description: "Frames and ranges, such as 1-24,30" },
         { key: "chunk_count", type: "int32", default: 4, propargs: { min: 1, max: 1024 },
-          description: "Into how many tasks the frames are cut" },
+          description: "Number of tasks that the frames are divided into" },
         { key: "output", type: "string", subtype: "dir_path", required: true,
-          description: "Folder of the frames; all workers must see the same" },
+          description: "Folder of the frames, shared by all workers" },
         { key: "format", type: "string", required: true, default: "exr", choices: ["exr", "png", "exr,png"],
-          description: "Of the frames; both come from one render" },
+          description: "File format of the frames; both come from one render" },
         { key: "livehand", type: "string", required: true, default: "livehand", visible: "submission",
           description: "The livehand program on the workers" },
         { key: "blendfile", type: "string", required: true, visible: "web",

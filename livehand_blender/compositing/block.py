@@ -1,8 +1,7 @@
-"""Nodes of ours in a frame of their own, beside those of the user.
+"""LiveHand's nodes in a frame of their own, beside the user's nodes.
 
-A block of a kind is there once: made again, it takes the place of the old one, and what the old one's nodes fed is
-fed by the new ones of the same role. Frame and nodes are known by a custom property, so that they may be renamed and
-moved.
+There is one block of each kind: a new one replaces the old one, and its nodes feed what the old nodes of the same role
+fed. Custom properties identify the frame and its nodes, so that users can rename and move them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ _KIND, _ROLE = "livehand_block", "livehand_role"
 _COLUMN_PX, _ROW_PX, _MARGIN_PX = 260, 320, 120
 
 
-class _Reader(NamedTuple):
+class _OutsideLink(NamedTuple):
     """A socket outside a block that a node of the block feeds."""
 
     role: str
@@ -27,10 +26,10 @@ class _Reader(NamedTuple):
 
 
 class Block:
-    """Nodes being added in a frame; call `restore` when all are there."""
+    """A frame to which nodes are added; call `restore` after the last one."""
 
     def __init__(self, tree: bpy.types.NodeTree, kind: str, label: str):
-        """Remove the block of that kind, if there is one, and begin a new one in its place, or below all nodes."""
+        """Start a block in place of the old one of its kind, or below all nodes."""
         self.tree = tree
         old = [node for node in tree.nodes if node.get(_KIND) == kind]
         place = old[0].location.copy() if old else (0.0, _lowest(tree) - _MARGIN_PX)
@@ -42,27 +41,27 @@ class Block:
         self.frame.location = place
 
     def add(self, idname: str, role: str, at: tuple[int, int]) -> bpy.types.Node:
-        """A node in a column and row of the block."""
+        """Add a node in a column and row of the block."""
         return self._placed(self.tree.nodes.new(idname), role, at)
 
     def add_over(self, role: str, at: tuple[int, int]) -> tuple[bpy.types.Node, dict[str, bpy.types.NodeSocket]]:
-        """An Alpha Over node, with its inputs `background`, `foreground` and `factor`."""
+        """Add an Alpha Over node; returns it and its inputs `background`, `foreground` and `factor`."""
         node, sockets = add_over(self.tree)
         return self._placed(node, role, at), sockets
 
     def link(self, output: bpy.types.NodeSocket, socket: bpy.types.NodeSocket) -> None:
-        """Feed an input."""
+        """Connect an output to an input."""
         self.tree.links.new(output, socket)
 
     def restore(self) -> None:
-        """Feed what the old block of this kind fed."""
+        """Feed the sockets that the old block of this kind fed."""
         nodes = {node[_ROLE]: node for node in _members(self.tree, self.frame)}
         for role, output, socket in self._readers:
             if role in nodes and output in nodes[role].outputs:
                 self.link(nodes[role].outputs[output], socket)
 
     def feed_output(self, result: bpy.types.NodeSocket, replace: bool) -> bool:
-        """Feed the compositor's output if nothing else does, or if it is to be replaced; says whether it is fed."""
+        """Feed the compositor's output if it is free or is to be replaced; returns whether the block feeds it."""
         socket = output_input(self.tree)
         if replace or not socket.is_linked:
             self.link(result, socket)
@@ -79,15 +78,15 @@ def _members(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[bpy.ty
     return (node for node in tree.nodes if node.parent == frame and _ROLE in node)
 
 
-def _readers(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[_Reader]:
+def _readers(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> Iterator[_OutsideLink]:
     members = list(_members(tree, frame))
     for link in tree.links:
         if link.from_node in members and link.to_node not in members:
-            yield _Reader(link.from_node[_ROLE], link.from_socket.name, link.to_socket)
+            yield _OutsideLink(link.from_node[_ROLE], link.from_socket.name, link.to_socket)
 
 
 def _remove(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> None:
-    """Remove a block; what the user has put into its frame stays."""
+    """Remove a block; the user's nodes in its frame are kept."""
     for node in list(_members(tree, frame)):
         tree.nodes.remove(node)
     tree.nodes.remove(frame)

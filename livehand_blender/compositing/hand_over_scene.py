@@ -1,4 +1,4 @@
-"""The hand of a scene that LiveHand renders alone, over another scene's render, by depth."""
+"""Compositor nodes for a hand that LiveHand renders alone, combined with another scene's render by depth."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from .tree import MATH, compositor_of
 def hand_over_scene(scene: bpy.types.Scene, behind: bpy.types.Scene | None, replace_output: bool) -> bool:
     """Build the nodes in the scene's compositor, and switch on the Depth passes that they read.
 
-    Where the hand is nearer than the scene behind, it is laid over it: `hand + (1 - alpha) * behind`; elsewhere
-    the scene behind is seen.
+    Where the hand is nearer, the result is `hand + (1 - alpha) * behind`; elsewhere it is the scene behind.
 
     Args:
-        scene: with the hand; the first view layer that is rendered is taken, of both scenes.
-        behind: rendered by any engine through the same camera; None gives the hand's render as it is.
+        scene: with the hand; of both scenes, the first view layer that is rendered is used.
+        behind: rendered by any engine through the same camera; None: only the hand's render.
         replace_output: feed the compositor's output even if something else feeds it.
 
     Returns:
@@ -39,15 +38,15 @@ def _check(scene: bpy.types.Scene, behind: bpy.types.Scene | None) -> None:
         return
     if behind == scene:
         raise LiveHandError(
-            f"the scene behind the hand must be another one than its own, got '{scene.name}'; add a linked copy of the "
+            f"the scene behind the hand must not be its own scene, got '{scene.name}'; add a linked copy of the "
             "scene (New Scene > Linked Copy) with another render engine"
         )
     sizes = output_size_px(scene.render), output_size_px(behind.render)
     if sizes[0] != sizes[1]:
         (width, height), (width_behind, height_behind) = sizes
         raise LiveHandError(
-            f"both scenes must render images of one size, '{scene.name}' renders {width} x {height} and "
-            f"'{behind.name}' {width_behind} x {height_behind}; change the resolution of one"
+            f"both scenes must render images of the same size, '{scene.name}' renders {width} x {height} and "
+            f"'{behind.name}' {width_behind} x {height_behind}; change one resolution"
         )
 
 

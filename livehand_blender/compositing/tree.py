@@ -1,16 +1,16 @@
-"""A scene's compositor nodes and their output, in Blender 4 (`Scene.node_tree`) and 5 (a node group) alike."""
+"""A scene's compositor nodes and their output, in both Blender 4 (`Scene.node_tree`) and 5 (a node group)."""
 
 from __future__ import annotations
 
 import bpy
 
-# Since Blender 5 a scene refers to a node group, whose Group Output is what the Composite node was before.
+# Since Blender 5 a scene refers to a node group, whose Group Output replaces the Composite node.
 IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties
 MATH = "ShaderNodeMath" if IS_GROUP else "CompositorNodeMath"
 
 
 def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
-    """The scene's nodes, in use from now on; empty where it had none."""
+    """The scene's compositor nodes, which are switched on and, if there were none, created empty."""
     scene.render.use_compositing = True
     if IS_GROUP:
         if scene.compositing_node_group is None:
@@ -19,12 +19,12 @@ def compositor_of(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     is_new = scene.node_tree is None
     scene.use_nodes = True
     if is_new:
-        scene.node_tree.nodes.clear()  # Blender's own proposal
+        scene.node_tree.nodes.clear()  # Blender's default nodes
     return scene.node_tree
 
 
 def output_input(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
-    """The input socket whose image the render becomes; its node is added where there is none."""
+    """The input socket of the compositor's output; its node is added if there is none."""
     return _group_output(tree) if IS_GROUP else _node(tree, "CompositorNodeComposite").inputs["Image"]
 
 
@@ -37,7 +37,7 @@ def add_over(tree: bpy.types.NodeTree) -> tuple[bpy.types.Node, dict[str, bpy.ty
 
 
 def place_px(node: bpy.types.Node) -> tuple[float, float]:
-    """Where a node's upper left corner is, whatever frames it lies in."""
+    """A node's upper left corner in the node editor, also if it is in frames."""
     x, y = node.location
     if node.parent is None:
         return x, y
@@ -53,7 +53,7 @@ def _group_output(tree: bpy.types.NodeTree) -> bpy.types.NodeSocket:
 
 
 def _node(tree: bpy.types.NodeTree, idname: str) -> bpy.types.Node:
-    """The first node of a kind, or a new one to the right of all others."""
+    """The first node of a type, or a new one to the right of all others."""
     found = [node for node in tree.nodes if node.bl_idname == idname]
     if found:
         return found[0]

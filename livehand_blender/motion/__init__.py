@@ -1,1 +1,1 @@
-"""Motions between files and a hand's keyframes."""
+"""Motions as keyframes of a hand."""

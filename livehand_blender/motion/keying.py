@@ -1,4 +1,4 @@
-"""A hand's motion onto its armature, and back from it."""
+"""A hand's motion onto its armature as keyframes, and sampled from it."""
 
 from __future__ import annotations
 
@@ -13,26 +13,28 @@ from ...backend.motion.motion import HandMotion, mirrored, motion_of
 from ...backend.motion.placing import Space, moved, rest_wrists, to_blender
 from ...backend.motion.timing import at_fps
 from ...backend.records.errors import LiveHandError
+from ..rig.hand import RiggedHand
 from ..rig.keyframes import keyframe_theta, keyframe_transl
-from ..rig.pose import hand_side, read_hand_pose
+from ..rig.pose import read_pose
+from .frames import current_frame_restored, frame_rate
 
 _BETA_LIMIT = 10.0  # of the sliders
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How a motion comes onto a hand.
+    """How a motion is transferred to a hand.
 
     Attributes:
-        space: of the motion; all but `hand` are brought into Blender's world, wherever the armature stands.
-        start_frame: of its first key.
-        matches_fps: the motion keeps its speed; False: one key a frame, at whatever rate the scene has.
-        mirrors: a motion of the other hand is mirrored; False: it is refused.
-        keys_wrist: the wrist's rotation is keyed.
-        keys_place: the wrist's location is keyed.
-        sets_shape: the hand takes the motion's shape, its mean where it changes.
-        camera: [4, 4] Blender's matrix of the camera whose axes a motion in a camera's space has; None: one at the
-            world's origin that looks along +Y.
+        space: of the motion; unless it is `hand`, the motion is converted to Blender's world, wherever the armature is.
+        start_frame: of the first key.
+        matches_fps: resample the motion to the scene's frame rate; False: key one frame of the motion per frame.
+        mirrors: mirror a motion of the other side; False: raise an error.
+        keys_wrist: key the wrist's rotation.
+        keys_place: key the wrist's location.
+        sets_shape: give the hand the motion's shape, or its mean if it changes.
+        camera: [4, 4] Blender's matrix of the camera for a motion in a camera's space; None: a camera at the world's
+            origin that looks along +Y.
     """
 
     space: Space
@@ -45,73 +47,66 @@ class Placement:
     camera: np.ndarray | None = None
 
 
-def key_motion(
-    scene: bpy.types.Scene, armature: bpy.types.Object, model: HandModel, motion: HandMotion, placement: Placement
-) -> int:
-    """Key a hand with a motion, after everything has been checked; returns how many frames were keyed.
+def key_motion(scene: bpy.types.Scene, hand: RiggedHand, motion: HandMotion, placement: Placement) -> int:
+    """Key a hand with a motion; returns the number of frames that were keyed.
 
     Args:
-        scene: whose frame rate counts.
-        armature: the hand.
-        model: the hand's.
+        scene: with the frame rate to match.
+        hand: to be keyed.
         motion: absolute, m, in the placement's space.
-        placement: how.
+        placement: how it is transferred.
 
     Raises:
-        LiveHandError: the motion is the other hand's and may not be mirrored, or the object is no hand. Nothing is
-            changed then.
+        LiveHandError: the motion is for the other side and may not be mirrored, or the hand's model cannot be read.
+            Nothing is changed then.
     """
-    side = hand_side(armature)
-    motion = of_side(motion, armature, placement.mirrors)
+    motion = motion_for_hand(motion, hand, placement.mirrors)
     if placement.matches_fps and motion.fps is not None:
-        motion = at_fps(motion, scene.render.fps / scene.render.fps_base)
+        motion = at_fps(motion, frame_rate(scene))
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
-    motion = _of_shape(motion, beta if placement.sets_shape else np.array(armature.livehand.beta), model.for_side(side))
+    motion = _with_shape(motion, beta if placement.sets_shape else np.array(hand.properties.beta), hand.model)
     if placement.space != "hand":
-        to_armature = np.linalg.inv(np.array(armature.matrix_world)) @ _to_world(placement)
-        motion = moved(motion, to_armature, rest_wrists(model.for_side(side), motion.beta))
+        to_armature = np.linalg.inv(np.array(hand.armature.matrix_world)) @ _to_world(placement)
+        motion = moved(motion, to_armature, rest_wrists(hand.model, motion.beta))
     frames = placement.start_frame + np.arange(len(motion))
-    keyframe_theta(armature, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
+    keyframe_theta(hand, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
     if placement.keys_place:
-        keyframe_transl(armature, motion.transl, frames)
+        keyframe_transl(hand, motion.transl, frames)
     if placement.sets_shape:
-        armature.livehand.beta = beta
-    armature.update_tag()
+        hand.properties.beta = beta
+    hand.armature.update_tag()
     return len(frames)
 
 
-def of_side(motion: HandMotion, armature: bpy.types.Object, mirrors: bool) -> HandMotion:
-    """The motion as a hand can take it, mirrored if it may be.
+def motion_for_hand(motion: HandMotion, hand: RiggedHand, mirrors: bool) -> HandMotion:
+    """The motion for the hand's side, mirrored if necessary.
 
     Raises:
-        LiveHandError: it is the other hand's and may not be mirrored, or the object is no hand.
+        LiveHandError: it is for the other side and may not be mirrored.
     """
-    side = hand_side(armature)
-    if motion.side == side:
+    if motion.side == hand.side:
         return motion
     if not mirrors:
         raise LiveHandError(
-            f"{armature.name} is a {side} hand, the motion a {motion.side} one; turn on Mirror, or choose that hand"
+            f"{hand.armature.name} is a {hand.side} hand, the motion a {motion.side} one; turn on Mirror, or choose "
+            "that hand"
         )
     return mirrored(motion)
 
 
-def sample_motion(context: bpy.types.Context, armature: bpy.types.Object, frames: Iterable[int]) -> HandMotion:
-    """What a hand does in the scene's frames, constraints and drivers included; the frame is put back afterwards.
+def sample_motion(context: bpy.types.Context, hand: RiggedHand, frames: Iterable[int]) -> HandMotion:
+    """A hand's motion in frames of the scene, with constraints and drivers.
 
     Raises:
-        LiveHandError: the object is no hand, or a channel is not finite.
+        LiveHandError: a channel is not finite.
     """
     scene = context.scene
-    before = scene.frame_current_final
     poses = []
-    try:
+    with current_frame_restored(scene):
         for frame in frames:
             scene.frame_set(frame)
-            poses.append(read_hand_pose(armature, context.evaluated_depsgraph_get()))
-    finally:
-        scene.frame_set(int(np.floor(before)), subframe=before % 1)
-    return motion_of(poses, scene.render.fps / scene.render.fps_base)
+            poses.append(read_pose(hand, context.evaluated_depsgraph_get()))
+    return motion_of(poses, frame_rate(scene))
 
 
 def _to_world(placement: Placement) -> np.ndarray:
@@ -122,7 +117,7 @@ def _to_world(placement: Placement) -> np.ndarray:
     return placement.camera @ np.linalg.inv(to_blender("opengl")) @ matrix
 
 
-def _of_shape(motion: HandMotion, beta: np.ndarray, model: HandModel) -> HandMotion:
-    """The motion of a hand of another shape, the wrist where it was."""
-    wrists = rest_wrists(model, motion.betas) - rest_wrists(model, beta)
-    return replace(motion, beta=beta, transl=motion.transl + wrists)
+def _with_shape(motion: HandMotion, beta: np.ndarray, model: HandModel) -> HandMotion:
+    """The motion for another shape, with the wrist in the same place."""
+    offset = rest_wrists(model, motion.betas) - rest_wrists(model, beta)
+    return replace(motion, beta=beta, transl=motion.transl + offset)

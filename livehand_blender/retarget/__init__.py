@@ -1,1 +1,1 @@
-"""Hands rigged by other people, in Blender: read, driven by, and made hand models of."""
+"""Hands of other rigs: our hand follows them or is baked from them, or a hand model is made from their mesh."""

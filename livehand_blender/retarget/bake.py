@@ -1,52 +1,58 @@
-"""Another rig's motion as keyframes of our hand."""
+"""Another rig's motion as keyframes of our hand: a rig of the scene, or an animated rig in a file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import bpy
 
-from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.retarget import retarget
-from ...backend.retarget.skeleton import JointMap
-from ..motion.keying import Placement, key_motion
-from ..rig.pose import hand_side
-from .size import take_shape
-from .source import align_hand, sample_source
+from ..motion.keying import Placement, key_motion, motion_for_hand
+from ..rig.hand import RiggedHand
+from .importing import RigFile, read_rig_file
+from .source import SourceRig, align_hand, current_shape, sample_source, set_shape
 
 
 def bake(
-    context: bpy.types.Context,
-    hand: bpy.types.Object,
-    model: HandModel,
-    source: bpy.types.Object,
-    joint_map: JointMap,
-    frames: Sequence[int],
-    fits_shape: bool = True,
+    context: bpy.types.Context, hand: RiggedHand, source: SourceRig, frames: Sequence[int], fits_shape: bool = True
 ) -> int:
-    """Key a hand in every one of the frames with what the source does then; returns how many.
+    """Key a hand with the source's motion; returns the number of frames that were keyed.
 
-    A source of the other side is mirrored in the world's plane x = 0. Nothing is changed where an error is raised.
+    A source of the other side is mirrored in the world's plane x = 0.
 
     Args:
-        context: of the scene that both are in.
-        hand: our armature.
-        model: its hand model.
-        source: the other armature.
-        joint_map: its joints.
+        context: of the scene that contains both.
+        hand: to be keyed.
+        source: to be followed.
         frames: consecutive.
-        fits_shape: the hand takes the source's proportions and size.
+        fits_shape: give the hand the source's proportions and size.
 
     Raises:
-        LiveHandError: no frame, a bone is missing, or a pose is not finite.
+        LiveHandError: there is no frame, a bone is missing, or a pose is not finite. Nothing is changed then.
     """
     if not len(frames):
         raise LiveHandError("the last frame must not lie before the first")
-    hand_side(hand)
-    alignment = align_hand(hand, model, source, joint_map, fits_shape)
-    motion = retarget(sample_source(context, source, joint_map, frames), alignment)
+    alignment = align_hand(hand, source, fits_shape)
+    motion = retarget(sample_source(context, source, frames), alignment)
     if fits_shape:
-        take_shape(context, hand, alignment.shape)
+        set_shape(context, hand, alignment.shape)
     placement = Placement("z_up", frames[0], matches_fps=False, mirrors=True, sets_shape=fits_shape)
-    return key_motion(context.scene, hand, model, motion, placement)
+    return key_motion(context.scene, hand, motion, placement)
+
+
+def bake_file(context: bpy.types.Context, hand: RiggedHand, file: RigFile, placement: Placement) -> tuple[int, str]:
+    """Key a hand with the motion of a rig in a file; returns how many frames were keyed, and the armature's name.
+
+    Raises:
+        LiveHandError: the file cannot be read, contains no hand, or contains the other hand, which may not be
+            mirrored. Nothing is changed then.
+    """
+    shape = None if placement.sets_shape else current_shape(hand)
+    found = read_rig_file(context, file, hand.model, shape)
+    motion = replace(found.motion, fps=file.fps) if file.fps else found.motion
+    motion_for_hand(motion, hand, placement.mirrors)  # before the shape is changed
+    if placement.sets_shape:
+        set_shape(context, hand, found.shape)
+    return key_motion(context.scene, hand, motion, placement), found.armature

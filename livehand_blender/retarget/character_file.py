@@ -1,4 +1,4 @@
-"""Somebody's character in a file, .blend or what Blender imports (glTF, FBX): its armature, and the hand's mesh."""
+"""A character in a file that Blender opens or imports (.blend, glTF, FBX): its armature, and the hand's mesh."""
 
 from __future__ import annotations
 
@@ -20,16 +20,18 @@ _KINDS = (".blend", ".glb", ".gltf", ".fbx")
 
 
 def open_character(path: Path) -> None:
-    """Make the file's scene the open one.
+    """Open the file's scene.
 
     Raises:
-        LiveHandError: no such file, another kind, or Blender cannot read it.
+        LiveHandError: the file does not exist, is of another kind, or Blender cannot read it.
     """
     if not path.is_file():
         raise LiveHandError(f"no character at {path}; give a .blend, .glb, .gltf or .fbx")
     suffix = path.suffix.lower()
     if suffix not in _KINDS:
-        raise LiveHandError(f"a character must be a .blend, .glb, .gltf or .fbx, got {path.name}; export it as one")
+        raise LiveHandError(
+            f"a character must be a .blend, .glb, .gltf or .fbx, got {path.name}; export it in one of these formats"
+        )
     if suffix != ".blend":
         bpy.ops.wm.read_homefile(use_empty=True)
         import_rig(path)
@@ -42,38 +44,40 @@ def open_character(path: Path) -> None:
 
 
 def find_armature(name: str | None) -> bpy.types.Object:
-    """The scene's armature of that name, or its only one that deforms a mesh.
+    """The scene's armature of a name, or the only one that deforms a mesh.
 
     Raises:
-        LiveHandError: there is none, or several and no name.
+        LiveHandError: there is none, or several and no name was given.
     """
     armatures = [thing for thing in bpy.context.scene.objects if thing.type == "ARMATURE"]
     if name is None:
-        skinning = {thing.find_armature() for thing in bpy.context.scene.objects if thing.type == "MESH"}
-        armatures = [thing for thing in armatures if thing in skinning]
+        armatures = [thing for thing in armatures if skinned_meshes(thing)]
     else:
         armatures = [thing for thing in armatures if thing.name == name]
     return _only(armatures, "armature", "--armature", name)
 
 
 def find_mesh(name: str, armature: bpy.types.Object) -> bpy.types.Object:
-    """The mesh of that name, which the armature must move.
+    """The mesh of a name, which the armature must deform.
 
     Raises:
         LiveHandError: there is none.
     """
-    skinned = [
-        thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature
-    ]
-    return _only([thing for thing in skinned if thing.name == name], f"mesh of '{armature.name}'", "--mesh", name)
+    meshes = [mesh for mesh in skinned_meshes(armature) if mesh.name == name]
+    return _only(meshes, f"mesh of '{armature.name}'", "--mesh", name)
 
 
-def joint_map_of(armature: bpy.types.Object, side: Side | None, bones: Path | None) -> JointMap:
-    """The bones that are a hand's joints: as a file says, or guessed.
+def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """The scene's meshes that an armature deforms."""
+    return [thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature]
+
+
+def read_joint_map(armature: bpy.types.Object, side: Side | None, bones: Path | None) -> JointMap:
+    """The bones that are a hand's joints: from a file, or guessed.
 
     Args:
-        armature: whose.
-        side: which hand; None: as the file says, or the one that more is found of.
+        armature: that has the bones.
+        side: which hand; None: the one that the file names, or the one with more bones.
         bones: JSON, {"side": "right", "wrist": "Bone", "index1": "Bone.001", ...}; None: guess.
 
     Raises:
@@ -94,16 +98,18 @@ def _read_map(path: Path, side: Side | None) -> JointMap:
     unknown = sorted(set(named) - {"side", *JOINT_NAMES})
     if unknown:
         raise LiveHandError(f"{path} may name {', '.join(JOINT_NAMES)} and side, got {', '.join(unknown)}")
-    said = side or named.get("side", "right")
-    if said not in get_args(Side):
-        raise LiveHandError(f"{path}: side must be right or left, got {said!r}")
-    return JointMap(said, tuple(named.get(joint, "") for joint in JOINT_NAMES))  # type: ignore[arg-type]
+    side = side or named.get("side", "right")
+    if side not in get_args(Side):
+        raise LiveHandError(f"{path}: side must be right or left, got {side!r}")
+    return JointMap(side, tuple(named.get(joint, "") for joint in JOINT_NAMES))  # type: ignore[arg-type]
 
 
 def _only(found: list[bpy.types.Object], kind: str, option: str, name: str | None) -> bpy.types.Object:
     if len(found) == 1:
         return found[0]
     if name is not None:
-        raise LiveHandError(f"the file must have the {kind} '{name}', it has not; give another with {option}")
+        raise LiveHandError(
+            f"the file must have the {kind} '{name}', it has none of that name; give another with {option}"
+        )
     names = ", ".join(thing.name for thing in found) or "none"
-    raise LiveHandError(f"the file must have one {kind} that moves a mesh, got {names}; choose one with {option}")
+    raise LiveHandError(f"the file must have one {kind} that deforms a mesh, got {names}; choose one with {option}")

@@ -16,30 +16,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="NPZ",
-        help="the hand model; its look becomes a .blend beside",
+        help="the hand model; its materials are saved as a .blend beside it",
     )
-    parser.add_argument("--armature", metavar="NAME", help="which one (default: the only one that moves a mesh)")
-    parser.add_argument("--mesh", metavar="NAME", help="which one (default: the one that the fingers move most of)")
-    parser.add_argument("--side", choices=("right", "left"), help="which hand (default: as the bones tell)")
+    parser.add_argument("--armature", metavar="NAME", help="the armature (default: the only one that deforms a mesh)")
     parser.add_argument(
-        "--bones", type=Path, metavar="JSON", help="which bone is which joint (default: by their names)"
+        "--mesh", metavar="NAME", help="the hand's mesh (default: the one with the most vertices moved by the fingers)"
     )
-    parser.add_argument("--scale", type=float, default=1.0, help="multiplied by this, the file's lengths are metres")
+    parser.add_argument("--side", choices=("right", "left"), help="which hand (default: the one with more bones)")
+    parser.add_argument("--bones", type=Path, metavar="JSON", help="which bone is which joint (default: guess)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor from the file's lengths to metres")
 
 
 def run(args: argparse.Namespace) -> dict:
-    """Make the hand; returns what was made."""
+    """Make the hand model; returns facts about it."""
     import bpy
 
-    from .character_file import find_armature, find_mesh, joint_map_of, open_character
-    from .hand_from_mesh import make_own_hand, mesh_skinned_to
+    from .character_file import find_armature, find_mesh, open_character, read_joint_map
+    from .hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
 
     open_character(args.character)
     armature = find_armature(args.armature)
-    joint_map = joint_map_of(armature, args.side, args.bones)
+    joint_map = read_joint_map(armature, args.side, args.bones)
     mesh = find_mesh(args.mesh, armature) if args.mesh else mesh_skinned_to(armature, joint_map)
     source = {
         "source": args.character.name,
         "source_sha256": hashlib.sha256(args.character.read_bytes()).hexdigest(),
     }
-    return make_own_hand(bpy.context, mesh, armature, joint_map, args.output, args.scale, source)
+    return hand_model_from_mesh(bpy.context, mesh, armature, joint_map, args.output, args.scale, source)

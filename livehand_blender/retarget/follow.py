@@ -1,166 +1,152 @@
-"""Our hand follows another armature live, by plain constraints: no handler, no Python, whatever file the other is in.
+"""Our hand follows another armature live by constraints, without handlers or Python; the armature may be linked.
 
-Three sets of hidden bones, one of each per joint, outside the hand's own hierarchy:
+Three sets of hidden bones, one bone per joint, outside the hand's own hierarchy:
 
-- `SRC-` has the other bone's rotation in the world (the wrist's has its place too).
-- `FIT-` is its child. Its rest frame holds what differs between both rest poses, so it stands as our joint should.
-- `FOL-` hang together as our joints do and take `FIT-`'s rotation: so their own rotations are ours to copy.
+- `SRC-` copies the other bone's rotation in the world (for the wrist, its location too).
+- `FIT-` is its child. Its rest frame holds the difference between both rest poses, so it is oriented like our joint.
+- `FOL-` have the hierarchy of our joints and copy `FIT-`'s rotation, so that their local rotations are ours.
 
-The hand's bones copy those before finger controls, limits and fingertip IK, which go on to work on top;
-`livehand.follow` is by how much.
+The hand's bones copy those before finger controls, limits and fingertip IK, which still work on top.
+`livehand.follow` is the influence.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 import bpy
 import numpy as np
 
 from ...backend.hand.bones import bone_name
-from ...backend.hand.model import PARENTS, HandModel
+from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
 from ...backend.retarget.alignment import Alignment
-from ...backend.retarget.skeleton import JointMap
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
-from ..rig.pose import hand_side, read_hand_pose, write_theta, write_transl
-from .size import take_shape
-from .source import align_hand
+from ..rig.hand import RiggedHand
+from ..rig.pose import read_pose, write_theta, write_transl
+from .source import SourceRig, align_hand, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
 _SOURCE, _FITTED, _FOLLOWING = "SRC", "FIT", "FOL"
 _LENGTH_M = 0.01
 
 
-def follow(
-    context: bpy.types.Context,
-    hand: bpy.types.Object,
-    model: HandModel,
-    source: bpy.types.Object,
-    joint_map: JointMap,
-    fits_shape: bool = True,
-) -> None:
-    """Let a hand follow another armature from now on; what it followed before is let go.
+def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits_shape: bool = True) -> None:
+    """Make a hand follow another armature, instead of the one that it followed before.
 
     Raises:
-        LiveHandError: the hand is the other side's or its armature cannot be edited, or a bone is missing. Nothing is
-            changed then.
+        LiveHandError: the source is a hand of the other side, the hand's armature cannot be edited, or a bone is
+            missing. Nothing is changed then.
     """
-    side = hand_side(hand)
-    if joint_map.side != side:
+    if source.joint_map.side != hand.side:
         raise LiveHandError(
-            f"{hand.name} is a {side} hand and can follow a {side} one only, got the {joint_map.side}; "
-            "bake it instead, which mirrors"
+            f"{hand.armature.name} is a {hand.side} hand and can follow a {hand.side} one only, got a "
+            f"{source.joint_map.side} one; bake it instead, which mirrors"
         )
     check_editable(context, hand)
-    alignment = align_hand(hand, model, source, joint_map, fits_shape)
-    if is_following(hand):
+    alignment = align_hand(hand, source, fits_shape)
+    if is_following(hand.armature):
         _remove(context, hand)
     if fits_shape:
-        take_shape(context, hand, alignment.shape)
+        set_shape(context, hand, alignment.shape)
     _add_bones(context, hand, alignment)
-    _constrain(hand, source, joint_map)
-    hand.livehand.follow = 1.0
-    hand.update_tag()
+    _constrain(hand, source)
+    hand.properties.follow = 1.0
+    hand.armature.update_tag()
 
 
-def is_following(hand: bpy.types.Object) -> bool:
-    """Whether it follows another armature."""
-    return _name(_FOLLOWING, 0, hand.livehand.side) in hand.data.bones
+def is_following(armature: bpy.types.Object) -> bool:
+    """Whether a hand's armature follows another armature."""
+    return _name(_FOLLOWING, 0, armature.livehand.side) in armature.data.bones
 
 
-def stop_following(context: bpy.types.Context, hand: bpy.types.Object, keeps_pose: bool = True) -> None:
-    """Remove everything that `follow` added; the shape stays.
+def stop_following(context: bpy.types.Context, hand: RiggedHand, keeps_pose: bool = True) -> None:
+    """Remove everything that `follow` added; the shape is kept.
 
     Args:
         context: its view layer shows the hand.
-        hand: our armature.
-        keeps_pose: the bones are turned as they are seen now; False: back to what they were before.
+        hand: that follows.
+        keeps_pose: keep the present pose; False: return to the bones' own pose.
 
     Raises:
         LiveHandError: the armature cannot be edited.
     """
     check_editable(context, hand)
-    pose = read_hand_pose(hand, context.evaluated_depsgraph_get())
+    pose = read_pose(hand, context.evaluated_depsgraph_get())
     _remove(context, hand)
     if keeps_pose:
         write_theta(hand, pose.theta)
         write_transl(hand, pose.transl)
-    hand.update_tag()
+    hand.armature.update_tag()
+
+
+def check_editable(context: bpy.types.Context, hand: RiggedHand) -> None:
+    """Check that bones can be added to a hand and removed.
+
+    Raises:
+        LiveHandError: it is linked, or hidden.
+    """
+    armature = hand.armature
+    if armature.library or armature.override_library or armature.data.library or armature.data.override_library:
+        raise LiveHandError(f"{armature.name} must be local to this file to get new bones, it is linked; bake instead")
+    if armature.name not in context.view_layer.objects or not armature.visible_get(view_layer=context.view_layer):
+        raise LiveHandError(f"{armature.name} must be visible in the view layer to get new bones; show it first")
 
 
 def _name(role: str, joint: int, side: Side) -> str:
     return f"{role}-{bone_name(joint, side)}"
 
 
-def _names(side: Side) -> Iterator[str]:
-    for role in (_SOURCE, _FITTED, _FOLLOWING):
-        for joint in range(16):
-            yield _name(role, joint, side)
+def _names(side: Side) -> list[str]:
+    return [_name(role, joint, side) for role in (_SOURCE, _FITTED, _FOLLOWING) for joint in range(16)]
 
 
-def check_editable(context: bpy.types.Context, hand: bpy.types.Object) -> None:
-    """Whether bones can be added to a hand, or taken from it.
-
-    Raises:
-        LiveHandError: it is linked, or hidden.
-    """
-    if hand.library or hand.override_library or hand.data.library or hand.data.override_library:
-        raise LiveHandError(f"{hand.name} must be local to this file to get new bones, it is linked; bake instead")
-    if hand.name not in context.view_layer.objects or not hand.visible_get(view_layer=context.view_layer):
-        raise LiveHandError(f"{hand.name} must be visible in the view layer to get new bones; show it first")
-
-
-def _add_bones(context: bpy.types.Context, hand: bpy.types.Object, alignment: Alignment) -> None:
-    side: Side = hand.livehand.side
-    frames = rest_frames(hand, side)
-    heads = np.array([hand.data.bones[bone_name(joint, side)].head_local for joint in range(16)], np.float64)
-    # What the other bones see of our joints, at rest.
+def _add_bones(context: bpy.types.Context, hand: RiggedHand, alignment: Alignment) -> None:
+    side, armature = hand.side, hand.armature
+    frames = rest_frames(armature, side)
+    heads = np.array([hand.bone(joint).bone.head_local for joint in range(16)], np.float64)
+    # Rest frames of our joints relative to the source's bones.
     fitted = alignment.frames.swapaxes(1, 2) @ alignment.turns @ frames
-    step_m = alignment.frames[0].T @ (alignment.wrist - alignment.heads[0]) / np.mean(hand.matrix_world.to_scale())
-    with _editing(context, hand) as bones:
+    wrist_m = alignment.frames[0].T @ (alignment.wrist - alignment.heads[0]) / np.mean(armature.matrix_world.to_scale())
+    with _edit_bones(context, armature) as bones:
         for joint in range(16):
             _add_bone(bones, _name(_SOURCE, joint, side), None, heads[joint], np.eye(3))
-            head = heads[joint] + (step_m if joint == 0 else 0)
+            head = heads[joint] + (wrist_m if joint == 0 else 0)
             _add_bone(bones, _name(_FITTED, joint, side), _name(_SOURCE, joint, side), head, fitted[joint])
-            above = _name(_FOLLOWING, PARENTS[joint], side) if joint else None
-            _add_bone(bones, _name(_FOLLOWING, joint, side), above, heads[joint], frames[joint])
-    hidden = hand.data.collections_all.get("Mechanism") or hand.data.collections.new("Mechanism")
+            parent = _name(_FOLLOWING, PARENTS[joint], side) if joint else None
+            _add_bone(bones, _name(_FOLLOWING, joint, side), parent, heads[joint], frames[joint])
+    hidden = armature.data.collections_all.get("Mechanism") or armature.data.collections.new("Mechanism")
     for name in _names(side):
-        hand.data.bones[name].use_deform = False
-        hidden.assign(hand.data.bones[name])
-        hand.pose.bones[name].rotation_mode = "QUATERNION"
+        armature.data.bones[name].use_deform = False
+        hidden.assign(armature.data.bones[name])
+        armature.pose.bones[name].rotation_mode = "QUATERNION"
 
 
-class _editing:
-    """Within, the edit bones of an armature; modes, selection and the active object come back."""
-
-    def __init__(self, context: bpy.types.Context, armature: bpy.types.Object):
-        self.context, self.armature = context, armature
-
-    def __enter__(self):
-        objects = self.context.view_layer.objects
-        self.active = objects.active
-        self.mode = self.active.mode if self.active else "OBJECT"
-        if self.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode="OBJECT")
-        self.selected = [thing for thing in objects if thing.select_get(view_layer=self.context.view_layer)]
-        # All selected armatures would be edited.
-        for thing in self.selected:
-            thing.select_set(False)
-        objects.active = self.armature
-        bpy.ops.object.mode_set(mode="EDIT")
-        return self.armature.data.edit_bones
-
-    def __exit__(self, *_):
+@contextlib.contextmanager
+def _edit_bones(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
+    """Within, the edit bones of an armature; afterwards modes, selection and the active object are as before."""
+    objects = context.view_layer.objects
+    active = objects.active
+    mode = active.mode if active else "OBJECT"
+    if mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
-        for thing in self.selected:
+    selected = [thing for thing in objects if thing.select_get(view_layer=context.view_layer)]
+    for thing in selected:  # edit mode would include all selected armatures
+        thing.select_set(False)
+    objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        yield armature.data.edit_bones
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+        for thing in selected:
             thing.select_set(True)
-        self.context.view_layer.objects.active = self.active
-        if self.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode=self.mode)
+        objects.active = active
+        if mode != "OBJECT":
+            bpy.ops.object.mode_set(mode=mode)
 
 
 def _add_bone(bones, name: str, parent: str | None, head: np.ndarray, frame: np.ndarray) -> None:
@@ -170,22 +156,17 @@ def _add_bone(bones, name: str, parent: str | None, head: np.ndarray, frame: np.
     bone.parent = bones[parent] if parent else None
 
 
-def _constrain(hand: bpy.types.Object, source: bpy.types.Object, joint_map: JointMap) -> None:
-    side: Side = hand.livehand.side
-    bones = hand.pose.bones
-    for joint, bone in enumerate(joint_map.bones):
-        _copy(bones[_name(_SOURCE, joint, side)], "COPY_ROTATION", source, bone, "WORLD")
-        fitted, following = _name(_FITTED, joint, side), _name(_FOLLOWING, joint, side)
-        _copy(bones[following], "COPY_ROTATION", hand, fitted, "POSE")
-        own = bones[bone_name(joint, side)]
-        constraint = _copy(own, "COPY_ROTATION", hand, following, "LOCAL")
-        _make_first(own, constraint, FOLLOW)
-        drive_by_properties(constraint, "influence", -1, {"follow": 1.0}, hand)
-    _copy(bones[_name(_SOURCE, 0, side)], "COPY_LOCATION", source, joint_map.bones[0], "WORLD")
-    wrist = bones[bone_name(0, side)]
-    constraint = _copy(wrist, "COPY_LOCATION", hand, _name(_FITTED, 0, side), "POSE")
-    _make_first(wrist, constraint, FOLLOW_PLACE)
-    drive_by_properties(constraint, "influence", -1, {"follow": 1.0}, hand)
+def _constrain(hand: RiggedHand, source: SourceRig) -> None:
+    side, armature = hand.side, hand.armature
+    bones = armature.pose.bones
+    for joint, name in enumerate(source.joint_map.bones):
+        following = _name(_FOLLOWING, joint, side)
+        _copy(bones[_name(_SOURCE, joint, side)], "COPY_ROTATION", source.armature, name, "WORLD")
+        _copy(bones[following], "COPY_ROTATION", armature, _name(_FITTED, joint, side), "POSE")
+        _follow_first(hand, joint, _copy(hand.bone(joint), "COPY_ROTATION", armature, following, "LOCAL"), FOLLOW)
+    _copy(bones[_name(_SOURCE, 0, side)], "COPY_LOCATION", source.armature, source.joint_map.bones[0], "WORLD")
+    constraint = _copy(hand.bone(0), "COPY_LOCATION", armature, _name(_FITTED, 0, side), "POSE")
+    _follow_first(hand, 0, constraint, FOLLOW_PLACE)
 
 
 def _copy(
@@ -197,20 +178,22 @@ def _copy(
     return constraint
 
 
-def _make_first(owner: bpy.types.PoseBone, constraint: bpy.types.Constraint, name: str) -> None:
+def _follow_first(hand: RiggedHand, joint: int, constraint: bpy.types.Constraint, name: str) -> None:
+    """Put a joint's new constraint before all others, with `follow` as its influence."""
     constraint.name = name
-    owner.constraints.move(len(owner.constraints) - 1, 0)
+    constraints = hand.bone(joint).constraints
+    constraints.move(len(constraints) - 1, 0)
+    drive_by_properties(constraint, "influence", -1, {"follow": 1.0}, hand.armature)
 
 
-def _remove(context: bpy.types.Context, hand: bpy.types.Object) -> None:
-    side: Side = hand.livehand.side
+def _remove(context: bpy.types.Context, hand: RiggedHand) -> None:
     for joint in range(16):
-        owner = hand.pose.bones[bone_name(joint, side)]
+        constraints = hand.bone(joint).constraints
         for name in (FOLLOW, FOLLOW_PLACE):
-            if name in owner.constraints:
-                owner.constraints[name].driver_remove("influence")
-                owner.constraints.remove(owner.constraints[name])
-    with _editing(context, hand) as bones:
-        for name in _names(side):
+            if name in constraints:
+                constraints[name].driver_remove("influence")
+                constraints.remove(constraints[name])
+    with _edit_bones(context, hand.armature) as bones:
+        for name in _names(hand.side):
             if name in bones:
                 bones.remove(bones[name])

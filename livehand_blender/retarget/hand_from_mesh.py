@@ -1,4 +1,4 @@
-"""The road from somebody's skinned mesh to a hand model's file, and its look beside it."""
+"""From a skinned mesh to a hand model's file, and the .blend with its materials (its look)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.hand_model import check_name, make_hand_model, save_hand_model
 from ...backend.retarget.skeleton import JointMap
 from ..capture.look import look_path
+from .character_file import skinned_meshes
 from .look_file import save_look
 from .rest_mesh import read_rest_mesh
 from .skeleton import read_skeleton
 
 
-def make_own_hand(
+def hand_model_from_mesh(
     context: bpy.types.Context,
     mesh: bpy.types.Object,
     armature: bpy.types.Object,
@@ -28,19 +29,25 @@ def make_own_hand(
     scale: float = 1.0,
     provenance: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Write `path` (.npz) and the .blend beside it; says what was made.
+    """Write `path` (.npz) and the .blend beside it; returns facts about the hand model.
 
     Raises:
-        LiveHandError: the mesh is no hand that can be rendered, or a file cannot be written.
+        LiveHandError: the mesh is not a hand that can be rendered, or a file cannot be written.
     """
     check_name(path, joint_map.side)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(context, mesh, armature, skeleton)
     try:
         hand = make_hand_model(rest.surface, skeleton, joint_map, scale)
-        made_of = {"made_by": "livehand make-hand", "mesh": mesh.name, "armature": armature.name, "scale": scale}
-        bones = dict(zip(("side", "bones"), (joint_map.side, list(joint_map.bones)), strict=True))
-        save_hand_model(hand, path, {**made_of, **bones, **(provenance or {})})
+        origin = {
+            "made_by": "livehand make-hand",
+            "mesh": mesh.name,
+            "armature": armature.name,
+            "scale": scale,
+            "side": joint_map.side,
+            "bones": list(joint_map.bones),
+        }
+        save_hand_model(hand, path, {**origin, **(provenance or {})})
         model = load_hand_model(path)
         save_look(look_path(path), mesh, rest, hand, model.sha256)
     finally:
@@ -58,21 +65,19 @@ def make_own_hand(
 
 
 def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.types.Object:
-    """The armature's mesh that has the most vertices in the fingers' groups.
+    """The armature's mesh with the most vertices in the fingers' groups.
 
     Raises:
         LiveHandError: there is none.
     """
-    skinned = [
-        thing for thing in bpy.context.scene.objects if thing.type == "MESH" and thing.find_armature() == armature
-    ]
-    counts = {thing.name: _vertices_of(thing, set(joint_map.bones[1:])) for thing in skinned}
+    fingers = set(joint_map.bones[1:])
+    counts = {mesh.name: _vertex_count(mesh, fingers) for mesh in skinned_meshes(armature)}
     best = max(counts, key=lambda name: counts[name], default=None)
     if best is None or not counts[best]:
         raise LiveHandError(f"a mesh must be skinned to the fingers' bones of '{armature.name}', none is")
     return bpy.data.objects[best]
 
 
-def _vertices_of(mesh: bpy.types.Object, names: set[str]) -> int:
+def _vertex_count(mesh: bpy.types.Object, names: set[str]) -> int:
     groups = {group.index for group in mesh.vertex_groups if group.name in names}
     return sum(any(element.group in groups for element in vertex.groups) for vertex in mesh.data.vertices)

@@ -1,6 +1,7 @@
-"""The look of a hand model, as a .blend: its mesh in the model's order of vertices, with the source's materials.
+"""The look of a hand model, as a .blend: its mesh in the model's vertex order, with the source's materials.
 
-The mesh lies where the source's did, so that its materials see what they saw; captures move it by a shape key.
+The mesh is in the source's place, so that materials with object or world coordinates are unchanged; captures move it by
+a shape key.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ _SUBDIVISION = (
 
 
 def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHand, sha256: str) -> None:
-    """Write the .blend, its pictures packed, and leave the open file as it is.
+    """Write the .blend with packed images; the open file is unchanged.
 
     Args:
         path: of the .blend.
-        source: the object whose materials and subdivision the hand wears.
+        source: the object whose materials and subdivision the hand gets.
         rest: its mesh at rest.
-        hand: what was made of it.
+        hand: the hand model made of it.
         sha256: of the hand model's file.
 
     Raises:
@@ -37,7 +38,7 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHan
     """
     look = _look_object(source, rest, hand)
     look[MODEL_KEY] = sha256
-    scene = bpy.data.scenes.new("Hand")  # whoever opens the file is shown the hand
+    scene = bpy.data.scenes.new("Hand")  # so that the hand is visible when the file is opened
     scene.collection.objects.link(look)
     partial = path.with_name(f"{path.stem}.partial.blend")
     try:
@@ -60,8 +61,8 @@ def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy
     cut = bmesh.new()
     try:
         cut.from_mesh(rest.data)
-        _keep_the_hand(cut, hand)
-        _close(cut, hand)
+        _remove_the_rest(cut, hand)
+        _add_cap(cut, hand)
         cut.to_mesh(data)
     finally:
         cut.free()
@@ -73,8 +74,8 @@ def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy
     return look
 
 
-def _keep_the_hand(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
-    """Only the hand's polygons and vertices, in the order of the model's."""
+def _remove_the_rest(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+    """Keep only the hand's polygons and vertices, in the model's order."""
     number = cut.verts.layers.int.new("livehand_vertex")
     cut.verts.ensure_lookup_table()
     cut.faces.ensure_lookup_table()
@@ -96,8 +97,8 @@ def _keep_the_hand(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
         cut.verts.layers.deform.remove(layer)
 
 
-def _close(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
-    """The cap's faces, in the material of the skin beside them; its edge stays where it is under subdivision."""
+def _add_cap(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+    """Add the cap's faces with the material of the adjacent skin; its edge is creased to survive subdivision."""
     cut.verts.ensure_lookup_table()
     crease = cut.edges.layers.float.get("crease_edge") or cut.edges.layers.float.new("crease_edge")
     for edge in cut.edges:
@@ -107,7 +108,7 @@ def _close(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
         beside = {vertex: cut.verts[vertex].link_loops[0] for vertex in corners}
         try:
             face = cut.faces.new([cut.verts[vertex] for vertex in corners])
-        except ValueError:  # it is there
+        except ValueError:  # the face exists already
             continue
         face.material_index = beside[corners[0]].face.material_index
         for loop, vertex in zip(face.loops, corners, strict=True):
@@ -124,7 +125,7 @@ def _subdivide_like(look: bpy.types.Object, source: bpy.types.Object) -> None:
 
 
 def _images_of(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
-    """All pictures that the materials' nodes use, in groups too."""
+    """All images that the materials' nodes use, in node groups too."""
     trees = [material.node_tree for material in materials if material is not None and material.node_tree]
     seen, images = set(), set()
     while trees:
@@ -139,13 +140,15 @@ def _images_of(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.
 
 @contextlib.contextmanager
 def _packed(images: set[bpy.types.Image]) -> Iterator[None]:
-    """Pictures packed meanwhile; those with unsaved painting stay so."""
+    """Within, the images are packed; those with unsaved painting stay packed."""
     packed = [image for image in images if not image.packed_files and image.source in {"FILE", "GENERATED", "TILED"}]
     for image in packed:
         try:
             image.pack()
         except RuntimeError as error:
-            raise LiveHandError(f"the picture {image.filepath} of '{image.name}' must be there ({error})") from error
+            raise LiveHandError(
+                f"the file {image.filepath} of the image '{image.name}' must exist ({error})"
+            ) from error
     clean = [image for image in packed if image.source != "GENERATED" and not image.is_dirty]
     try:
         yield

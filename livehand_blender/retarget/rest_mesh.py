@@ -1,4 +1,4 @@
-"""Somebody's skinned mesh, at rest and in the world -> `SkinnedSurface`."""
+"""A skinned mesh, at rest and in the world -> `SkinnedSurface`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ...backend.retarget.skeleton import RestSkeleton
 
 
 class RestMesh(NamedTuple):
-    """A mesh as it is evaluated at rest, without its subdivision.
+    """A mesh as evaluated at rest, without its subdivision.
 
     Attributes:
-        data: a copy, to be removed by whoever asked for it.
-        surface: the same as arrays.
+        data: a copy, which the caller must remove.
+        surface: the same mesh as arrays.
         smoothed_m: [N] how far its subdivision moves each vertex.
     """
 
@@ -32,10 +32,10 @@ class RestMesh(NamedTuple):
 def read_rest_mesh(
     context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: RestSkeleton
 ) -> RestMesh:
-    """The mesh with all its modifiers but Subdivision, in the armature's rest pose.
+    """The mesh with all modifiers except Subdivision, in the armature's rest pose.
 
     Raises:
-        LiveHandError: the mesh has no faces, or none of the armature's bones moves it.
+        LiveHandError: the mesh has no faces, or the armature's bones do not deform it.
     """
     with _at_rest(context, mesh, armature):
         depsgraph = context.evaluated_depsgraph_get()
@@ -81,11 +81,11 @@ def _surface(
     weights = _weights(data, mesh, armature, skeleton)
     if not weights.any():
         raise LiveHandError(
-            f"bones of '{armature.name}' must move '{mesh.name}', none does; choose the mesh that is skinned to them"
+            f"bones of '{armature.name}' must deform '{mesh.name}', none does; choose the mesh that is skinned to them"
         )
     matrix = np.array(mesh.matrix_world, np.float64)
     faces = _read(data.loop_triangles, "vertices", np.int32, 3).astype(np.int64)
-    if np.linalg.det(matrix[:3, :3]) < 0:  # an object scaled to its mirror image is drawn with its faces turned
+    if np.linalg.det(matrix[:3, :3]) < 0:  # Blender flips the faces of an object with negative scale
         faces = faces[:, ::-1].copy()
     polygons = _read(data.loop_triangles, "polygon_index", np.int32, 1).ravel().astype(np.int64)
     return SkinnedSurface(_placed(data, matrix), faces, polygons, weights)

@@ -1,4 +1,4 @@
-"""Somebody's armature -> `RestSkeleton`."""
+"""Any armature -> `RestSkeleton`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...backend.retarget.skeleton import RestSkeleton
 
 
 def read_skeleton(armature: bpy.types.Object) -> RestSkeleton:
-    """The rest pose of an armature's bones, where the object stands now, its scale included."""
+    """The rest pose of an armature's bones in the world, by the object's present transform with its scale."""
     bones = _parents_first(armature.data.bones)
     index = {bone.name: number for number, bone in enumerate(bones)}
     world = np.array(armature.matrix_world, np.float64)

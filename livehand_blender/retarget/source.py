@@ -1,56 +1,85 @@
-"""Somebody's armature over a range of frames -> `SourceMotion`, and our hand laid on it at rest."""
+"""Another armature over a range of frames -> `SourceMotion`, and our hand aligned to it at rest.
+
+A hand's size in the world is its object's scale.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.alignment import Alignment, align
 from ...backend.retarget.retarget import SourceMotion
+from ...backend.retarget.shape_fit import HandShape
 from ...backend.retarget.skeleton import JointMap
-from .size import present_shape
+from ..motion.frames import current_frame_restored, frame_rate
+from ..rig.hand import RiggedHand
 from .skeleton import read_skeleton
 
 
-def align_hand(
-    hand: bpy.types.Object, model: HandModel, source: bpy.types.Object, joint_map: JointMap, fits_shape: bool
-) -> Alignment:
-    """Our hand on the source's rest pose, of its proportions or of its own present shape and size.
+@dataclass(frozen=True, eq=False)
+class SourceRig:
+    """A hand of another armature.
+
+    Attributes:
+        armature: its object.
+        joint_map: which of its bones are the hand's joints.
+    """
+
+    armature: bpy.types.Object
+    joint_map: JointMap
+
+
+def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> Alignment:
+    """Our hand on the source's rest pose, with the source's proportions or with its own present shape and size.
 
     Raises:
-        LiveHandError: a bone is missing, joints lie in one place, or the source is mirrored by a negative scale.
+        LiveHandError: a bone is missing, joints coincide, or the source has a negative scale.
     """
-    if np.linalg.det(np.array(source.matrix_world.to_3x3())) <= 0:
-        raise LiveHandError(f"{source.name} must not be scaled by negative numbers or zero; apply its scale first")
-    return align(read_skeleton(source), joint_map, model, None if fits_shape else present_shape(hand))
+    if np.linalg.det(np.array(source.armature.matrix_world.to_3x3())) <= 0:
+        raise LiveHandError(
+            f"{source.armature.name} must not be scaled by negative numbers or zero; apply its scale first"
+        )
+    shape = None if fits_shape else current_shape(hand)
+    return align(read_skeleton(source.armature), source.joint_map, hand.model, shape)
 
 
-def sample_source(
-    context: bpy.types.Context, source: bpy.types.Object, joint_map: JointMap, frames: Iterable[int]
-) -> SourceMotion:
-    """What the mapped bones do in the scene's frames, constraints included; the frame is put back afterwards.
+def current_shape(hand: RiggedHand) -> HandShape:
+    """A hand's present shape and size."""
+    scale = float(np.mean(hand.armature.matrix_world.to_scale()))
+    return HandShape(np.array(hand.properties.beta, np.float64), scale)
+
+
+def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) -> None:
+    """Give a hand a shape and a size; its object's location is unchanged."""
+    armature = hand.armature
+    armature.scale = [axis * shape.scale / current_shape(hand).scale for axis in armature.scale]
+    armature.livehand.beta = shape.beta
+    armature.update_tag()
+    context.view_layer.update()
+
+
+def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterable[int]) -> SourceMotion:
+    """The motion of the mapped bones in frames of the scene, with constraints.
 
     Raises:
         LiveHandError: a bone is missing, or a pose is not finite.
     """
     scene = context.scene
-    before = scene.frame_current_final
     rotations, wrists = [], []
-    try:
+    with current_frame_restored(scene):
         for frame in frames:
             scene.frame_set(frame)
-            evaluated = source.evaluated_get(context.evaluated_depsgraph_get())
-            world = np.array(evaluated.matrix_world, np.float64)
-            posed = world @ np.array([_pose_bone(evaluated, bone).matrix for bone in joint_map.bones], np.float64)
+            evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
+            bones = [_pose_bone(evaluated, name).matrix for name in source.joint_map.bones]
+            posed = np.array(evaluated.matrix_world, np.float64) @ np.array(bones, np.float64)
             rotations.append(_nearest_rotations(posed[:, :3, :3]))
             wrists.append(posed[0, :3, 3])
-    finally:
-        scene.frame_set(int(np.floor(before)), subframe=before % 1)
-    return SourceMotion(np.array(rotations), np.array(wrists), scene.render.fps / scene.render.fps_base, joint_map.side)
+    return SourceMotion(np.array(rotations), np.array(wrists), frame_rate(scene), source.joint_map.side)
 
 
 def _pose_bone(armature: bpy.types.Object, name: str) -> bpy.types.PoseBone:
@@ -61,8 +90,8 @@ def _pose_bone(armature: bpy.types.Object, name: str) -> bpy.types.PoseBone:
 
 
 def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
-    """[16, 3, 3] without scale and shear, which chains of scaled bones bring."""
+    """[16, 3, 3] without the scale and shear that chains of scaled bones produce."""
     if not np.isfinite(matrices).all():
-        return matrices  # refused where the motion is made
+        return matrices  # `SourceMotion` raises the error
     u, _, vh = np.linalg.svd(matrices)
     return u @ vh

@@ -1,1 +1,1 @@
-"""The posable hand: armature, skinned mesh, shape keys, drivers, and the map between bones and theta."""
+"""The posable hand: armature, skinned mesh, shape keys, drivers, and conversion between bones and theta."""

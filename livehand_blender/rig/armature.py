@@ -1,8 +1,8 @@
-"""The armature: 16 bones to turn, fingertip targets, and hidden helpers that make skinning exact for every beta.
+"""The armature: 16 bones to pose, fingertip targets, and hidden bones that make skinning exact for every beta.
 
-MANO moves the joints with beta: J' = J + dJ. Bone j turns about J'_j, Blender binds the mesh to rest bones at J_j.
-So each turned bone is carried to J'_j by drivers on its location, and its deforming child steps back by dJ_j: together
-they are MANO's transform for any pose and any animated beta, with drivers linear in beta only.
+MANO moves the joints with beta: J' = J + dJ. Bone j rotates about J'_j, but Blender binds the mesh to rest bones at
+J_j. So drivers move each posed bone to J'_j, and its deforming child back by dJ_j. Together they are MANO's transform
+for any pose and any animated beta, with drivers that are linear in beta.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
 from .drivers import drive_by_beta
 
-TARGET_M = 0.01  # length of a fingertip target's bone
+_TARGET_M = 0.01  # length of a fingertip target's bone
 
 
 def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> bpy.types.Object:
     """A new armature object in the context's collection, left selected and active, in object mode.
 
     Raises:
-        LiveHandError: the context's collection is hidden from the view layer, so that no bone can be made.
+        LiveHandError: the context's collection is hidden from the view layer, so bones cannot be added.
     """
     armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     armature.show_in_front = True
@@ -49,19 +49,19 @@ def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> b
 
 
 def rest_frames(armature: bpy.types.Object, side: Side) -> np.ndarray:
-    """[16, 3, 3] rest orientation B of the turned bones, as Blender holds it (columns are the bone's axes)."""
+    """[16, 3, 3] rest orientation B of the posed bones as Blender stores it (columns are the bone's axes)."""
     bones = armature.data.bones
     return np.array([bones[bone_name(joint, side)].matrix_local.to_3x3() for joint in range(16)], np.float64)
 
 
 def drive_joints(armature: bpy.types.Object, model: HandModel) -> None:
-    """Carry the bones to the joints of the shaped hand."""
+    """Drive the bones to the joints of the shaped hand."""
     frames = rest_frames(armature, model.side)
     offsets = np.einsum("jv,vck->jck", model.J_regressor, model.shapedirs)  # [16, 3, 10]: dJ per unit of beta
     _drive_location(armature, root_name(model.side), frames[0].T @ offsets[0])
     for joint in range(16):
         _drive_location(armature, deform_name(joint, model.side), -frames[joint].T @ offsets[joint])
-    # The wrist's own location is left to the animator: it is transl.
+    # The wrist's location is the animator's: it is transl.
     for joint in range(1, 16):
         step = offsets[joint] - offsets[PARENTS[joint]]
         _drive_location(armature, bone_name(joint, model.side), frames[joint].T @ step)
@@ -73,7 +73,7 @@ def _drive_location(armature: bpy.types.Object, bone: str, weights: np.ndarray) 
 
 
 def _make_active(context: bpy.types.Context, armature: bpy.types.Object) -> None:
-    context.view_layer.update()  # objects just linked are not in the view layer before
+    context.view_layer.update()  # only then does the view layer list objects just linked
     if armature.name not in context.view_layer.objects:
         bpy.data.armatures.remove(armature.data)
         raise LiveHandError("a hand needs a collection that is in the view layer; choose one that is not excluded")
@@ -91,46 +91,46 @@ def _add_bones(armature: bpy.types.Object, rest: RestBones, anatomical: np.ndarr
         _add_bone(armature, bone_name(joint, side), above, _along(rest, joint))
         _add_bone(armature, deform_name(joint, side), bone_name(joint, side), _along(rest, joint))
     for joint in range(1, 16):
-        placed = _along(rest, joint)._replace(frame=anatomical[joint])
-        # Not below the finger's bones: they depend on it, and IK solves them all at once.
-        _add_bone(armature, control_name(joint, side), root_name(side), placed)
+        placement = _along(rest, joint)._replace(frame=anatomical[joint])
+        # Not a child of the finger's bones: they depend on it, and IK solves them all at once.
+        _add_bone(armature, control_name(joint, side), root_name(side), placement)
     for finger in FINGERS:
         last = _along(rest, finger_joints(finger)[-1])
-        tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=TARGET_M)
+        tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=_TARGET_M)
         _add_bone(armature, target_name(finger, side), root_name(side), tip)
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-class _Placed(NamedTuple):
-    """Where a bone rests: head [3] m, frame [3, 3] with columns X, Y, Z, and length in m along Y."""
+class _BonePlacement(NamedTuple):
+    """Rest position of a bone: head [3] m, frame [3, 3] with columns X, Y, Z, and length in m along Y."""
 
     head: np.ndarray
     frame: np.ndarray
     length: float
 
 
-def _along(rest: RestBones, joint: int) -> _Placed:
+def _along(rest: RestBones, joint: int) -> _BonePlacement:
     length = float(np.linalg.norm(rest.tails[joint] - rest.heads[joint]))
-    return _Placed(rest.heads[joint], rest.frames[joint], length)
+    return _BonePlacement(rest.heads[joint], rest.frames[joint], length)
 
 
-def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, placed: _Placed) -> None:
+def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, placement: _BonePlacement) -> None:
     bone = armature.data.edit_bones.new(name)
-    bone.head, bone.tail = placed.head, placed.head + placed.length * placed.frame[:, 1]
-    bone.align_roll(placed.frame[:, 2])
+    bone.head, bone.tail = placement.head, placement.head + placement.length * placement.frame[:, 1]
+    bone.align_roll(placement.frame[:, 2])
     bone.parent = armature.data.edit_bones[parent] if parent else None
-    # A connected bone cannot be carried to the shaped hand's joint.
+    # A connected bone could not be moved to the shaped hand's joint.
     bone.use_connect = False
 
 
 def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
-    """FK and IK are for the animator, Mechanism is hidden."""
-    turned, reached, hidden = (armature.data.collections.new(name) for name in ("FK", "IK", "Mechanism"))
+    """Bone collections: FK and IK for the animator, Mechanism hidden."""
+    fk, ik, hidden = (armature.data.collections.new(name) for name in ("FK", "IK", "Mechanism"))
     hidden.is_visible = False
-    sorted_names = {bone_name(joint, side): turned for joint in range(16)}
-    sorted_names |= {target_name(finger, side): reached for finger in FINGERS}
+    collection_of = {bone_name(joint, side): fk for joint in range(16)}
+    collection_of |= {target_name(finger, side): ik for finger in FINGERS}
     for bone in armature.data.bones:
-        sorted_names.get(bone.name, hidden).assign(bone)
+        collection_of.get(bone.name, hidden).assign(bone)
         bone.use_deform = bone.name.startswith("DEF-")
 
 

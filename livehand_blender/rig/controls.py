@@ -1,7 +1,7 @@
-"""Controls of whole fingers: properties of the hand that add joint angles to what the animator's bones say.
+"""Controls of whole fingers: properties of the hand that add joint angles to the bones' own rotations.
 
-Each control is a gesture that its value scales. Per joint the angles of all controls are summed by drivers on a hidden
-bone in the joint's anatomical frame, which the animator's bone takes on before its own rotation. Zero adds nothing.
+Each control scales a gesture. Per joint, drivers sum the angles of all controls on a hidden bone in the joint's
+anatomical frame; the animator's bone copies its rotation before its own. A control at zero adds nothing.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
 from ...backend.hand.poses import POSES
 from .drivers import drive_by_properties
+from .hand import RiggedHand
 
 _FIST = POSES["Fist"].gesture
 # Joint angles at a control's value 1, degrees. Fingers flex as far as in a fist; spreading fans them out from the
-# middle finger, which itself goes towards the thumb.
+# middle finger, which itself moves towards the thumb.
 CONTROLS: dict[str, Gesture] = {
     **{f"{finger}.curl": Gesture({finger: flexion}) for finger, flexion in _FIST.flexion.items()},
     "thumb.curl": Gesture(thumb=((10, 0, 0), (45, 0, 0), (65, 0, 0))),
@@ -30,11 +31,11 @@ CONTROLS: dict[str, Gesture] = {
     "fist": _FIST,
     "opposition": Gesture(thumb=((30, -12, 24), (5, 0, 0), (5, 0, 0))),
 }
-COPIED = "Finger Controls"
+CONTROL_CONSTRAINT = "Finger Controls"
 
 
 def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
-    """Drive the control bones, and let the fingers' bones take them on."""
+    """Drive the control bones, and let the fingers' bones copy them."""
     paths = list(CONTROLS)
     per_unit = np.array([euler_rad(CONTROLS[path].angles_deg(), model.side) for path in paths])  # [C, 15, 3]
     for joint in range(1, 16):
@@ -43,22 +44,21 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
         for axis in range(3):
             weights = dict(zip(paths, per_unit[:, joint - 1, axis].tolist(), strict=True))
             drive_by_properties(control, "rotation_euler", axis, weights, armature)
-        _take_on(armature.pose.bones[bone_name(joint, model.side)], armature, control.name)
+        _copy_control(armature.pose.bones[bone_name(joint, model.side)], armature, control.name)
 
 
-def clear_controls(armature: bpy.types.Object) -> None:
-    """Controls and IK sliders to zero: the fingers are where their bones say. Keyframes of controls are left alone."""
-    hand = armature.livehand
-    hand.fist = hand.opposition = 0.0
+def clear_controls(hand: RiggedHand) -> None:
+    """Set controls and IK sliders to zero, so that the bones alone pose the fingers; keyframes of controls remain."""
+    hand.properties.fist = hand.properties.opposition = 0.0
     for finger in FINGERS:
-        controls = getattr(hand, finger)
+        controls = getattr(hand.properties, finger)
         controls.curl = controls.spread = controls.ik = 0.0
-    armature.update_tag()
+    hand.armature.update_tag()
 
 
-def _take_on(bone: bpy.types.PoseBone, armature: bpy.types.Object, control: str) -> None:
+def _copy_control(bone: bpy.types.PoseBone, armature: bpy.types.Object, control: str) -> None:
     constraint = bone.constraints.new("COPY_ROTATION")
-    constraint.name = COPIED
+    constraint.name = CONTROL_CONSTRAINT
     constraint.target, constraint.subtarget = armature, control
     constraint.mix_mode = "BEFORE"
     constraint.owner_space, constraint.target_space = "LOCAL", "LOCAL_OWNER_ORIENT"

@@ -1,6 +1,6 @@
-"""Drivers that Blender evaluates without running Python, so that they work where scripts are not trusted.
+"""Drivers that Blender evaluates without running Python, so that they work in files whose scripts are not trusted.
 
-Blender computes plain sums of products by itself ("simple expressions"). An expression is at most 255 characters.
+Blender evaluates sums of products itself ("simple expressions"). An expression has at most 255 characters.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from collections.abc import Mapping
 import bpy
 
 _MAX_EXPRESSION = 255
-# Bone offsets in m per unit of beta and key values are of order 1e-3 and 1: smaller terms are rounding.
+# Bone offsets (m per unit of beta) are of order 1e-3, key values of order 1: smaller terms are rounding errors.
 _NEGLIGIBLE = 1e-9
 
 
 def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights, armature: bpy.types.Object) -> None:
-    """Make one channel the weighted sum [10] of the hand's beta; index -1 for a channel that is no array."""
+    """Drive a channel by the weighted sum [10] of the hand's beta; index -1 if the channel is not an array."""
     drive_by_properties(owner, channel, index, {f"beta[{k}]": float(w) for k, w in enumerate(weights)}, armature)
 
 
 def drive_by_properties(
     owner: bpy.types.bpy_struct, channel: str, index: int, weights: Mapping[str, float], armature: bpy.types.Object
 ) -> None:
-    """Make one channel a weighted sum of properties of the hand, named as `beta[3]` or `index.curl`.
+    """Drive a channel by a weighted sum of the hand's properties, named like `beta[3]` or `index.curl`.
 
-    Properties of no weight are left out, and no driver is made where none is left.
+    Properties of weight zero are left out; if none remains, no driver is made.
     """
     paths = {f"b{k}": path for k, path in enumerate(weights)}
     expression, names = weighted_sum({name: weights[path] for name, path in paths.items()})
@@ -41,7 +41,7 @@ def drive_by_properties(
 def drive_by_rotation(
     owner: bpy.types.bpy_struct, channel: str, terms: Mapping[str, float], armature: bpy.types.Object, bone: str
 ) -> None:
-    """Make a channel a weighted sum of products of a bone's local quaternion, constraints and Euler modes included."""
+    """Drive a channel by a weighted sum of products of a bone's local quaternion, in any rotation mode, constrained."""
     expression, names = weighted_sum(terms)
     driver = _new_driver(owner, channel, -1, expression)
     for name in names:
@@ -54,7 +54,7 @@ def drive_by_rotation(
 
 
 def weighted_sum(terms: Mapping[str, float]) -> tuple[str, list[str]]:
-    """The expression of a sum of coefficient times product, and the variables it names, in order."""
+    """The expression of a sum of weight * product, and the sorted names of its variables."""
     kept = {product: weight for product, weight in terms.items() if abs(weight) > _NEGLIGIBLE}
     expression = "+".join(f"{weight:.7g}*{product}" for product, weight in kept.items()).replace("+-", "-")
     assert len(expression) <= _MAX_EXPRESSION, expression
@@ -63,7 +63,7 @@ def weighted_sum(terms: Mapping[str, float]) -> tuple[str, list[str]]:
 
 def _new_driver(owner: bpy.types.bpy_struct, channel: str, index: int, expression: str) -> bpy.types.Driver:
     curve = owner.driver_add(channel, index)
-    # Blender 5 maps a new driver through two keys, which swallow values below 1e-4; without keys values pass as is.
+    # Blender 5 maps a new driver through two keys, which drops values below 1e-4; without keys values are unchanged.
     curve.keyframe_points.clear()
     for modifier in list(curve.modifiers):
         curve.modifiers.remove(modifier)

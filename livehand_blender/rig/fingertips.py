@@ -1,7 +1,7 @@
-"""Fingertip IK: a target bone per finger, a slider per finger, and poses carried from bones to targets and back.
+"""Fingertip IK: a target bone and a slider per finger, and snapping of poses between bones and targets.
 
-The solver starts at the pose of the finger's own bones and moves it only as far as the fingertip is off its target. So
-a target put at the fingertip changes nothing, and the bones go on to say how the finger bends.
+The solver starts from the pose of the finger's own bones and changes it only as far as the fingertip is from its
+target. A target at the fingertip therefore changes nothing, and the bones still control how the finger bends.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from ...backend.hand.bones import FINGERS, bone_name, control_name, finger_joint
 from ...backend.records.shot import Side
 from .armature import rest_frames
 from .drivers import drive_by_properties
-from .pose import hand_side, read_theta, set_rotation
+from .hand import RiggedHand
+from .pose import read_theta, set_rotation
 
-REACH = "Fingertip IK"
+IK_CONSTRAINT = "Fingertip IK"
 # How much more a finger's joint resists turning sideways and about itself than bending (Blender's IK stiffness, 0..1).
 _SIDEWAYS, _TWIST = 0.6, 0.95
 _HINGE_SIDEWAYS = 0.95
 
 
 def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
-    """Let each fingertip reach for its target by as much as its slider `ik` says."""
+    """Add the IK constraint of each finger; the slider `ik` drives its influence."""
     for finger in FINGERS:
         joints = finger_joints(finger)
         for joint in joints:
@@ -33,7 +34,7 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
             bone.ik_stiffness_y = _TWIST
             bone.ik_stiffness_z = _SIDEWAYS if joint == joints[0] else _HINGE_SIDEWAYS
         constraint = armature.pose.bones[bone_name(joints[-1], side)].constraints.new("IK")
-        constraint.name = REACH
+        constraint.name = IK_CONSTRAINT
         constraint.target, constraint.subtarget = armature, target_name(finger, side)
         constraint.chain_count = len(joints)
         constraint.use_stretch = False
@@ -41,48 +42,46 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
 
 
 def has_fingertip_targets(armature: bpy.types.Object) -> bool:
-    """False for hands made before LiveHand had finger controls."""
-    side = hand_side(armature)
-    return all(target_name(finger, side) in armature.pose.bones for finger in FINGERS)
+    """Whether a hand's armature has IK targets; hands made before LiveHand had finger controls have none."""
+    return all(target_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
 
 
-def move_targets_to_fingertips(context: bpy.types.Context, armature: bpy.types.Object, fingers: Iterable[str]) -> None:
-    """Put the fingers' targets where their fingertips are by the bones alone, and set the sliders to IK."""
+def move_targets_to_fingertips(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str]) -> None:
+    """Move the fingers' targets to where the bones alone have the fingertips, and set the sliders to IK."""
     fingers = tuple(fingers)
-    _set_sliders(context, armature, fingers, 0.0)
-    side = hand_side(armature)
-    evaluated = armature.evaluated_get(context.evaluated_depsgraph_get())
-    root = evaluated.pose.bones[root_name(side)]
-    carried = np.array(root.head - root.bone.head_local)
+    _set_sliders(context, hand, fingers, 0.0)
+    evaluated = hand.evaluated(context.evaluated_depsgraph_get())
+    root = evaluated.armature.pose.bones[root_name(hand.side)]
+    root_offset = np.array(root.head - root.bone.head_local)
     for finger in fingers:
-        target = armature.pose.bones[target_name(finger, side)]
-        tip = np.array(evaluated.pose.bones[bone_name(finger_joints(finger)[-1], side)].tail)
+        target = hand.target(finger)
+        tip = np.array(evaluated.bone(finger_joints(finger)[-1]).tail)
         frame = np.array(target.bone.matrix_local.to_3x3())
-        target.location = (tip - carried - np.array(target.bone.head_local)) @ frame
-    _set_sliders(context, armature, fingers, 1.0)
+        target.location = (tip - root_offset - np.array(target.bone.head_local)) @ frame
+    _set_sliders(context, hand, fingers, 1.0)
 
 
-def move_bones_to_ik(context: bpy.types.Context, armature: bpy.types.Object, fingers: Iterable[str]) -> None:
-    """Turn the fingers' bones as IK has them, less what the controls add, and set the sliders to FK."""
-    fingers, side = tuple(fingers), hand_side(armature)
-    evaluated = armature.evaluated_get(context.evaluated_depsgraph_get())
-    frames = rest_frames(armature, side).swapaxes(1, 2)
-    wanted = axis_angle_to_matrix(read_theta(evaluated))
+def move_bones_to_ik(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str]) -> None:
+    """Rotate the fingers' bones to the IK pose, less what the controls add, and set the sliders to FK."""
+    fingers = tuple(fingers)
+    evaluated = hand.evaluated(context.evaluated_depsgraph_get())
+    frames = rest_frames(hand.armature, hand.side).swapaxes(1, 2)
+    rotations = axis_angle_to_matrix(read_theta(evaluated))
     for joint in (joint for finger in fingers for joint in finger_joints(finger)):
-        own = frames[joint] @ _added_rotation(evaluated, joint, side).T @ wanted[joint] @ frames[joint].T
-        set_rotation(armature.pose.bones[bone_name(joint, side)], matrix_to_quaternion(own))
-    _set_sliders(context, armature, fingers, 0.0)
+        own = frames[joint] @ _control_rotation(evaluated, joint).T @ rotations[joint] @ frames[joint].T
+        set_rotation(hand.bone(joint), matrix_to_quaternion(own))
+    _set_sliders(context, hand, fingers, 0.0)
 
 
-def _added_rotation(evaluated: bpy.types.Object, joint: int, side: Side) -> np.ndarray:
-    """[3, 3] what the finger controls turn a joint by, in armature space."""
-    control = evaluated.pose.bones[control_name(joint, side)]
+def _control_rotation(evaluated: RiggedHand, joint: int) -> np.ndarray:
+    """[3, 3] the rotation that the finger controls add to a joint, in armature space."""
+    control = evaluated.armature.pose.bones[control_name(joint, evaluated.side)]
     frame = np.array(control.bone.matrix_local.to_3x3(), np.float64)
     return frame @ np.array(control.matrix_basis.to_3x3(), np.float64) @ frame.T
 
 
-def _set_sliders(context: bpy.types.Context, armature: bpy.types.Object, fingers: Iterable[str], share: float) -> None:
+def _set_sliders(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str], ik: float) -> None:
     for finger in fingers:
-        getattr(armature.livehand, finger).ik = share
-    armature.update_tag()
+        getattr(hand.properties, finger).ik = ik
+    hand.armature.update_tag()
     context.view_layer.update()

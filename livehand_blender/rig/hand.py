@@ -1,55 +1,123 @@
-"""A posable hand in the scene: the road from a hand model to an armature that an animator can pose."""
+"""A hand of a scene, resolved once: its armature, which side it is, the mesh it deforms and its hand model."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
 import bpy
 
+from ...backend.hand.bones import bone_name, root_name, target_name
 from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.records.errors import LiveHandError
-from .armature import build_armature, drive_joints
-from .controls import add_controls
-from .fingertips import add_fingertip_targets
-from .hand_mesh import build_mesh
-from .limits import add_limits
-from .shapes import dress
+from ...backend.records.shot import Side
 
 
-def add_hand(
-    context: bpy.types.Context, model: HandModel, model_path: str = "", name: str = "LiveHand"
-) -> bpy.types.Object:
-    """Build a hand at the world's origin, in object mode, and return its armature, selected and active.
+@dataclass(frozen=True, eq=False)
+class RiggedHand:
+    """A hand's armature whose side is known and whose bones have been checked; create it with `of`.
 
-    Args:
-        context: its collection takes the objects, its view layer must show that collection.
-        model: the hand, already of the wanted side (`HandModel.for_side`).
-        model_path: the file it came from, kept for whoever renders; empty for the built-in hand.
-        name: of the armature; the mesh is called the same with " Mesh" behind it.
+    The mesh and the model are read when they are first needed, so that a hand whose model file is missing can still be
+    posed. Like every reference to a Blender object, a `RiggedHand` must not outlive an undo step or a loaded file.
 
-    Raises:
-        LiveHandError: the context's collection is not in its view layer.
+    Attributes:
+        armature: the original object or an evaluated one.
+        side: which hand it is.
     """
-    if context.object is not None and context.object.mode != "OBJECT":
-        bpy.ops.object.mode_set(mode="OBJECT")
-    armature = build_armature(context, model, name)
-    drive_joints(armature, model)
-    add_controls(armature, model)
-    add_limits(armature, model)
-    add_fingertip_targets(armature, model.side)
-    dress(armature, model.side)
-    mesh = build_mesh(model, armature, f"{name} Mesh")
-    _describe(armature, mesh, model, model_path)
-    return armature
+
+    armature: bpy.types.Object
+    side: Side
+
+    @classmethod
+    def of(cls, armature: bpy.types.Object) -> RiggedHand:
+        """The hand that an armature object is.
+
+        Raises:
+            LiveHandError: the object is not a LiveHand hand, or one of its bones is missing.
+        """
+        if armature.type != "ARMATURE" or not armature.livehand.is_hand:
+            raise LiveHandError(f"{armature.name} is not a LiveHand hand; add one with Add > Armature > LiveHand Hand")
+        side: Side = armature.livehand.side
+        names = [bone_name(joint, side) for joint in range(16)] + [root_name(side)]
+        missing = [name for name in names if name not in armature.pose.bones]
+        if missing:
+            raise LiveHandError(f"{armature.name} must keep its bones' names, missing: {', '.join(missing)}")
+        return cls(armature, side)
+
+    @classmethod
+    def active(cls, context: bpy.types.Context) -> RiggedHand:
+        """The context's active hand.
+
+        Raises:
+            LiveHandError: no hand is active, or one of its bones is missing.
+        """
+        armature = active_hand(context)
+        if armature is None:
+            raise LiveHandError("select a LiveHand hand first")
+        return cls.of(armature)
+
+    @classmethod
+    def all_in(cls, scene: bpy.types.Scene) -> list[RiggedHand]:
+        """The hands of a scene, sorted by name.
+
+        Raises:
+            LiveHandError: a bone of a hand is missing.
+        """
+        return [cls.of(armature) for armature in find_hands(scene)]
+
+    @property
+    def properties(self) -> bpy.types.PropertyGroup:
+        """The hand's settings, `Object.livehand`."""
+        return self.armature.livehand
+
+    @property
+    def model_path(self) -> Path | None:
+        """The hand model's file, relative to the .blend that owns the hand; None for the built-in hand."""
+        path = self.properties.model_path
+        return Path(bpy.path.abspath(path, library=self.armature.original.library)) if path else None
+
+    @cached_property
+    def mesh(self) -> bpy.types.Object:
+        """The mesh that the armature deforms. Raises as `mesh_of`."""
+        return mesh_of(self.armature.original)
+
+    @cached_property
+    def model(self) -> HandModel:
+        """The hand model, of this hand's side. Raises LiveHandError if its file is not a hand model."""
+        path = self.model_path
+        return (load_hand_model(path) if path else load_default_hand()).for_side(self.side)
+
+    def bone(self, joint: int) -> bpy.types.PoseBone:
+        """The bone that the animator rotates for a joint (MANO's order)."""
+        return self.armature.pose.bones[bone_name(joint, self.side)]
+
+    def target(self, finger: str) -> bpy.types.PoseBone:
+        """A finger's IK target."""
+        return self.armature.pose.bones[target_name(finger, self.side)]
+
+    def evaluated(self, depsgraph: bpy.types.Depsgraph) -> RiggedHand:
+        """The same hand as evaluated in a depsgraph's frame."""
+        return RiggedHand(self.armature.evaluated_get(depsgraph), self.side)
+
+
+def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The armature of the active hand: the active object, or the parent of the active mesh; unchecked."""
+    active = context.active_object
+    candidates = (active, active and active.parent)
+    return next((thing for thing in candidates if thing is not None and thing.livehand.is_hand), None)
 
 
 def find_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The armatures of the scene's hands, by name."""
+    """The armatures of a scene's hands, sorted by name."""
     return sorted((thing for thing in scene.objects if thing.livehand.is_hand), key=lambda thing: thing.name)
 
 
 def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
-    """The mesh that a hand's armature moves.
+    """The mesh that a hand's armature deforms.
 
-    A copy of the armature alone still points at the first hand's mesh, so the pointer counts only where it points back.
+    A copy of the armature alone still refers to the first hand's mesh, so the mesh must also refer to the armature.
 
     Raises:
         LiveHandError: the hand has no mesh, or several and none is chosen.
@@ -67,12 +135,3 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
 
 def _is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
     return thing.type == "MESH" and thing.find_armature() == armature
-
-
-def _describe(armature: bpy.types.Object, mesh: bpy.types.Object, model: HandModel, model_path: str) -> None:
-    hand = armature.livehand
-    hand.is_hand = True
-    hand.side = model.side
-    hand.model_path = model_path
-    hand.model_sha256 = model.sha256
-    hand.mesh = mesh

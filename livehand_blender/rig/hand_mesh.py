@@ -1,6 +1,6 @@
 """The mesh of a hand: the model's vertices and faces, weights, atlas, shape keys and a plain skin material.
 
-The vertex order is the model's, which is what an avatar's atlas and the renderer rely on.
+The vertex order is the model's, which an avatar's atlas and the renderer rely on.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from ...backend.hand.model import HandModel
 from .armature import rest_frames
 from .drivers import drive_by_beta, drive_by_rotation
 
-# Blender's own limit: a key's value is clamped to its slider's range, drivers included.
+# Blender clamps a key's value to its slider's range, which ends here; drivers are clamped too.
 KEY_LIMIT = 10.0
 _SKIN_COLOUR = (0.56, 0.31, 0.22, 1.0)
 
 
 def build_mesh(model: HandModel, armature: bpy.types.Object, name: str) -> bpy.types.Object:
-    """A mesh object skinned to the armature and parented to it, beside it in its collections."""
+    """A mesh object skinned and parented to the armature, linked to the same collections."""
     data = _new_mesh(model, name)
     mesh = bpy.data.objects.new(name, data)
     for collection in armature.users_collection:
@@ -48,7 +48,7 @@ def _new_mesh(model: HandModel, name: str) -> bpy.types.Mesh:
 
 
 def _skin_material() -> bpy.types.Material:
-    """Skin-coloured in Solid, EEVEE and Cycles, so that the proxy is pleasant to pose."""
+    """A material of skin colour in Solid, EEVEE and Cycles."""
     material = bpy.data.materials.new("LiveHand Skin")
     material.diffuse_color = _SKIN_COLOUR
     material.roughness = 0.5

@@ -1,4 +1,4 @@
-"""Sequences of theta and transl -> keyframes, in bulk: seconds for what single insertions do in minutes."""
+"""Sequences of theta and transl -> keyframes, in bulk: seconds where single insertions take minutes."""
 
 from __future__ import annotations
 
@@ -8,77 +8,75 @@ import bpy
 import numpy as np
 
 from ...backend.geometry.rotation import continuous
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.hand.bones import FINGERS, finger_joints
 from ...backend.records.errors import LiveHandError
 from .controls import clear_controls
-from .pose import bone_quaternions, hand_side, wrist_locations
+from .hand import RiggedHand
+from .pose import bone_quaternions, wrist_locations
 
 _ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 
 
 def keyframe_theta(
-    armature: bpy.types.Object,
-    thetas: np.ndarray,
-    frames: Sequence[float] | np.ndarray,
-    joints: Sequence[int] = range(16),
+    hand: RiggedHand, thetas: np.ndarray, frames: Sequence[float] | np.ndarray, joints: Sequence[int] = range(16)
 ) -> None:
     """Key bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
-    Only the bones of `joints` are keyed; they are put into quaternion mode. Neighbouring quaternions keep their sign,
-    so nothing spins in between. Finger controls and IK sliders go to zero; where they are keyed themselves, their keys
-    still add to these.
+    Only the bones of `joints` are keyed, in quaternion mode. Neighbouring quaternions have the same sign, so that
+    bones take the short way between keys. Finger controls and IK sliders are set to zero; if they have keys of their
+    own, those still add to these.
 
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
     """
     frames = _check(frames, thetas, (16, 3), "thetas")
-    side = hand_side(armature)
-    clear_controls(armature)
-    quaternions = continuous(bone_quaternions(armature, thetas))  # [T, 16, 4]
+    clear_controls(hand)
+    quaternions = continuous(bone_quaternions(hand, thetas))  # [T, 16, 4]
     for joint in joints:
-        bone = armature.pose.bones[bone_name(joint, side)]
+        bone = hand.bone(joint)
         bone.rotation_mode = "QUATERNION"
-        _key_channels(armature, bone, "rotation_quaternion", frames, quaternions[:, joint])
+        _key_channels(hand.armature, bone, "rotation_quaternion", frames, quaternions[:, joint])
 
 
-def keyframe_transl(armature: bpy.types.Object, transls: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
+def keyframe_transl(hand: RiggedHand, transls: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
     """Key the wrist's location with transls [T, 3], m in armature space, at increasing frames [T].
 
     Raises:
         LiveHandError: as `keyframe_theta`.
     """
     frames = _check(frames, transls, (3,), "transls")
-    wrist = armature.pose.bones[bone_name(0, hand_side(armature))]
-    _key_channels(armature, wrist, "location", frames, wrist_locations(armature, transls))
+    _key_channels(hand.armature, hand.bone(0), "location", frames, wrist_locations(hand, transls))
 
 
-def key_finger(armature: bpy.types.Object, finger: str, frame: float) -> None:
-    """Key one finger as it stands: its bones' rotations, its target and its controls."""
-    for path, group in finger_channels(armature, finger):
-        armature.keyframe_insert(path, frame=frame, group=group)
+def key_finger(hand: RiggedHand, finger: str, frame: float) -> None:
+    """Key a finger's present pose: its bones' rotations, its target and its controls."""
+    for path, group in finger_channels(hand, finger):
+        hand.armature.keyframe_insert(path, frame=frame, group=group)
 
 
-def finger_channels(armature: bpy.types.Object, finger: str) -> Iterator[tuple[str, str]]:
-    """(data path, group) of everything of a finger that an animator keys."""
-    side = hand_side(armature)
+def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
+    """(data path, group) of each channel of a finger that an animator keys."""
     for joint in finger_joints(finger):
-        bone = armature.pose.bones[bone_name(joint, side)]
-        yield bone.path_from_id(_ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
-    target = armature.pose.bones[target_name(finger, side)]
+        yield _rotation_channel(hand.bone(joint))
+    target = hand.target(finger)
     yield target.path_from_id("location"), target.name
     for control in ("curl", "spread", "ik"):
         yield f"livehand.{finger}.{control}", finger.title()
 
 
-def hand_channels(armature: bpy.types.Object) -> Iterator[tuple[str, str]]:
-    """(data path, group) of everything of a hand's pose that an animator keys."""
-    wrist = armature.pose.bones[bone_name(0, hand_side(armature))]
-    for channel in ("location", _ROTATION_CHANNELS.get(wrist.rotation_mode, "rotation_euler")):
-        yield wrist.path_from_id(channel), wrist.name
+def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
+    """(data path, group) of each channel of a hand's pose that an animator keys."""
+    wrist = hand.bone(0)
+    yield wrist.path_from_id("location"), wrist.name
+    yield _rotation_channel(wrist)
     for control in ("fist", "opposition"):
         yield f"livehand.{control}", "Hand"
     for finger in FINGERS:
-        yield from finger_channels(armature, finger)
+        yield from finger_channels(hand, finger)
+
+
+def _rotation_channel(bone: bpy.types.PoseBone) -> tuple[str, str]:
+    return bone.path_from_id(_ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
 
 
 def _check(frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
@@ -117,7 +115,7 @@ def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str)
 
 
 def _merged(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The new keys, and the old ones that lie outside their range."""
+    """The new keys, and the old ones outside their range."""
     old = np.empty(2 * len(curve.keyframe_points), np.float32)
     curve.keyframe_points.foreach_get("co", old)
     old = old.reshape(-1, 2).astype(np.float64)

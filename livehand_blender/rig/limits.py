@@ -1,8 +1,8 @@
-"""Ranges of the finger joints, as constraints that the hand's switch *Limit Joints* turns on and off.
+"""Ranges of the finger joints, as constraints that the hand's property *Limit Joints* turns on and off.
 
 Figures in degrees from the straight finger. Fingers, thumb MCP and IP: American Academy of Orthopaedic Surgeons (AAOS),
-"Joint Motion: Method of Measuring and Recording", 1965. The rest is ours: what a joint gives sideways beyond the
-fingers' knuckles, and the thumb's saddle joint, whose clinical zero a rest pose does not show.
+"Joint Motion: Method of Measuring and Recording", 1965. The rest are our estimates: sideways motion beyond the
+knuckles, and the thumb's saddle joint, whose clinical zero differs from the rest pose.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
 from .drivers import drive_by_properties
 
-LIMIT = "Joint Limits"
+LIMIT_CONSTRAINT = "Joint Limits"
 
 
-class Range(NamedTuple):
+class JointRange(NamedTuple):
     """Smallest and largest flexion, abduction towards the thumb, and twist, degrees."""
 
     flexion: tuple[float, float]
@@ -29,23 +29,23 @@ class Range(NamedTuple):
 
 
 FINGER_RANGES = (
-    Range((-45, 90), (-20, 20), (-15, 15)),  # MCP
-    Range((0, 100), (-5, 5), (-5, 5)),  # PIP
-    Range((-10, 90), (-5, 5), (-5, 5)),  # DIP
+    JointRange((-45, 90), (-20, 20), (-15, 15)),  # MCP
+    JointRange((0, 100), (-5, 5), (-5, 5)),  # PIP
+    JointRange((-10, 90), (-5, 5), (-5, 5)),  # DIP
 )
 THUMB_RANGES = (
-    Range((-30, 45), (-40, 40), (-20, 45)),  # CMC, from the rest pose
-    Range((-10, 50), (-20, 20), (-20, 20)),  # MCP; AAOS has no hyperextension here
-    Range((-20, 80), (-25, 25), (-20, 20)),  # IP
+    JointRange((-30, 45), (-40, 40), (-20, 45)),  # CMC, from the rest pose
+    JointRange((-10, 50), (-20, 20), (-20, 20)),  # MCP; AAOS has no hyperextension here
+    JointRange((-20, 80), (-25, 25), (-20, 20)),  # IP
 )
 
 
 def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
-    """Limit every finger bone's rotation, controls and IK included; without effect until `limit_joints` is set."""
+    """Limit every finger bone's rotation, controls and IK included; no effect until `limit_joints` is set."""
     for joint, (low, high) in zip(range(1, 16), joint_limits_rad(model), strict=True):
         bone = armature.pose.bones[bone_name(joint, model.side)]
         constraint = bone.constraints.new("LIMIT_ROTATION")
-        constraint.name = LIMIT
+        constraint.name = LIMIT_CONSTRAINT
         constraint.owner_space = "LOCAL"
         constraint.euler_order = "YZX"
         drive_by_properties(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
@@ -53,7 +53,7 @@ def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
             setattr(constraint, f"use_limit_{name}", True)
             setattr(constraint, f"min_{name}", low[axis])
             setattr(constraint, f"max_{name}", high[axis])
-            # IK goes its own way past constraints, and has limits of its own.
+            # IK ignores constraints and has limits of its own.
             setattr(bone, f"ik_min_{name}", low[axis])
             setattr(bone, f"ik_max_{name}", high[axis])
             drive_by_properties(bone, f"use_ik_limit_{name}", -1, {"limit_joints": 1.0}, armature)

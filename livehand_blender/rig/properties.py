@@ -1,4 +1,6 @@
-"""What LiveHand keeps in a .blend: `Object.livehand` on a hand's armature, `Scene.livehand` for rendering."""
+"""The settings saved in a .blend: `Object.livehand` on a hand's armature, `Scene.livehand` for rendering."""
+
+from functools import partial
 
 import bpy
 from bpy.props import (
@@ -11,27 +13,23 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import retarget_properties as other_rig
+from . import retarget_properties
 from .retarget_properties import LIVEHAND_PG_other_rig
 
-# Every property may be changed on a hand that is linked from another file.
+# Every property can be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
-# Blender 4.5 and later warn of a `//` path unless the property says that it takes one; earlier ones always do.
-_FILE = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
-_SKINS = (("light", "Light", "Light skin"), ("deep", "Deep", "Deep brown skin, light palms"))
+# Blender 4.5 and later warn of a `//` path unless the property declares it; earlier versions always accept it.
+_FILE_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
+_SKINS = (("light", "Light", "Light skin"), ("deep", "Deep", "Deep brown skin with light palms"))
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
-    ("auto", "Automatic", "The GPU where torch can use one, or else the processor"),
+    ("auto", "Automatic", "The GPU if torch can use one, otherwise the CPU"),
     ("cpu", "CPU", "The processor"),
     ("cuda", "CUDA", "An NVIDIA GPU"),
 )
 _MODES = (
-    ("HAND", "Hand Only", "The hands alone, on transparent ground: the fast way, for compositing elsewhere"),
-    (
-        "SCENE",
-        "Hand in Scene",
-        "The finished shot: Cycles renders the scene, with the hands' shadows, and the hands in it",
-    ),
+    ("HAND", "Hand Only", "Render only the hands, on a transparent background: the fast way, for compositing"),
+    ("SCENE", "Hand in Scene", "Render the finished shot: the scene by Cycles, and in it the hands with their shadows"),
 )
 _PRECISIONS = (
     ("fp32", "Full", "32-bit floats"),
@@ -40,138 +38,107 @@ _PRECISIONS = (
 
 
 def _evaluate_again(hand, context) -> None:
-    """Without an update function a script's change would not reach the drivers until something else moves."""
+    """Without an update function, a change by a script would not reach the drivers until something else changes."""
     hand.id_data.update_tag()
 
 
-# Blender 4.2 as a module crashes at exit once any property has had an update function; there, scripts call
-# `update_tag()` on the armature after changing beta alone.
+# Blender 4.2 as a module crashes at exit if any property has had an update function. There, scripts must call
+# `update_tag()` on the armature after changing these properties.
 _ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
+
+_Pointer = partial(PointerProperty, override=_OVERRIDE)
+_Enum = partial(EnumProperty, override=_OVERRIDE)
+_String = partial(StringProperty, override=_OVERRIDE)
+_File = partial(_String, subtype="FILE_PATH", options=_FILE_OPTIONS)
+_Float = partial(FloatProperty, override=_OVERRIDE, **_ON_CHANGE)
+_Vector = partial(FloatVectorProperty, override=_OVERRIDE, **_ON_CHANGE)
 
 
 class LIVEHAND_PG_finger(bpy.types.PropertyGroup):
-    """Controls of one finger; at zero the finger is where its bones say."""
+    """Controls of one finger; at zero, the bones alone pose the finger."""
 
-    curl: FloatProperty(
+    curl: _Float(
         name="Curl",
-        description="Bends all joints of the finger, 1 into a fist; added to the bones' own rotations",
+        description="Bends all joints of the finger, at 1 as in a fist; added to the bones' own rotations",
         soft_min=-0.3,
         soft_max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    spread: FloatProperty(
+    spread: _Float(
         name="Spread",
-        description="Turns the finger away from its neighbors; added to the bones' own rotations",
+        description="Spreads the finger away from its neighbors; added to the bones' own rotations",
         soft_min=-1.0,
         soft_max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    ik: FloatProperty(
+    ik: _Float(
         name="IK",
-        description="How far the fingertip follows its target: 0 is FK, the bones alone, and 1 is IK",
+        description="How far the fingertip follows its target: 0 is FK (the bones alone), 1 is IK",
         min=0.0,
         max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
 
 
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
-    """A hand: which model it was built from, what it looks like, its shape, and how it is matched to a plate."""
+    """A hand: its model, avatar, shape and controls, and how it is matched to a plate."""
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
-    side: EnumProperty(name="Side", items=_SIDES, override=_OVERRIDE)
-    model_path: StringProperty(
-        name="Hand Model",
-        description="File the hand was built from; empty for the built-in hand",
-        subtype="FILE_PATH",
-        options=_FILE,
-        override=_OVERRIDE,
+    side: _Enum(name="Side", items=_SIDES)
+    model_path: _File(name="Hand Model", description="File of the hand model; empty for the built-in hand")
+    model_sha256: _String(
+        name="Model Hash", description="SHA-256 of the hand model's file, by which avatars identify their hand"
     )
-    model_sha256: StringProperty(
-        name="Model Hash", description="SHA-256 of the hand model's file, which an avatar asks for", override=_OVERRIDE
-    )
-    skin: EnumProperty(
-        name="Skin",
-        description="The look of the hand, of those that come with LiveHand",
-        items=_SKINS,
-        override=_OVERRIDE,
-    )
-    avatar_path: StringProperty(
+    skin: _Enum(name="Skin", description="Which of LiveHand's own avatars the hand uses", items=_SKINS)
+    avatar_path: _File(
         name="Avatar",
-        description="A trained look of your own (.safetensors), which goes before the skin above; empty for that",
-        subtype="FILE_PATH",
-        options=_FILE,
-        override=_OVERRIDE,
+        description="File of an avatar that you trained (.safetensors), used instead of the skin above; may be empty",
     )
-    mesh: PointerProperty(
-        name="Mesh",
-        description="The mesh that this armature deforms and that is rendered",
-        type=bpy.types.Object,
-        override=_OVERRIDE,
+    mesh: _Pointer(
+        name="Mesh", description="The mesh that this armature deforms and that is rendered", type=bpy.types.Object
     )
-    beta: FloatVectorProperty(
+    beta: _Vector(
         name="Shape",
-        description="Shape coefficients; the trained look fits best near zero",
+        description="Shape coefficients; avatars look best near zero",
         size=10,
         default=(0.0,) * 10,
-        # Shape keys are clamped by Blender outside this range.
+        # Blender clamps shape keys outside this range.
         min=-10.0,
         max=10.0,
         soft_min=-3.0,
         soft_max=3.0,
         options={"ANIMATABLE"},
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    thumb: PointerProperty(name="Thumb", type=LIVEHAND_PG_finger, override=_OVERRIDE)
-    index: PointerProperty(name="Index", type=LIVEHAND_PG_finger, override=_OVERRIDE)
-    middle: PointerProperty(name="Middle", type=LIVEHAND_PG_finger, override=_OVERRIDE)
-    ring: PointerProperty(name="Ring", type=LIVEHAND_PG_finger, override=_OVERRIDE)
-    pinky: PointerProperty(name="Little", type=LIVEHAND_PG_finger, override=_OVERRIDE)
-    fist: FloatProperty(
+    thumb: _Pointer(name="Thumb", type=LIVEHAND_PG_finger)
+    index: _Pointer(name="Index", type=LIVEHAND_PG_finger)
+    middle: _Pointer(name="Middle", type=LIVEHAND_PG_finger)
+    ring: _Pointer(name="Ring", type=LIVEHAND_PG_finger)
+    pinky: _Pointer(name="Little", type=LIVEHAND_PG_finger)
+    fist: _Float(
         name="Fist",
         description="Closes the whole hand; added to the bones' own rotations",
         soft_min=0.0,
         soft_max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    opposition: FloatProperty(
+    opposition: _Float(
         name="Opposition",
-        description="Brings the thumb before the fingers; added to the bones' own rotations",
+        description="Brings the thumb in front of the fingers; added to the bones' own rotations",
         soft_min=0.0,
         soft_max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    follow: FloatProperty(
+    follow: _Float(
         name="Follow",
-        description="How far the hand does what the rig does that it follows: 0 not at all, 1 wholly",
+        description="How far the hand follows the other rig: 0 not at all, 1 fully",
         default=1.0,
         min=0.0,
         max=1.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    other_rig: PointerProperty(type=LIVEHAND_PG_other_rig, override=_OVERRIDE)
+    other_rig: _Pointer(type=LIVEHAND_PG_other_rig)
     limit_joints: BoolProperty(
         name="Limit Joints",
         description="Keep the finger joints within a hand's usual range",
         override=_OVERRIDE,
         **_ON_CHANGE,
     )
-    exposure: FloatProperty(
-        name="Exposure",
-        description="Stops by which the hand is rendered lighter",
-        soft_min=-4.0,
-        soft_max=4.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
-    )
-    gain: FloatVectorProperty(
+    exposure: _Float(name="Exposure", description="Brightens the rendered hand, in stops", soft_min=-4.0, soft_max=4.0)
+    gain: _Vector(
         name="Gain",
         description="Factors for the hand's red, green and blue",
         subtype="COLOR",
@@ -179,12 +146,10 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         default=(1.0, 1.0, 1.0),
         min=0.0,
         soft_max=2.0,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
-    bias: FloatVectorProperty(
+    bias: _Vector(
         name="Bias",
-        description="Light added to the hand's red, green and blue after exposure and gain, as haze or flare adds it",
+        description="Added to the hand's red, green and blue after exposure and gain, like haze or lens flare",
         subtype="COLOR",
         size=3,
         default=(0.0, 0.0, 0.0),
@@ -192,8 +157,6 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         max=1.0,
         soft_min=-0.1,
         soft_max=0.1,
-        override=_OVERRIDE,
-        **_ON_CHANGE,
     )
 
 
@@ -203,7 +166,7 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     mode: EnumProperty(name="Render", description="What a frame shows", items=_MODES)
     blur_samples: IntProperty(
         name="Blur Samples",
-        description="Sharp renders of the hand that a frame with motion blur or depth of field is the mean of",
+        description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand",
         default=16,
         min=1,
         max=256,
@@ -211,38 +174,50 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     free_after_render: BoolProperty(
         name="Free Memory After Render",
-        description="Forget the loaded avatars when a render in Blender's window is done; the next loads them again",
+        description="Unload the avatars when a render in Blender's window is done; the next render loads them again",
         default=True,
     )
     device: EnumProperty(name="Device", description="Where the renderer runs", items=_DEVICES)
-    precision: EnumProperty(name="Precision", description="Floats the networks compute with", items=_PRECISIONS)
+    precision: EnumProperty(
+        name="Precision", description="Floating-point numbers that the networks compute with", items=_PRECISIONS
+    )
     keep_look: BoolProperty(
         name="Keep Look",
-        description="Show the hand's colors as the Standard view transform does, though the scene uses AgX or Filmic",
+        description="Show the hand's colors as in the Standard view transform, even if the scene uses AgX or Filmic",
     )
 
 
 class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
-    """What a view layer gives beside Blender's own passes."""
+    """LiveHand's passes of a view layer."""
 
     use_pass_hand: BoolProperty(
         name="Hand",
-        description="Pass Hand, the hands unhidden by the scene with alpha, and HandAlpha, how much of a pixel is hand",
+        description="Two passes: Hand, the hands with alpha, not hidden by the scene, and HandAlpha, how much of a "
+        "pixel the hands cover",
     )
 
 
-CLASSES = (*other_rig.CLASSES, LIVEHAND_PG_finger, LIVEHAND_PG_hand, LIVEHAND_PG_scene, LIVEHAND_PG_view_layer)
+CLASSES = (
+    *retarget_properties.CLASSES,
+    LIVEHAND_PG_finger,
+    LIVEHAND_PG_hand,
+    LIVEHAND_PG_scene,
+    LIVEHAND_PG_view_layer,
+)
+_OWNERS = (
+    (bpy.types.Object, LIVEHAND_PG_hand, {"override": _OVERRIDE}),
+    (bpy.types.Scene, LIVEHAND_PG_scene, {}),
+    (bpy.types.ViewLayer, LIVEHAND_PG_view_layer, {}),
+)
 
 
 def attach() -> None:
-    """Give objects, scenes and view layers their `livehand`; the classes must be registered."""
-    bpy.types.Object.livehand = PointerProperty(type=LIVEHAND_PG_hand, override=_OVERRIDE)
-    bpy.types.Scene.livehand = PointerProperty(type=LIVEHAND_PG_scene)
-    bpy.types.ViewLayer.livehand = PointerProperty(type=LIVEHAND_PG_view_layer)
+    """Add `livehand` to objects, scenes and view layers; the classes must be registered."""
+    for owner, group, options in _OWNERS:
+        owner.livehand = PointerProperty(type=group, **options)
 
 
 def detach() -> None:
     """Undo `attach`."""
-    del bpy.types.ViewLayer.livehand
-    del bpy.types.Scene.livehand
-    del bpy.types.Object.livehand
+    for owner, _, _ in reversed(_OWNERS):
+        del owner.livehand

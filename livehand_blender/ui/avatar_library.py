@@ -1,4 +1,4 @@
-"""The avatars that a hand may choose among: their cards, read once, and their pictures as icons."""
+"""The avatars that a hand can use: their metadata, read once, and their thumbnails as icons."""
 
 from __future__ import annotations
 
@@ -17,63 +17,63 @@ from .preferences import avatar_folder
 
 
 class AvatarLibrary:
-    """Cards and icons; close it before Blender's classes are unregistered."""
+    """Metadata and icons; close it before Blender's classes are unregistered."""
 
     def __init__(self):
         self._icons = bpy.utils.previews.new()
-        self._cards: dict[Path, tuple[int, AvatarMetadata | LiveHandError]] = {}
+        self._read: dict[Path, tuple[int, AvatarMetadata | LiveHandError]] = {}
 
     def close(self) -> None:
-        """Give the icons back."""
+        """Free the icons."""
         bpy.utils.previews.remove(self._icons)
 
     def offered(self, context: bpy.types.Context, armature: bpy.types.Object) -> list[AvatarMetadata]:
-        """Avatars of the hand's own model; what is no avatar is left out.
+        """Avatars of the hand's own model: LiveHand's, and those in three folders.
 
-        Those that ship, those in the folder of the preferences, those beside the file it wears, and those beside its
-        model's.
+        The folders are the one of the preferences, that of the hand's avatar, and that of the hand's model. Files that
+        are not avatars are left out.
         """
         paths = dict.fromkeys(path.resolve() for path in _candidates(context, armature))
-        cards = (self._read(path) for path in paths)
-        wanted = armature.livehand.model_sha256
-        return [card for card in cards if isinstance(card, AvatarMetadata) and card.hand_sha256 == wanted]
+        found = (self._metadata(path) for path in paths)
+        sha256 = armature.livehand.model_sha256
+        return [avatar for avatar in found if isinstance(avatar, AvatarMetadata) and avatar.hand_sha256 == sha256]
 
-    def card(self, path: Path) -> AvatarMetadata:
-        """An avatar's card.
+    def metadata(self, path: Path) -> AvatarMetadata:
+        """An avatar's metadata.
 
         Raises:
             LiveHandError: as `read_metadata`.
         """
-        found = self._read(path.resolve())
+        found = self._metadata(path.resolve())
         if isinstance(found, LiveHandError):
             raise found
         return found
 
-    def icon(self, card: AvatarMetadata) -> int:
-        """Blender's number of the card's picture; 0, which is no icon, where it has none."""
-        if card.thumbnail is None:
+    def icon(self, avatar: AvatarMetadata) -> int:
+        """Blender's number of the thumbnail's icon; 0 (no icon) if the avatar has no thumbnail."""
+        if avatar.thumbnail is None:
             return 0
-        name = f"{card.path} {self._cards[card.path][0]}"
+        name = f"{avatar.path} {self._read[avatar.path][0]}"
         if name not in self._icons:
             preview = self._icons.new(name)
-            height, width = card.thumbnail.shape[:2]
+            height, width = avatar.thumbnail.shape[:2]
             preview.image_size = (width, height)
-            preview.image_pixels_float.foreach_set(_premultiplied(card.thumbnail)[::-1].ravel())
+            preview.image_pixels_float.foreach_set(_premultiplied(avatar.thumbnail)[::-1].ravel())
         return self._icons[name].icon_id
 
-    def _read(self, path: Path) -> AvatarMetadata | LiveHandError:
-        """Errors are kept too: a panel asks at every redraw."""
+    def _metadata(self, path: Path) -> AvatarMetadata | LiveHandError:
+        """Errors are remembered too, because panels call this at every redraw."""
         stamp = path.stat().st_mtime_ns if path.is_file() else 0
-        if self._cards.get(path, (None,))[0] != stamp:
+        if self._read.get(path, (None,))[0] != stamp:
             try:
-                self._cards[path] = stamp, read_metadata(path)
+                self._read[path] = stamp, read_metadata(path)
             except LiveHandError as error:
-                self._cards[path] = stamp, error
-        return self._cards[path][1]
+                self._read[path] = stamp, error
+        return self._read[path][1]
 
 
 def _premultiplied(thumbnail: np.ndarray) -> np.ndarray:
-    """[H, W, 4] float32 in 0..1: as Blender draws icons; straight alpha would give the hand a bright rim."""
+    """[H, W, 4] float32 in 0..1, as Blender draws icons; straight alpha would give the hand a bright rim."""
     pixels = thumbnail.astype(np.float32) / 255
     pixels[..., :3] *= pixels[..., 3:]
     return pixels

@@ -1,5 +1,8 @@
-"""The compositor's set-up: two operators, and the LiveHand tab in the compositor's sidebar."""
+"""Compositor set-ups: two operators, and the LiveHand tab in the compositor's sidebar."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -9,80 +12,77 @@ from bpy_extras.io_utils import ImportHelper
 from ...backend.records.errors import LiveHandError
 from ..compositing.hand_over_plate import Plate, hand_over_plate
 from ..compositing.hand_over_scene import hand_over_scene
-from ..compositing.picture_files import PictureFiles
-
-_REPLACE_OUTPUT = {
-    "name": "Replace Output",
-    "description": "Connect the nodes to the compositor's output even if something else is connected to it",
-}
+from ..compositing.image_files import ImageFiles
+from .mixins import reports_errors
 
 
 def _other_scenes(operator, context, edit_text) -> list[str]:
     return [scene.name for scene in bpy.data.scenes if scene != context.scene]
 
 
-class LIVEHAND_OT_setup_compositing(bpy.types.Operator):
-    """Add compositor nodes that lay the rendered hand over another scene's render, by depth."""
+class _SetUp:
+    report: Callable[[set[str], str], None]
+    bl_options = {"REGISTER", "UNDO"}
+
+    replace_output: BoolProperty(
+        name="Replace Output",
+        description="Connect the nodes to the compositor's output even if something else is connected to it",
+    )
+
+    def report_output(self, is_output: bool) -> None:
+        """Tell the user if the compositor's output shows something else."""
+        if not is_output:
+            self.report({"INFO"}, "The compositor's output was already connected and is unchanged")
+
+
+class LIVEHAND_OT_setup_compositing(_SetUp, bpy.types.Operator):
+    """Add compositor nodes that combine the rendered hand with another scene's render, by depth."""
 
     bl_idname = "livehand.setup_compositing"
     bl_label = "Set Up Hand over Scene"
-    bl_options = {"REGISTER", "UNDO"}
 
     behind: StringProperty(
         name="Scene Behind",
-        description="Scene with the same camera, rendered by another engine; empty for the hand alone",
+        description="Scene with the same camera, rendered by another engine; empty: the hand alone",
         search=_other_scenes,
     )
-    replace_output: BoolProperty(**_REPLACE_OUTPUT)
 
+    @reports_errors
     def execute(self, context):
         """Build the nodes."""
-        try:
-            is_output = hand_over_scene(context.scene, _scene(self.behind), self.replace_output)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        _report(self, is_output)
-        return {"FINISHED"}
+        self.report_output(hand_over_scene(context.scene, _scene(self.behind), self.replace_output))
 
 
-class LIVEHAND_OT_load_sequence_over_plate(bpy.types.Operator, ImportHelper):
-    """Add compositor nodes that lay finished frames of a hand over a plate."""
+class LIVEHAND_OT_load_sequence_over_plate(_SetUp, bpy.types.Operator, ImportHelper):
+    """Add compositor nodes that put rendered frames of a hand over a plate."""
 
     bl_idname = "livehand.load_sequence_over_plate"
     bl_label = "Load Hand over Plate"
-    bl_options = {"REGISTER", "UNDO"}
 
     filter_glob: StringProperty(default="*.exr;*.png", options={"HIDDEN"})
     plate_path: StringProperty(
         name="Plate",
-        description="A picture, a frame of an image sequence, or a movie; empty for the scene's active clip",
+        description="An image, a frame of an image sequence, or a movie; empty: the scene's active clip",
         subtype="FILE_PATH",
     )
     plate_is_still: BoolProperty(
-        name="Still", description="The plate is this one picture, though others have the same name and another number"
+        name="Still", description="The plate is this image only, even if it is one of a numbered sequence"
     )
     plate_delay: IntProperty(
         name="Plate Delay",
-        description="Frames by which the plate comes later than its numbers say; a movie begins at number 1",
+        description="Number of frames by which the plate is shifted later; a movie starts at frame 1",
     )
-    replace_output: BoolProperty(**_REPLACE_OUTPUT)
 
+    @reports_errors
     def execute(self, context):
         """Build the nodes."""
-        try:
-            plate = Plate(_plate_source(self, context.scene), self.plate_delay)
-            hand = PictureFiles.find(Path(bpy.path.abspath(self.filepath)))
-            is_output = hand_over_plate(context.scene, hand, plate, self.replace_output)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        _report(self, is_output)
-        return {"FINISHED"}
+        plate = Plate(_plate_source(self, context.scene), self.plate_delay)
+        hand = ImageFiles.find(Path(bpy.path.abspath(self.filepath)))
+        self.report_output(hand_over_plate(context.scene, hand, plate, self.replace_output))
 
 
 class LIVEHAND_PT_compositing(bpy.types.Panel):
-    """LiveHand's set-ups in the compositor."""
+    """LiveHand's compositor set-ups."""
 
     bl_label = "LiveHand"
     bl_space_type = "NODE_EDITOR"
@@ -91,11 +91,11 @@ class LIVEHAND_PT_compositing(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Only where compositor nodes are edited."""
+        """Shown while compositor nodes are edited."""
         return context.space_data.tree_type == "CompositorNodeTree"
 
     def draw(self, context):
-        """One button each."""
+        """One button for each set-up."""
         column = self.layout.column()
         column.operator("livehand.setup_compositing", icon="RENDERLAYERS")
         column.operator("livehand.load_sequence_over_plate", icon="RENDER_RESULT")
@@ -105,7 +105,7 @@ CLASSES = (LIVEHAND_OT_setup_compositing, LIVEHAND_OT_load_sequence_over_plate, 
 
 
 def _scene(name: str) -> bpy.types.Scene | None:
-    """The scene of that name, None for an empty one.
+    """The scene of a name, or None for an empty name.
 
     Raises:
         LiveHandError: there is none.
@@ -117,19 +117,14 @@ def _scene(name: str) -> bpy.types.Scene | None:
 
 def _plate_source(
     operator: LIVEHAND_OT_load_sequence_over_plate, scene: bpy.types.Scene
-) -> PictureFiles | bpy.types.MovieClip:
-    """The operator's file, or else the scene's clip.
+) -> ImageFiles | bpy.types.MovieClip:
+    """The operator's file, or the scene's clip if no file is set.
 
     Raises:
-        LiveHandError: there is neither, or no such file.
+        LiveHandError: there is neither, or the file does not exist.
     """
     if operator.plate_path:
-        return PictureFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
+        return ImageFiles.find(Path(bpy.path.abspath(operator.plate_path)), operator.plate_is_still)
     if scene.active_clip is None:
-        raise LiveHandError("a plate is needed; choose a picture or a movie, or load a clip into the scene")
+        raise LiveHandError("a plate is needed; choose an image or a movie, or load a clip into the scene")
     return scene.active_clip
-
-
-def _report(operator: bpy.types.Operator, is_output: bool) -> None:
-    if not is_output:
-        operator.report({"INFO"}, "The compositor's output was connected already; it is left as it was")

@@ -1,4 +1,4 @@
-"""Import of hand motions, and the panel of both ways."""
+"""Import and export of hand motions, and their panel."""
 
 from __future__ import annotations
 
@@ -9,88 +9,85 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bpy.props import CollectionProperty, StringProperty
-from bpy_extras.io_utils import ImportHelper
+from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...backend.motion.describe import describe
+from ...backend.motion.formats.own import write_motion
 from ...backend.motion.request import Changes, changed, motion_from, open_files
 from ...backend.records.errors import LiveHandError
-from ..motion.keying import Placement, key_motion
-from ..retarget.importing import RIG_SUFFIXES
-from ..retarget.take import TakeRequest, key_take
-from . import motion_export, motion_files
-from .active_hand import HandTab, OnHand, model_of, polled_hand
+from ..motion.keying import Placement, key_motion, sample_motion
+from ..retarget.bake import bake_file
+from ..retarget.importing import RIG_SUFFIXES, RigFile
+from ..rig.hand import RiggedHand
+from . import motion_files
+from .mixins import FrameRange, HandTab, OnHand, reports_errors
 from .motion_settings import MotionSettings
 
-_LINE_CHARACTERS = 40  # what the side panel of the file browser shows without cutting it
-_LARGEST_SHOWN_BYTES = 64 << 20  # what the file browser reads by itself; larger files are read when they are imported
+_LINE_CHARACTERS = 40  # as wide as the side panel of the file browser shows
+_LARGEST_SHOWN_BYTES = 64 << 20  # the file browser reads no larger files
 
 
 class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, ImportHelper):
-    """Key the active hand with the poses, landmarks or animated rig of a file."""
+    """Key the active hand with poses, landmarks or an animated rig from a file."""
 
     bl_idname = "livehand.import_motion"
     bl_label = "Import Hand Motion"
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".npz"
-    # Forgotten after each import, so that only a dropped file has one when it begins.
+    # Not saved between imports, so that only a dropped file sets it before the file browser opens.
     filepath: StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
     filter_glob: StringProperty(default=motion_files.PATTERN, options={"HIDDEN"})
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context, event):
-        """A dropped file asks for its settings; else the file browser does."""
+        """Ask for the settings of a dropped file, or open the file browser."""
         self.start_frame = context.scene.frame_current
         return self.invoke_popup(context)
 
     def draw(self, context):
-        """What was detected, then the settings."""
+        """The detected format, then the settings."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        told = layout.box().column(align=True)
-        told.scale_y = 0.8
+        column = layout.box().column(align=True)
+        column.scale_y = 0.8
         for line in self._detected():
-            told.label(text=line)
+            column.label(text=line)
         self.draw_settings(layout)
 
+    @reports_errors
     def execute(self, context):
-        """Read everything first, so that an error leaves the scene as it was."""
-        read = self._key_rig if _is_rig(self._paths()) else self._key_poses
-        try:
-            told, doubt = read(context, polled_hand(context))
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        """Read everything first, so that an error changes nothing."""
+        key = self._key_rig if _is_rig(self._paths()) else self._key_poses
+        keyed, doubt = key(context, RiggedHand.active(context))
         if doubt:
             self.report({"WARNING"}, f"Check the motion: {doubt}")
-        self.report({"INFO"}, f"Keyed {told} from frame {self.start_frame}")
-        return {"FINISHED"}
+        self.report({"INFO"}, f"Keyed {keyed} from frame {self.start_frame}")
 
-    def _key_poses(self, context: bpy.types.Context, armature: bpy.types.Object) -> tuple[str, str | None]:
-        """What was keyed, and what speaks against the reading."""
-        model, model_path = model_of(armature)
+    def _key_poses(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
+        """What was keyed, and why the file may have been misread."""
         changes = self._changes()
         file = changed(open_files(self._paths()), changes)
-        motion, doubt = motion_from(file, changes, model, model_path)
+        motion, doubt = motion_from(file, changes, hand.model, hand.model_path)
         placement = replace(
             self._placement(),
             space=file.reading.space,
             keys_place=self.key_place and file.reading.has_place,
             camera=self._camera(context.scene),
         )
-        count = key_motion(context.scene, armature, model, motion, placement)
+        count = key_motion(context.scene, hand, motion, placement)
         return f"{count} frames of {file.reading.format}", doubt
 
-    def _key_rig(self, context: bpy.types.Context, armature: bpy.types.Object) -> tuple[str, None]:
-        """As `_key_poses`, of an armature in a file."""
-        if len(self._paths()) > 1:
-            raise LiveHandError(f"a rig's motion must be one file, got {len(self._paths())}; import them one by one")
+    def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, None]:
+        """As `_key_poses`, for an armature in a file."""
+        paths = self._paths()
+        if len(paths) > 1:
+            raise LiveHandError(f"a rig's motion must be one file, got {len(paths)}; import them one by one")
         side, unit = (None if value == "AUTO" else value for value in (self.side, self.unit))
-        request = TakeRequest(self._paths()[0], side, unit, self.fps or None)
-        model, _ = model_of(armature)
-        count, name = key_take(context, armature, model, request, self._placement())
+        file = RigFile(paths[0], side, unit, self.fps or None)
+        count, name = bake_file(context, hand, file, self._placement())
         return f"{count} frames of {name}", None
 
     def _placement(self) -> Placement:
@@ -122,18 +119,36 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         return np.array(scene.camera.matrix_world.normalized())
 
     def _detected(self) -> list[str]:
-        """What the chosen file was taken for, in lines; read once, and again when it changes."""
+        """The detected format of the chosen files, in lines; they are read again only when they change."""
         paths = [path for path in self._paths() if path.is_file()]
         if not paths:
             return ["Choose a file"]
         if sum(path.stat().st_size for path in paths) > _LARGEST_SHOWN_BYTES:
-            return ["A large file: it is read when it is imported"]
+            return ["A large file: it is read during the import"]
         if _is_rig(paths):
-            return ["An armature: read by Blender's importer", "The hand's bones are found by name or shape"]
+            return ["An armature: Blender's importer reads it", "The hand's bones are found by name or shape"]
         key = [(str(path), path.stat().st_mtime_ns) for path in paths]
-        if getattr(self, "_told_key", None) != key:
-            self._told_key, self._told = key, _told(paths)
-        return self._told
+        if getattr(self, "_detected_key", None) != key:
+            self._detected_key, self._detected_lines = key, _described(paths)
+        return self._detected_lines
+
+
+class LIVEHAND_OT_export_motion(OnHand, FrameRange, bpy.types.Operator, ExportHelper):
+    """Write the active hand's motion in a range of frames to a .npz file."""
+
+    bl_idname = "livehand.export_motion"
+    bl_label = "Export Hand Motion"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".npz"
+    filter_glob: StringProperty(default="*.npz", options={"HIDDEN"})
+
+    @reports_errors
+    def execute(self, context):
+        """Sample the frames, then write the file."""
+        motion = sample_motion(context, RiggedHand.active(context), self.frames(context.scene))
+        write_motion(motion, Path(bpy.path.abspath(self.filepath)))
+        self.report({"INFO"}, f"Wrote {len(motion)} frames")
 
 
 class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
@@ -143,19 +158,19 @@ class LIVEHAND_PT_motion(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """In and out."""
+        """Import and export."""
         self.layout.operator("livehand.import_motion", text="Import Motion", icon="IMPORT")
         self.layout.operator("livehand.export_motion", text="Export Motion", icon="EXPORT")
 
 
-CLASSES = (LIVEHAND_OT_import_motion, *motion_export.CLASSES, *motion_files.CLASSES, LIVEHAND_PT_motion)
+CLASSES = (LIVEHAND_OT_import_motion, LIVEHAND_OT_export_motion, *motion_files.CLASSES, LIVEHAND_PT_motion)
 
 
 def _is_rig(paths: list[Path]) -> bool:
     return any(path.suffix.lower() in RIG_SUFFIXES for path in paths)
 
 
-def _told(paths: list[Path]) -> list[str]:
+def _described(paths: list[Path]) -> list[str]:
     try:
         facts = [f"{name.capitalize()}: {value}" for name, value in describe(open_files(paths)).items()]
     except LiveHandError as error:

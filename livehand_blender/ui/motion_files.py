@@ -1,14 +1,14 @@
-"""Where motion files come from and go to: what is dropped into a window, and the File menu."""
+"""Motion files dropped into the 3D view, and the entries in the File menu."""
 
 from __future__ import annotations
 
 import bpy
 
-from .active_hand import active_hand
+from ..rig.hand import active_hand
 
 _POSES, _LANDMARKS, _RIGS = ".npz;.npy;.pkl", ".json;.csv", ".bvh;.fbx;.glb;.gltf"
 PATTERN = ";".join(f"*{suffix}" for suffix in ";".join((_POSES, _LANDMARKS, _RIGS)).split(";"))
-"""Of the file browser."""
+"""The file browser's filter."""
 
 
 class _Drop:
@@ -16,7 +16,7 @@ class _Drop:
 
     @classmethod
     def poll_drop(cls, context):
-        """In the 3D view, onto a hand."""
+        """Enabled in the 3D view if a hand is active."""
         return context.area is not None and context.area.type == "VIEW_3D" and active_hand(context) is not None
 
 
@@ -29,7 +29,7 @@ class LIVEHAND_FH_poses(_Drop, bpy.types.FileHandler):
 
 
 class LIVEHAND_FH_landmarks(_Drop, bpy.types.FileHandler):
-    """Landmarks and data sets' JSON dropped into the 3D view."""
+    """Landmarks, and JSON of data sets, dropped into the 3D view."""
 
     bl_idname = "LIVEHAND_FH_landmarks"
     bl_label = "Hand Landmarks or Poses"

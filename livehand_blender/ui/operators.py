@@ -5,25 +5,16 @@ import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from mathutils import Matrix
 
-from ...backend.hand.model import HandModel, upright
+from ...backend.hand.model import upright
 from ...backend.hand.model_file import load_default_hand, load_hand_model
-from ...backend.records.errors import LiveHandError
 from ...backend.runtime.dependencies import install_command, missing_requirements
 from ..render.memory import free_memory
 from ..render.renderer_loading import packages_folder
-from ..rig.hand import add_hand
+from ..rig.build import add_hand
+from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
-from .active_hand import OnHand, active_hand
-
-
-def load_hand(path: str) -> HandModel:
-    """The model at a path, `//` allowed, or the built-in hand for none.
-
-    Raises:
-        LiveHandError: the file is no hand model.
-    """
-    return load_hand_model(bpy.path.abspath(path)) if path else load_default_hand()
+from .mixins import OnHand, reports_errors
 
 
 class LIVEHAND_OT_add_hand(bpy.types.Operator):
@@ -44,45 +35,40 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """A hand needs a collection it can be edited in."""
+        """Enabled if the collection is local."""
         if context.collection.library is not None or context.scene.library is not None:
             cls.poll_message_set("the active collection is linked from another file; choose a local one")
             return False
         return True
 
+    @reports_errors
     def execute(self, context):
-        """Add the hand at the 3D cursor, upright, as the avatars' light is meant for."""
-        try:
-            armature = add_hand(context, load_hand(self.model_path).for_side(self.side), self.model_path)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        """Add the hand at the 3D cursor, upright as the avatars' light requires."""
+        path = bpy.path.abspath(self.model_path)
+        model = load_hand_model(path) if path else load_default_hand()
+        armature = add_hand(context, model.for_side(self.side), self.model_path)
         armature.location = context.scene.cursor.location
         armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()
-        self.report({"INFO"}, "Added a hand of life size; View > Frame Selected shows it")
-        return {"FINISHED"}
+        self.report({"INFO"}, "Added a life-size hand; View > Frame Selected shows it")
 
 
 class LIVEHAND_OT_reset_pose(OnHand, bpy.types.Operator):
-    """Put the hand back into its rest pose; its shape is kept."""
+    """Return the hand to its rest pose; its shape is kept."""
 
     bl_idname = "livehand.reset_pose"
     bl_label = "Reset Hand Pose"
     bl_options = {"REGISTER", "UNDO"}
 
+    @reports_errors
     def execute(self, context):
-        """Zero theta and transl."""
-        try:
-            write_theta(active_hand(context), np.zeros((16, 3)))
-            write_transl(active_hand(context), np.zeros(3))
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        """Set theta and transl to zero."""
+        hand = RiggedHand.active(context)
+        write_theta(hand, np.zeros((16, 3)))
+        write_transl(hand, np.zeros(3))
 
 
 class LIVEHAND_OT_set_engine(bpy.types.Operator):
-    """Render with LiveHand: its engine, Standard view transform, transparent film."""
+    """Set up the scene for LiveHand: its engine, the Standard view transform, and a transparent film."""
 
     bl_idname = "livehand.set_engine"
     bl_label = "Render with LiveHand"
@@ -95,7 +81,7 @@ class LIVEHAND_OT_set_engine(bpy.types.Operator):
 
 
 class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
-    """Copy the command that installs the missing Python packages; LiveHand runs nothing itself."""
+    """Copy the command that installs the missing Python packages; LiveHand itself installs nothing."""
 
     bl_idname = "livehand.copy_install_command"
     bl_label = "Copy Install Command"
@@ -103,14 +89,14 @@ class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Only while something is missing."""
+        """Enabled while a package is missing."""
         if not missing_requirements():
-            cls.poll_message_set("nothing is missing")
+            cls.poll_message_set("no package is missing")
             return False
         return True
 
     def execute(self, context):
-        """Put the command on the clipboard, and show it."""
+        """Copy the command to the clipboard, and report it."""
         command = install_command(missing_requirements(), packages_folder())
         context.window_manager.clipboard = command
         self.report({"INFO"}, f"Copied: {command}")
@@ -118,14 +104,14 @@ class LIVEHAND_OT_copy_install_command(bpy.types.Operator):
 
 
 class LIVEHAND_OT_free_memory(bpy.types.Operator):
-    """Forget the loaded avatars and give their memory back, the GPU's too; the next render loads them again."""
+    """Unload the avatars and free their memory, including the GPU's; the next render loads them again."""
 
     bl_idname = "livehand.free_memory"
     bl_label = "Free Memory"
     bl_options = {"INTERNAL"}
 
     def execute(self, context):
-        """Free it."""
+        """Free the memory."""
         free_memory()
         return {"FINISHED"}
 

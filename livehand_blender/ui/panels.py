@@ -3,9 +3,10 @@
 import bpy
 
 from ...backend.runtime.dependencies import missing_requirements
+from ..rig.hand import active_hand
 from ..scene.settings import ENGINE
-from .active_hand import HandTab, Tab, active_hand, polled_hand
 from .avatars import draw_choice
+from .mixins import HandTab, Tab, polled_hand
 from .preferences import draw_install_help
 from .shape import shape_names
 
@@ -16,7 +17,7 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
     bl_label = "Hand"
 
     def draw(self, context):
-        """What the hand is, or how to get one."""
+        """Facts about the hand, or a button to add one."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -40,7 +41,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """Ten sliders, each of which can be keyed."""
+        """Ten sliders that can be keyed."""
         self.layout.use_property_split = True
         armature = polled_hand(context)
         column = self.layout.column(align=True)
@@ -53,7 +54,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
 
 
 class LIVEHAND_PT_match_plate(HandTab, bpy.types.Panel):
-    """Colors of the active hand, brought to those of a plate."""
+    """Color correction of the active hand, to match a plate."""
 
     bl_label = "Match Plate"
     bl_options = {"DEFAULT_CLOSED"}
@@ -63,9 +64,8 @@ class LIVEHAND_PT_match_plate(HandTab, bpy.types.Panel):
         self.layout.use_property_split = True
         armature = polled_hand(context)
         column = self.layout.column()
-        column.prop(armature.livehand, "exposure")
-        column.prop(armature.livehand, "gain")
-        column.prop(armature.livehand, "bias")
+        for name in ("exposure", "gain", "bias"):
+            column.prop(armature.livehand, name)
 
 
 class LIVEHAND_PT_render(Tab, bpy.types.Panel):
@@ -74,18 +74,14 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
     bl_label = "Render"
 
     def draw(self, context):
-        """Engine, device, and what is missing."""
+        """Engine, settings, and missing packages."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
-        layout.prop(context.scene.livehand, "mode")
-        layout.prop(context.scene.livehand, "blur_samples")
-        layout.prop(context.scene.livehand, "device")
-        layout.prop(context.scene.livehand, "precision")
-        layout.prop(context.scene.livehand, "keep_look")
-        layout.prop(context.scene.livehand, "free_after_render")
+        for name in ("mode", "blur_samples", "device", "precision", "keep_look", "free_after_render"):
+            layout.prop(context.scene.livehand, name)
         layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))
 

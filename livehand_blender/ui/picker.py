@@ -1,15 +1,15 @@
-"""The picker: the hand's bones as buttons that lie as the fingers do, and the sliders of its controls."""
+"""The picker: the hand's bones as buttons in the layout of a hand, and the sliders of its controls."""
 
 from __future__ import annotations
 
 import bpy
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
-from .active_hand import HandTab, polled_hand
+from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
-# Empty rows above each finger, as its tip lies lower than the middle finger's.
+# Empty rows above each finger, by how much lower its tip is than the middle finger's.
 _LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
 
 
@@ -24,7 +24,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
             self.layout.label(text="Made without finger controls; add a new hand", icon="INFO")
             return
         armature = polled_hand(context)
-        if not is_library_added(context):  # above all, as below the sliders nobody sees it
+        if not is_library_added(context):  # at the top, because it would be overlooked below the sliders
             self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)
@@ -37,7 +37,7 @@ CLASSES = (LIVEHAND_PT_posing,)
 
 
 def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """The back of the hand, fingers up: a right hand's thumb is on the left."""
+    """Seen from the back of the hand, fingers up: a right hand's thumb is on the left."""
     side = armature.livehand.side
     box = layout.box()
     row = box.row(align=True)
@@ -59,7 +59,7 @@ def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) ->
     column.prop(hand, "opposition", slider=True)
     column = layout.column(align=True)
     heads = column.row(align=True)
-    for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for them beside the numbers
+    for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for labels beside the numbers
         heads.label(text=text)
     for finger in FINGERS:
         row = column.row(align=True)

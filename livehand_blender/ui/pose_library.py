@@ -1,4 +1,4 @@
-"""The pose library that comes with LiveHand: added to the user's asset libraries when they ask for it."""
+"""The pose library that ships with LiveHand, and the operator that adds it to the user's asset libraries."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ LIBRARY_NAME = "LiveHand"
 
 
 def library_folder() -> Path:
-    """Where the pose assets and their catalogs lie."""
+    """The folder of the pose assets and their catalogs."""
     return Path(str(resources.files(str(__package__)))).parent / "assets"
 
 
 def is_library_added(context: bpy.types.Context) -> bool:
-    """Whether the user's preferences name the folder."""
+    """Whether the user's preferences contain the folder."""
     libraries = context.preferences.filepaths.asset_libraries
     return any(Path(library.path) == library_folder() for library in libraries)
 
 
 class LIVEHAND_OT_add_pose_library(bpy.types.Operator):
-    """Add LiveHand's hand poses to your asset libraries; remove them in Preferences, File Paths."""
+    """Add LiveHand's hand poses to your asset libraries (to remove them: Preferences, File Paths)."""
 
     bl_idname = "livehand.add_pose_library"
     bl_label = "Add Pose Library"
@@ -30,14 +30,14 @@ class LIVEHAND_OT_add_pose_library(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Only once."""
+        """Disabled once the library is added."""
         if is_library_added(context):
-            cls.poll_message_set("the library is among your asset libraries already")
+            cls.poll_message_set("the library is already among your asset libraries")
             return False
         return True
 
     def execute(self, context):
-        """Name the folder in the preferences, and open the shelf, which Blender hides at first."""
+        """Add the folder to the preferences, and open the asset shelf, which Blender hides by default."""
         context.preferences.filepaths.asset_libraries.new(name=LIBRARY_NAME, directory=str(library_folder()))
         context.preferences.is_dirty = True
         if isinstance(context.space_data, bpy.types.SpaceView3D):

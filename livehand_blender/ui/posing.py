@@ -1,8 +1,9 @@
-"""Operators of the animator's hand: select fingers, and carry poses between bones and fingertip targets."""
+"""Operators for posing: select fingers, snap poses between bones and fingertip targets, and key the whole pose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -10,15 +11,15 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
-from ..rig.keyframes import key_finger
-from .active_hand import active_hand, polled_hand
+from ..rig.hand import RiggedHand, active_hand
+from ..rig.keyframes import hand_channels, key_finger
+from .mixins import polled_hand, reports_errors
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
 _FINGER_ITEMS = tuple(
     (finger, FINGER_LABELS[finger], f"The {FINGER_LABELS[finger].lower()} finger") for finger in FINGERS
 )
 _WHICH_ITEMS = (("all", "All", "All five fingers"), *_FINGER_ITEMS)
-_EXTEND = BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
 
 
 def has_controls(context: bpy.types.Context) -> bool:
@@ -28,30 +29,52 @@ def has_controls(context: bpy.types.Context) -> bool:
 
 
 class _OnControls:
+    poll_message_set: ClassVar[Callable[[str], None]]
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context):
-        """Only on a hand that has them."""
+        """Enabled on a hand that has finger controls."""
         if not has_controls(context):
             cls.poll_message_set("select a LiveHand hand with finger controls first")
             return False
         return True
 
 
-class LIVEHAND_OT_select_finger(_OnControls, bpy.types.Operator):
-    """Select a finger's bones, or its target where the finger follows that; Shift keeps what is selected."""
+class _Select(_OnControls):
+    execute: Callable[[bpy.types.Context], set[str]]
+
+    extend: BoolProperty(name="Extend", description="Extend the selection", options={"SKIP_SAVE"})
+
+    def invoke(self, context, event):
+        """Shift extends the selection."""
+        self.extend = event.shift
+        return self.execute(context)
+
+
+class _Snap(_OnControls):
+    finger: EnumProperty(name="Fingers", items=_WHICH_ITEMS, default="all")
+
+    move: Callable[[bpy.types.Context, RiggedHand, Sequence[str]], None]
+
+    @reports_errors
+    def execute(self, context):
+        """Move targets or bones, and key them if automatic keying is on."""
+        hand = RiggedHand.active(context)
+        fingers = FINGERS if self.finger == "all" else (self.finger,)
+        self.move(context, hand, fingers)
+        if context.scene.tool_settings.use_keyframe_insert_auto:
+            for finger in fingers:
+                key_finger(hand, finger, context.scene.frame_current)
+
+
+class LIVEHAND_OT_select_finger(_Select, bpy.types.Operator):
+    """Select a finger's bones, or its target if the finger uses IK; Shift extends the selection."""
 
     bl_idname = "livehand.select_finger"
     bl_label = "Select Finger"
 
     finger: EnumProperty(name="Finger", items=_FINGER_ITEMS)
-    extend: _EXTEND
-
-    def invoke(self, context, event):
-        """Shift extends."""
-        self.extend = event.shift
-        return self.execute(context)
 
     def execute(self, context):
         """Select in pose mode."""
@@ -64,53 +87,59 @@ class LIVEHAND_OT_select_finger(_OnControls, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_select_bone(_OnControls, bpy.types.Operator):
-    """Select a bone; Shift keeps what is selected."""
+class LIVEHAND_OT_select_bone(_Select, bpy.types.Operator):
+    """Select a bone; Shift extends the selection."""
 
     bl_idname = "livehand.select_bone"
     bl_label = "Select Bone"
 
     bone: StringProperty(name="Bone")
-    extend: _EXTEND
 
-    def invoke(self, context, event):
-        """Shift extends."""
-        self.extend = event.shift
-        return self.execute(context)
-
+    @reports_errors
     def execute(self, context):
         """Select in pose mode."""
         if self.bone not in polled_hand(context).pose.bones:
-            self.report({"ERROR"}, f"the hand has no bone {self.bone}")
-            return {"CANCELLED"}
+            raise LiveHandError(f"the hand has no bone {self.bone}")
         _select(context, [self.bone], self.extend)
-        return {"FINISHED"}
 
 
-class LIVEHAND_OT_snap_ik_to_fk(_OnControls, bpy.types.Operator):
-    """Put the fingertip targets where the bones have the fingertips, and switch to IK; nothing moves."""
+class LIVEHAND_OT_snap_ik_to_fk(_Snap, bpy.types.Operator):
+    """Move the fingertip targets to the fingertips, and switch to IK; the pose is unchanged."""
 
     bl_idname = "livehand.snap_ik_to_fk"
     bl_label = "Snap IK to FK"
 
-    finger: EnumProperty(name="Fingers", items=_WHICH_ITEMS, default="all")
-
-    def execute(self, context):
-        """Move the targets."""
-        return _snap(self, context, move_targets_to_fingertips)
+    move = staticmethod(move_targets_to_fingertips)
 
 
-class LIVEHAND_OT_snap_fk_to_ik(_OnControls, bpy.types.Operator):
-    """Turn the bones as the fingertip targets have them, and switch to FK; nothing moves."""
+class LIVEHAND_OT_snap_fk_to_ik(_Snap, bpy.types.Operator):
+    """Rotate the bones to the IK pose, and switch to FK; the pose is unchanged."""
 
     bl_idname = "livehand.snap_fk_to_ik"
     bl_label = "Snap FK to IK"
 
-    finger: EnumProperty(name="Fingers", items=_WHICH_ITEMS, default="all")
+    move = staticmethod(move_bones_to_ik)
 
-    def execute(self, context):
-        """Turn the bones."""
-        return _snap(self, context, move_bones_to_ik)
+
+class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
+    """Key the whole pose of the active hand."""
+
+    bl_idname = "LIVEHAND_KS_hand"
+    bl_label = "LiveHand"
+    bl_description = "Bones, fingertip targets and finger controls of the active LiveHand hand"
+
+    def poll(self, context):
+        """Enabled on a hand that has controls."""
+        return has_controls(context)
+
+    def iterator(self, context, keying_set):
+        """Only the active hand."""
+        self.generate(context, keying_set, active_hand(context))
+
+    def generate(self, context, keying_set, data):
+        """One path per channel, grouped by bone and by finger."""
+        for path, group in hand_channels(RiggedHand.of(data)):
+            keying_set.paths.add(data, path, index=-1, group_method="NAMED", group_name=group)
 
 
 CLASSES = (
@@ -118,21 +147,8 @@ CLASSES = (
     LIVEHAND_OT_select_bone,
     LIVEHAND_OT_snap_ik_to_fk,
     LIVEHAND_OT_snap_fk_to_ik,
+    LIVEHAND_KS_hand,
 )
-
-
-def _snap(operator, context: bpy.types.Context, move: Callable) -> set[str]:
-    armature = polled_hand(context)
-    fingers = FINGERS if operator.finger == "all" else (operator.finger,)
-    try:
-        move(context, armature, fingers)
-    except LiveHandError as error:
-        operator.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-    if context.scene.tool_settings.use_keyframe_insert_auto:
-        for finger in fingers:
-            key_finger(armature, finger, context.scene.frame_current)
-    return {"FINISHED"}
 
 
 def _select(context: bpy.types.Context, names: list[str], extend: bool) -> None:

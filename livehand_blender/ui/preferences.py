@@ -1,4 +1,4 @@
-"""Preferences of the add-on: a folder of avatars; which Python packages are missing, and how to install them."""
+"""Preferences of the add-on: a folder of avatars, and which Python packages are installed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bpy.props import StringProperty
 
 from ...backend.runtime.dependencies import REQUIREMENTS, is_installed
 
-# `bl_ext.<repository>.livehand` as an extension, `livehand` as a pip package.
+# `bl_ext.<repository>.livehand` for an extension, `livehand` for a pip package.
 _ADDON = (__package__ or "").removesuffix(".livehand_blender.ui")
 
 
@@ -20,12 +20,12 @@ class LIVEHAND_AP_preferences(bpy.types.AddonPreferences):
 
     avatar_folder: StringProperty(
         name="Avatars",
-        description="Folder of avatars of your own (.safetensors), which the avatar picker offers beside LiveHand's",
+        description="Folder of your own avatars (.safetensors), which Choose Avatar lists beside LiveHand's",
         subtype="DIR_PATH",
     )
 
     def draw(self, context):
-        """The folder, one line per package, then what to do."""
+        """The folder, one line per package, and how to install missing ones."""
         self.layout.prop(self, "avatar_folder")
         column = self.layout.column(align=True)
         installed = {requirement.module: is_installed(requirement) for requirement in REQUIREMENTS}
@@ -38,14 +38,14 @@ CLASSES = (LIVEHAND_AP_preferences,)
 
 
 def avatar_folder(context: bpy.types.Context) -> Path | None:
-    """The user's folder of avatars; None where there is none, or LiveHand runs as a package and not as an add-on."""
+    """The user's folder of avatars; None if none is set, or if LiveHand is not installed as an add-on."""
     addon = context.preferences.addons.get(_ADDON)
     chosen = addon.preferences.avatar_folder if addon and addon.preferences else ""
     return Path(bpy.path.abspath(chosen)) if chosen else None
 
 
 def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
-    """How to install what is missing; nothing where all is there."""
+    """How to install missing packages; draws nothing if none is missing."""
     if not missing:
         return
     column = layout.column(align=True)

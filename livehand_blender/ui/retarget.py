@@ -1,25 +1,26 @@
-"""The panel *Other Rig*: a hand driven by an armature made elsewhere, live or baked."""
+"""The panel *Other Rig*: a hand driven by another armature, live or baked."""
 
 from __future__ import annotations
 
 import bpy
-from bpy.props import BoolProperty, IntProperty
+from bpy.props import BoolProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
 from ...backend.hand.model import JOINT_NAMES
-from ...backend.records.errors import LiveHandError
 from ...backend.retarget.naming import guess_joints
 from ...backend.retarget.skeleton import JointMap
 from ..retarget.bake import bake
 from ..retarget.follow import check_editable, follow, is_following, stop_following
 from ..retarget.skeleton import read_skeleton
+from ..retarget.source import SourceRig
+from ..rig.hand import RiggedHand, active_hand
 from ..rig.retarget_properties import FINGERS, tip_property
-from .active_hand import HandTab, OnHand, active_hand, model_of, polled_hand
+from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 
-def _has_rig(hand: bpy.types.Object) -> bool:
-    """Whether an armature is chosen; scripts, and the field in Blender 4.2, take any object."""
-    source = hand.livehand.other_rig.armature
+def _has_rig(armature: bpy.types.Object) -> bool:
+    """Whether an armature is chosen; scripts, and the field in Blender 4.2, may choose any object."""
+    source = armature.livehand.other_rig.armature
     return source is not None and source.type == "ARMATURE"
 
 
@@ -28,7 +29,7 @@ class _OnRig(OnHand):
 
     @classmethod
     def poll(cls, context):
-        """Only on a hand for which an armature is chosen."""
+        """Enabled on a hand for which an armature is chosen."""
         if not super().poll(context):
             return False
         if not _has_rig(polled_hand(context)):
@@ -38,91 +39,75 @@ class _OnRig(OnHand):
 
 
 class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
-    """Find the hand's bones in the other rig by their names, or else by their shape."""
+    """Find the hand's bones in the other rig by their names, or otherwise by their shape."""
 
     bl_idname = "livehand.guess_bones"
     bl_label = "Guess Bones"
 
     def execute(self, context):
         """Fill in the fields."""
-        hand = polled_hand(context).livehand
-        guess = guess_joints(read_skeleton(hand.other_rig.armature), _side(hand))
+        properties = polled_hand(context).livehand
+        rig = properties.other_rig
+        guess = guess_joints(read_skeleton(rig.armature), _side(properties))
         for joint, bone in zip(JOINT_NAMES, guess.bones, strict=True):
-            setattr(hand.other_rig, joint, bone or "")
+            setattr(rig, joint, bone or "")
         for finger, bone in zip(FINGERS, guess.tips, strict=True):
-            setattr(hand.other_rig, tip_property(finger), bone or "")
+            setattr(rig, tip_property(finger), bone or "")
         if guess.missing:
             self.report({"WARNING"}, f"No bones of a {guess.side} hand were found for {', '.join(guess.missing)}")
         else:
-            self.report({"INFO"}, f"Found the {guess.side} hand of {hand.other_rig.armature.name}")
+            self.report({"INFO"}, f"Found the {guess.side} hand of {rig.armature.name}")
         return {"FINISHED"}
 
 
 class LIVEHAND_OT_follow_rig(_OnRig, bpy.types.Operator):
-    """Let the hand follow the other rig live, by constraints on hidden bones."""
+    """Make the hand follow the other rig live, by constraints on hidden bones."""
 
     bl_idname = "livehand.follow_rig"
     bl_label = "Follow"
 
+    @reports_errors
     def execute(self, context):
         """Add the constraints."""
-        armature = polled_hand(context)
-        rig = armature.livehand.other_rig
-        try:
-            model, _ = model_of(armature)
-            follow(context, armature, model, rig.armature, _joint_map(armature), rig.fits_shape)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        hand = RiggedHand.active(context)
+        follow(context, hand, _source(hand), hand.properties.other_rig.fits_shape)
 
 
-class LIVEHAND_OT_bake_rig(_OnRig, bpy.types.Operator):
-    """Key the hand with what the other rig does in a range of frames."""
+class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
+    """Key the hand with the other rig's motion in a range of frames."""
 
     bl_idname = "livehand.bake_rig"
     bl_label = "Bake Other Rig"
-
-    use_scene_range: BoolProperty(name="Scene Range", description="The scene's first to last frame", default=True)
-    first: IntProperty(name="First", description="First frame", default=1)
-    last: IntProperty(name="Last", description="Last frame", default=250)
 
     def invoke(self, context, event):
         """Ask for the frames."""
         return context.window_manager.invoke_props_dialog(self)
 
+    @reports_errors
     def execute(self, context):
-        """Bake, and follow no longer."""
-        armature, scene = polled_hand(context), context.scene
-        rig = armature.livehand.other_rig
-        first, last = (scene.frame_start, scene.frame_end) if self.use_scene_range else (self.first, self.last)
-        try:
-            model, _ = model_of(armature)
-            if is_following(armature):
-                check_editable(context, armature)  # before anything is keyed
-            frames = range(first, last + 1)
-            count = bake(context, armature, model, rig.armature, _joint_map(armature), frames, rig.fits_shape)
-            if is_following(armature):
-                stop_following(context, armature, keeps_pose=False)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        """Bake, then stop following."""
+        hand = RiggedHand.active(context)
+        frames = self.frames(context.scene)
+        if is_following(hand.armature):
+            check_editable(context, hand)  # before anything is keyed
+        count = bake(context, hand, _source(hand), frames, hand.properties.other_rig.fits_shape)
+        if is_following(hand.armature):
+            stop_following(context, hand, keeps_pose=False)
         self.report({"INFO"}, f"Keyed {count} frames")
-        return {"FINISHED"}
 
 
 class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
-    """Remove what makes the hand follow another rig."""
+    """Remove the constraints that make the hand follow another rig."""
 
     bl_idname = "livehand.stop_following"
     bl_label = "Stop Following"
     bl_options = {"REGISTER", "UNDO"}
 
-    keep_pose: BoolProperty(name="Keep Pose", description="Leave the hand as it is seen now", default=True)
+    keep_pose: BoolProperty(name="Keep Pose", description="Keep the hand's present pose", default=True)
 
     @classmethod
     def poll(cls, context):
-        """Only on a hand that follows."""
+        """Enabled on a hand that follows a rig."""
         if not super().poll(context):
             return False
         if not is_following(polled_hand(context)):
@@ -130,14 +115,10 @@ class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
             return False
         return True
 
+    @reports_errors
     def execute(self, context):
         """Remove the constraints."""
-        try:
-            stop_following(context, polled_hand(context), self.keep_pose)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        stop_following(context, RiggedHand.active(context), self.keep_pose)
 
 
 class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
@@ -147,14 +128,13 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """Which rig, and what to do with it."""
+        """The choice of the rig, and the operators."""
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
         armature = polled_hand(context)
-        rig = armature.livehand.other_rig
         for name in ("armature", "side", "fits_shape"):
-            layout.prop(rig, name)
+            layout.prop(armature.livehand.other_rig, name)
         layout.operator("livehand.guess_bones", icon="VIEWZOOM")
         row = layout.row(align=True)
         row.operator("livehand.follow_rig", icon="CON_ARMATURE")
@@ -165,7 +145,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
 
 
 class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
-    """Which bones are the joints."""
+    """Which of the other rig's bones are the hand's joints."""
 
     bl_label = "Bones"
     bl_parent_id = "LIVEHAND_PT_other_rig"
@@ -173,7 +153,7 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Only where an armature is chosen."""
+        """Shown if an armature is chosen."""
         armature = active_hand(context)
         return armature is not None and _has_rig(armature)
 
@@ -182,9 +162,11 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         rig = polled_hand(context).livehand.other_rig
-        _draw_bones(self.layout, rig, ["wrist"])
-        for finger in SHOWN_FINGERS:
-            _draw_bones(self.layout, rig, [*(f"{finger}{k}" for k in (1, 2, 3)), tip_property(finger)])
+        groups = [["wrist"], *([*(f"{name}{k}" for k in (1, 2, 3)), tip_property(name)] for name in SHOWN_FINGERS)]
+        for names in groups:
+            column = self.layout.column(align=True)
+            for name in names:
+                column.prop_search(rig, name, rig.armature.data, "bones")
 
 
 CLASSES = (
@@ -197,22 +179,17 @@ CLASSES = (
 )
 
 
-def _draw_bones(layout: bpy.types.UILayout, rig: bpy.types.PropertyGroup, names: list[str]) -> None:
-    column = layout.column(align=True)
-    for name in names:
-        column.prop_search(rig, name, rig.armature.data, "bones")
+def _side(properties: bpy.types.PropertyGroup):
+    return properties.side if properties.other_rig.side == "OWN" else properties.other_rig.side
 
 
-def _side(hand: bpy.types.PropertyGroup):
-    return hand.side if hand.other_rig.side == "OWN" else hand.other_rig.side
-
-
-def _joint_map(armature: bpy.types.Object) -> JointMap:
-    """The fields, as they are filled in.
+def _source(hand: RiggedHand) -> SourceRig:
+    """The rig that is chosen in the panel.
 
     Raises:
-        LiveHandError: a joint has no bone, or two have the same.
+        LiveHandError: a joint has no bone, or two have the same one.
     """
-    rig = armature.livehand.other_rig
+    rig = hand.properties.other_rig
+    bones = tuple(getattr(rig, joint) for joint in JOINT_NAMES)
     tips = tuple(getattr(rig, tip_property(finger)) or None for finger in FINGERS)
-    return JointMap(_side(armature.livehand), tuple(getattr(rig, joint) for joint in JOINT_NAMES), tips)
+    return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips))

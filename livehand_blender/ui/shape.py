@@ -1,4 +1,4 @@
-"""Operators that change a hand's shape, and the names of the built-in hand's ten directions."""
+"""Operators that change a hand's shape, and the names of the built-in hand's ten shape coefficients."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import numpy as np
 from bpy.props import FloatProperty, IntProperty
 
 from ...backend.hand.measurements import check_has_shapes, fit_beta
-from ...backend.hand.model import HandModel
-from ...backend.records.errors import LiveHandError
-from .active_hand import OnHand, model_of, polled_hand
+from ..rig.hand import RiggedHand
+from .mixins import OnHand, reports_errors
 
-# Of the built-in hand, as measured (docs/hand.md). Another model's directions have no names.
+# Of the built-in hand, as measured (docs/hand.md). The coefficients of other models have no names.
 _NAMES = (
     "Size",
     "Thickness",
@@ -26,9 +25,9 @@ _NAMES = (
 )
 
 
-def shape_names(hand: bpy.types.PropertyGroup) -> tuple[str, ...]:
+def shape_names(properties: bpy.types.PropertyGroup) -> tuple[str, ...]:
     """Ten labels for a hand's beta."""
-    return tuple(f"Beta {k}" for k in range(10)) if hand.model_path else _NAMES
+    return tuple(f"Beta {k}" for k in range(10)) if properties.model_path else _NAMES
 
 
 class LIVEHAND_OT_reset_shape(OnHand, bpy.types.Operator):
@@ -38,35 +37,34 @@ class LIVEHAND_OT_reset_shape(OnHand, bpy.types.Operator):
     bl_label = "Reset Shape"
     bl_options = {"REGISTER", "UNDO"}
 
+    @reports_errors
     def execute(self, context):
-        """Zero beta."""
-        return _set_shape(context, np.zeros(10))
+        """Set beta to zero."""
+        _set_beta(RiggedHand.active(context), np.zeros(10))
 
 
 class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
-    """Give the hand the shape of another person."""
+    """Give the hand a random shape."""
 
     bl_idname = "livehand.random_shape"
     bl_label = "Random Shape"
     bl_options = {"REGISTER", "UNDO"}
 
-    seed: IntProperty(name="Seed", description="Each seed is a shape", min=0)
+    seed: IntProperty(name="Seed", description="Each seed gives another shape", min=0)
     strength: FloatProperty(
         name="Strength", description="Standard deviation of each slider", default=1.0, min=0.0, soft_max=2.0
     )
 
+    @reports_errors
     def execute(self, context):
-        """Draw beta."""
-        try:
-            check_has_shapes(_shown_model(polled_hand(context)))
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return _set_shape(context, np.random.default_rng(self.seed).normal(size=10) * self.strength)
+        """Sample beta from a normal distribution."""
+        hand = RiggedHand.active(context)
+        check_has_shapes(hand.model)
+        _set_beta(hand, np.random.default_rng(self.seed).normal(size=10) * self.strength)
 
 
 class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
-    """Give the hand the length and breadth of a real one, by the shape nearest to the mean that has them."""
+    """Give the hand the length and breadth of a real one, by the shape closest to the mean."""
 
     bl_idname = "livehand.match_measurements"
     bl_label = "Match Measurements"
@@ -86,27 +84,19 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
         """Ask for the measurements."""
         return context.window_manager.invoke_props_dialog(self)
 
+    @reports_errors
     def execute(self, context):
         """Fit beta."""
-        try:
-            beta = fit_beta(_shown_model(polled_hand(context)), self.length_mm / 1e3, self.breadth_mm / 1e3)
-        except LiveHandError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        hand = RiggedHand.active(context)
+        beta = fit_beta(hand.model, self.length_mm / 1e3, self.breadth_mm / 1e3)
         if np.abs(beta).max() > 3:
-            self.report({"WARNING"}, "the shape lies far from the mean one; the trained look fits best near zero")
-        return _set_shape(context, beta)
+            self.report({"WARNING"}, "the shape is far from the mean shape; avatars look best near it")
+        _set_beta(hand, beta)
 
 
 CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_measurements)
 
 
-def _shown_model(armature: bpy.types.Object) -> HandModel:
-    return model_of(armature)[0].for_side(armature.livehand.side)
-
-
-def _set_shape(context: bpy.types.Context, beta: np.ndarray) -> set[str]:
-    armature = polled_hand(context)
-    armature.livehand.beta = beta
-    armature.update_tag()
-    return {"FINISHED"}
+def _set_beta(hand: RiggedHand, beta: np.ndarray) -> None:
+    hand.properties.beta = beta
+    hand.armature.update_tag()

@@ -13,7 +13,7 @@ import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -25,8 +25,8 @@ def registered():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _ctrl_c_is_heard():
-    """A shell starts what it sends to the background deaf to Ctrl-C, and all its children with it."""
+def _ctrl_c_is_handled():
+    """A shell starts background processes, and thereby their children, with Ctrl-C ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -64,7 +64,7 @@ def evaluated_vertices():
 
 @pytest.fixture(scope="session")
 def backend_vertices():
-    """A function: what the backend makes of a pose, in float64."""
+    """A function: the backend's vertices for a pose, in float64."""
 
     def of(model, pose):
         skin = SkinTensors.of(model, dtype=torch.float64)
@@ -78,7 +78,7 @@ def backend_vertices():
 
 @pytest.fixture(scope="session")
 def random_pose():
-    """A function: a pose far beyond a real hand's, so that nothing is exact by being small."""
+    """A function: a pose far beyond a real hand's, so that errors are not hidden by small values."""
 
     def of(seed, side):
         rng = np.random.default_rng(seed)
@@ -89,7 +89,7 @@ def random_pose():
 
 @pytest.fixture(scope="session")
 def fake_renderer():
-    """The class that renders without an avatar."""
+    """A renderer class that needs no avatar."""
     return runpy.run_path(str(Path(__file__).parent / "fake_livehand.py"))["FakeRenderer"]
 
 
@@ -171,6 +171,6 @@ def curves_of():
 
 
 @pytest.fixture(scope="session")
-def foreign(registered):
-    """The module that makes a rigged hand as others make them (foreign_hand.py)."""
-    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "foreign_hand.py")))
+def other_rigs(registered):
+    """The module other_rigs.py, which makes a rigged hand that differs from ours."""
+    return SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "other_rigs.py")))

@@ -39,14 +39,14 @@ def my_folder(tmp_path, monkeypatch):
 
 
 def test_avatars_of_the_same_hand_are_offered(library, right_hand, my_folder):
-    assert [card.name for card in library.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
+    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*SKINS, "mine"]
 
 
 def test_the_chosen_file_and_its_folder_are_offered_once(library, right_hand, tmp_path):
     for name in ("a", "b"):
         save_avatar(replace(load_avatar(), name=name), tmp_path / f"{name}.safetensors")
     right_hand.livehand.avatar_path = str(tmp_path / "b.safetensors")
-    assert [card.name for card in library.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
+    assert [metadata.name for metadata in library.offered(bpy.context, right_hand)] == [*SKINS, "b", "a"]
 
 
 def test_a_changed_file_is_read_again(library, right_hand, my_folder):
@@ -60,19 +60,19 @@ def test_a_changed_file_is_read_again(library, right_hand, my_folder):
 
 def test_icons_show_the_thumbnail(library):
     path = shipped_avatar_path().resolve()
-    card = library.card(path)
+    metadata = library.metadata(path)
     for _ in range(2):  # created once; without a window it has no number
-        library.icon(card)
+        library.icon(metadata)
     (preview,) = library._icons.values()
     pixels = np.array(preview.image_pixels_float[:], np.float32).reshape(*tuple(preview.image_size)[::-1], 4)
-    straight = card.thumbnail / 255
+    straight = metadata.thumbnail / 255
     expected = np.concatenate([straight[..., :3] * straight[..., 3:], straight[..., 3:]], -1)
     np.testing.assert_allclose(pixels[::-1], expected, atol=1 / 255)
 
 
 def test_an_avatar_without_thumbnail_has_no_icon(library, tmp_path):
     save_avatar(replace(load_avatar(), thumbnail=None), tmp_path / "plain.safetensors")
-    assert library.icon(library.card(tmp_path / "plain.safetensors")) == 0
+    assert library.icon(library.metadata(tmp_path / "plain.safetensors")) == 0
 
 
 def test_choosing_a_shipped_avatar_sets_the_skin(right_hand):
@@ -97,9 +97,9 @@ def test_unsuitable_avatars_are_refused_and_nothing_changes(right_hand, my_folde
 
 
 def test_facts_describe_the_avatar(my_folder):
-    card = read_metadata(shipped_avatar_path())
-    lines = facts(card)
+    metadata = read_metadata(shipped_avatar_path())
+    lines = facts(metadata)
     assert lines[:2] == ("light", "Licence: GPL-3.0-or-later")
-    assert lines[2:5] == card.figures
-    unknown = facts(replace(card, licence="", figures=(), made_from=""))
+    assert lines[2:5] == metadata.figures
+    unknown = facts(replace(metadata, licence="", figures=(), made_from=""))
     assert unknown == ("light", "Licence: not stated", "not measured (livehand evaluate --record)")

@@ -1,16 +1,16 @@
-"""Compositor set-ups, by rendering: each pixel against the closed form of over; and what they leave alone."""
+"""Compositor set-ups: rendered pixels against the closed form of over, and nodes that must be kept."""
 
 import bpy
 import cv2
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.compositing.picture_files import PictureFiles
+from livehand.livehand_blender.compositing.image_files import ImageFiles
 from livehand.livehand_blender.compositing.tree import compositor_of, output_input
 from PIL import Image
 
 SIZE = (48, 64)
-HALF = {"rtol": 5e-4, "atol": 5e-6}  # the compositor keeps 8-bit pictures as half floats
+HALF = {"rtol": 5e-4, "atol": 5e-6}  # the compositor stores 8-bit images as half floats
 
 
 def linear(srgb):
@@ -23,7 +23,7 @@ def over(front, back):
 
 
 def composite(scene, path, read_exr, frame=1):
-    """[H, W, 4] float, what the compositor makes of a frame."""
+    """[H, W, 4] float, the compositor's result for a frame."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGBA"
     settings.color_depth, settings.exr_codec = "32", "ZIP"
@@ -40,7 +40,7 @@ def as_array(frame):
 
 @pytest.fixture
 def wall_scene(hand_scene):
-    """Another scene of the same size and camera: a wall of known light, its left half before and the right behind."""
+    """Another scene of the same size and camera: a wall of known radiance, left half in front of the hand."""
     hand_scene.camera.location.x = load_default_hand().v_template[:, 0].mean()
     scene = bpy.data.scenes.new("Wall")
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
@@ -48,7 +48,7 @@ def wall_scene(hand_scene):
     scene.collection.objects.link(scene.camera)
     scene.render.resolution_x, scene.render.resolution_y = SIZE
     material = bpy.data.materials.new("Light")
-    if material.node_tree is None:  # Blender 5 makes it by itself, and warns
+    if material.node_tree is None:  # Blender 5 creates it by itself, and warns
         material.use_nodes = True
     nodes = material.node_tree.nodes
     nodes.clear()
@@ -65,9 +65,7 @@ def wall_scene(hand_scene):
     return scene
 
 
-def test_the_hand_lies_over_what_is_farther_and_under_what_is_nearer(
-    hand_scene, wall_scene, fake_session, read_exr, tmp_path
-):
+def test_the_hand_is_composited_by_depth(hand_scene, wall_scene, fake_session, read_exr, tmp_path):
     assert bpy.ops.livehand.setup_compositing(behind="Wall") == {"FINISHED"}
     got = composite(hand_scene, tmp_path / "over.exr", read_exr)
     (renderer,) = fake_session.made
@@ -90,16 +88,16 @@ def test_without_a_scene_behind_the_render_is_the_hand(hand_scene, fake_session,
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("Nowhere", "no scene 'Nowhere'"), ("Scene", "another one"), ("Wall", "one size")]
+    ("name", "message"), [("Nowhere", "no scene 'Nowhere'"), ("Scene", "own scene"), ("Wall", "same size")]
 )
-def test_a_scene_that_cannot_lie_behind_is_refused(hand_scene, wall_scene, name, message):
+def test_an_invalid_scene_behind_is_rejected(hand_scene, wall_scene, name, message):
     wall_scene.render.resolution_x = 50
     with pytest.raises(RuntimeError, match=message):
         bpy.ops.livehand.setup_compositing(behind=name)
 
 
 def hand_picture(frame):
-    """[H, W, 4] straight sRGB levels of a frame's picture: soft alpha, another colour each frame."""
+    """[H, W, 4] straight sRGB levels of a frame: soft alpha, and another colour for each frame."""
     rng = np.random.default_rng(frame)
     return rng.integers(0, 256, (SIZE[1], SIZE[0], 4)).astype(np.uint8)
 
@@ -175,14 +173,14 @@ def expected_over(hand_frame, plate_frame):
     return over(premultiplied(hand_picture(hand_frame)), opaque(plate_picture(plate_frame)))
 
 
-def test_each_frame_lies_over_the_plate_of_its_number(empty_scene, hands, plates, read_exr, tmp_path):
+def test_each_frame_is_over_the_plate_of_its_number(empty_scene, hands, plates, read_exr, tmp_path):
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.005.png"))
     for frame in (5, 6):
         got = composite(empty_scene, tmp_path / f"{frame}.exr", read_exr, frame)
         np.testing.assert_allclose(got, expected_over(frame, frame), **HALF)
 
 
-def test_the_plate_may_come_later_or_be_a_still(empty_scene, hands, plates, read_exr, tmp_path):
+def test_the_plate_can_be_delayed_or_a_still(empty_scene, hands, plates, read_exr, tmp_path):
     plate = {"plate_path": str(plates / "plate.004.png")}
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_delay=2, **plate)
     got = composite(empty_scene, tmp_path / "late.exr", read_exr, frame=8)
@@ -192,7 +190,7 @@ def test_the_plate_may_come_later_or_be_a_still(empty_scene, hands, plates, read
     np.testing.assert_allclose(got, expected_over(8, 4), **HALF)
 
 
-def test_after_the_last_frame_the_last_stays(empty_scene, hands, plates, read_exr, tmp_path):
+def test_the_last_frame_remains_after_the_sequence(empty_scene, hands, plates, read_exr, tmp_path):
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.004.png"))
     got = composite(empty_scene, tmp_path / "late.exr", read_exr, frame=20)
     np.testing.assert_allclose(got, expected_over(8, 7), **HALF)
@@ -200,7 +198,7 @@ def test_after_the_last_frame_the_last_stays(empty_scene, hands, plates, read_ex
 
 @pytest.mark.skipif(bpy.app.version < (4, 5), reason="there, a missing picture is black or pink")
 @pytest.mark.parametrize("frame", [4, 7])
-def test_where_no_frame_is_the_plate_is_seen(empty_scene, hands, plates, read_exr, tmp_path, frame):
+def test_the_plate_is_visible_where_frames_are_missing(empty_scene, hands, plates, read_exr, tmp_path, frame):
     bpy.ops.livehand.load_sequence_over_plate(filepath=str(hands), plate_path=str(plates / "plate.004.png"))
     got = composite(empty_scene, tmp_path / "gap.exr", read_exr, frame)
     np.testing.assert_allclose(got, opaque(plate_picture(frame)), **HALF)
@@ -209,14 +207,14 @@ def test_where_no_frame_is_the_plate_is_seen(empty_scene, hands, plates, read_ex
 def test_a_sequence_is_the_files_of_one_name(tmp_path):
     for name in ("v2_0009.png", "v2_0010.png", "v2_0012.png", "v3_0001.png", "v2_0001.exr", "v2_0100.png.txt", "a.png"):
         (tmp_path / name).touch()
-    found = PictureFiles.find(tmp_path / "v2_0010.png")
-    assert found == PictureFiles(tmp_path / "v2_0009.png", "SEQUENCE", 9, 12)
+    found = ImageFiles.find(tmp_path / "v2_0010.png")
+    assert found == ImageFiles(tmp_path / "v2_0009.png", "SEQUENCE", 9, 12)
     for alone in ("v3_0001.png", "a.png"):
-        assert PictureFiles.find(tmp_path / alone) == PictureFiles(tmp_path / alone, "FILE")
-    assert PictureFiles.find(tmp_path / "v2_0010.png", is_still=True).source == "FILE"
+        assert ImageFiles.find(tmp_path / alone) == ImageFiles(tmp_path / alone, "FILE")
+    assert ImageFiles.find(tmp_path / "v2_0010.png", is_still=True).source == "FILE"
 
 
-def test_a_clip_may_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path):
+def test_a_clip_can_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path):
     clip = bpy.data.movieclips.load(str(plates / "plate.004.png"))
     clip.frame_start = 4
     empty_scene.active_clip = clip
@@ -225,7 +223,7 @@ def test_a_clip_may_be_the_plate(empty_scene, hands, plates, read_exr, tmp_path)
     np.testing.assert_allclose(got, expected_over(5, 5), **HALF)
 
 
-def test_a_movie_begins_at_frame_1(empty_scene, read_exr, tmp_path):
+def test_a_movie_starts_at_frame_1(empty_scene, read_exr, tmp_path):
     movie = cv2.VideoWriter(str(tmp_path / "plate.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 24, SIZE)
     for level in (40, 120, 200):
         movie.write(np.full((SIZE[1], SIZE[0], 3), level, np.uint8))
@@ -245,13 +243,13 @@ def test_a_movie_begins_at_frame_1(empty_scene, read_exr, tmp_path):
 @pytest.mark.parametrize(
     ("hand", "plate", "message"),
     [
-        ("nowhere.exr", "plates/plate.004.png", "no picture at"),
+        ("nowhere.exr", "plates/plate.004.png", "no image at"),
         ("plates/plate.004.png", "", "a plate is needed"),
         ("hand.jpg", "plates/plate.004.png", "must be EXR or PNG"),
-        ("plates/plate.004.png", "nowhere.png", "no picture at"),
+        ("plates/plate.004.png", "nowhere.png", "no image at"),
     ],
 )
-def test_what_cannot_be_loaded_is_refused_and_leaves_no_nodes(empty_scene, plates, tmp_path, hand, plate, message):
+def test_unreadable_files_are_rejected_and_add_no_nodes(empty_scene, plates, tmp_path, hand, plate, message):
     Image.fromarray(plate_picture(1)).save(tmp_path / "hand.jpg")
     plate_path = str(tmp_path / plate) if plate else ""
     with pytest.raises(RuntimeError, match=message):
@@ -271,14 +269,14 @@ def users_tree(hand_scene):
 
 
 def shape_of(tree):
-    """All that tells two trees apart, but names."""
+    """Everything in which two node trees can differ, except names."""
     nodes = sorted((node.bl_idname, node.label, tuple(node.location)) for node in tree.nodes)
     ends = ((link.from_node, link.from_socket, link.to_node, link.to_socket) for link in tree.links)
     links = sorted((a.bl_idname, output.name, b.bl_idname, socket.name) for a, output, b, socket in ends)
     return nodes, links
 
 
-def test_a_users_nodes_keep_the_output_until_they_are_told(users_tree):
+def test_the_users_nodes_keep_the_output_until_replaced(users_tree):
     before = {node.name: tuple(node.location) for node in users_tree.nodes}
     bpy.ops.livehand.setup_compositing()
     assert output_input(users_tree).links[0].from_node.bl_idname == "CompositorNodeRGB"
@@ -288,7 +286,7 @@ def test_a_users_nodes_keep_the_output_until_they_are_told(users_tree):
     assert before.items() <= {node.name: tuple(node.location) for node in users_tree.nodes}.items()
 
 
-def test_twice_is_as_once(hand_scene, wall_scene):
+def test_repeating_the_set_up_changes_nothing(hand_scene, wall_scene):
     bpy.ops.livehand.setup_compositing(behind="Wall")
     once = shape_of(compositor_of(hand_scene))
     bpy.ops.livehand.setup_compositing(behind="Wall")
@@ -296,7 +294,7 @@ def test_twice_is_as_once(hand_scene, wall_scene):
     assert [node.bl_idname for node in compositor_of(hand_scene).nodes].count("NodeFrame") == 1
 
 
-def test_what_the_result_feeds_is_fed_again(users_tree, wall_scene):
+def test_links_from_the_result_are_restored(users_tree, wall_scene):
     bpy.ops.livehand.setup_compositing()
     (ours,) = (node for node in users_tree.nodes if node.bl_idname == "CompositorNodeRLayers")
     blur = users_tree.nodes.new("CompositorNodeBlur")
@@ -306,7 +304,7 @@ def test_what_the_result_feeds_is_fed_again(users_tree, wall_scene):
     assert blur.inputs["Image"].links[0].from_node.bl_idname == "CompositorNodeAlphaOver"
 
 
-def test_both_set_ups_stand_beside_one_another(hand_scene, plates):
+def test_both_set_ups_can_coexist(hand_scene, plates):
     bpy.ops.livehand.setup_compositing()
     plate = str(plates / "plate.004.png")
     bpy.ops.livehand.load_sequence_over_plate(filepath=plate, plate_path=plate)
@@ -317,7 +315,7 @@ def test_both_set_ups_stand_beside_one_another(hand_scene, plates):
     assert output_input(tree).links[0].from_node.bl_idname == "CompositorNodeRLayers"
 
 
-def test_undo_takes_the_nodes_away(users_tree):
+def test_undo_removes_the_nodes(users_tree):
     bpy.ops.ed.undo_push(message="Before")
     bpy.ops.livehand.setup_compositing("EXEC_DEFAULT", True)
     scene = bpy.context.scene

@@ -1,4 +1,4 @@
-"""The paper's geometry editing: whatever moves the mesh's vertices in Blender is rendered as it stands.
+"""Geometry editing as in the paper: the mesh is rendered as edited in Blender, by any tool that moves vertices.
 
 Silhouettes of frames by the shipped avatar against Cycles' own of the same edited mesh. The avatar's skin is a little
 softer than the mesh, edited or not: so an edited hand is to agree as well as the unedited one does, or nearly.
@@ -16,8 +16,8 @@ from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SIZE_PX = (167, 256)
-WORSE = 0.02  # IoU that an edit may cost; claws, whose ends are thinner than a pixel, cost 0.015
-STALE = 0.05  # IoU below which the unedited hand's frame must lie
+WORSE = 0.02  # largest loss of IoU by an edit; claws, whose ends are thinner than a pixel, lose 0.015
+STALE = 0.05  # upper bound of the IoU of the unedited hand's frame
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def iou(one, other):
 
 
 def pull_with_the_cursor(mesh):
-    """Edit mode on the basis, as an animator would: the middle finger's end drawn out to twice its length."""
+    """Edit mode on the basis: the end of the middle finger is stretched to twice its length."""
     bpy.context.view_layer.objects.active = mesh
     mesh.active_shape_key_index = 0
     bpy.ops.object.mode_set(mode="OBJECT")

@@ -7,7 +7,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import DEPTH_BACKGROUND
 from livehand.backend.rendering.renderer import RenderStopped
 from livehand.livehand_blender.render.engine import LiveHandRender
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from PIL import Image
 
 

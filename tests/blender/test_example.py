@@ -1,4 +1,4 @@
-"""The example shot: what is in it, that the hand stays in the picture, and that its script makes it anew."""
+"""The example shot: its contents, that the hand is always in the image, and that its script makes the same file."""
 
 import runpy
 from pathlib import Path
@@ -55,7 +55,7 @@ def test_it_is_one_second_of_a_hand_set_up_for_livehand(scene):
     assert (hand.livehand.side, hand.livehand.model_path, hand.livehand.avatar_path) == ("right", "", "")
 
 
-def test_it_names_no_file_of_anyones_machine_and_runs_no_script(scene):
+def test_it_contains_no_local_path_and_no_script(scene):
     assert not bpy.data.texts
     assert not bpy.data.libraries
     assert not bpy.data.images
@@ -79,7 +79,7 @@ def test_it_moves_in_every_frame_without_a_jump(scene):
     assert steps_m.max() < 0.05  # a finger tip's fastest frame
 
 
-def test_it_goes_from_an_open_hand_to_a_fist(scene):
+def test_it_closes_from_an_open_hand_to_a_fist(scene):
     def bend_deg(frame):
         scene.frame_set(frame)
         theta = read_hand_pose(find_hands(scene)[0], bpy.context.evaluated_depsgraph_get()).theta

@@ -1,4 +1,4 @@
-"""The grasp and the clasped pair: what is in them, that their scripts make them anew, and what the camera sees."""
+"""The example scenes: their scripts make the same files, and the hands are visible and occluded as intended."""
 
 import runpy
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_the_file_is_what_its_script_makes(name):
 
 @pytest.mark.parametrize("frame", [1, 12, 24])
 def test_the_hand_holds_the_tumbler(frame):
-    """Its skin touches the tumbler's side, and goes no deeper than flesh gives way, however both are carried."""
+    """The skin touches the tumbler's side, and goes no deeper than flesh yields, also when both are moved."""
     scene = open_example("grasp")
     scene.frame_set(frame)
     tumbler = scene.objects["Tumbler"]
@@ -64,7 +64,7 @@ def test_the_hand_holds_the_tumbler(frame):
 
 @pytest.fixture
 def rendered(read_exr, use_multilayer_exr, tmp_path):
-    """A function: render the scene with its Hand passes, and give some passes' channels."""
+    """A function that renders the scene with its Hand passes and returns channels of some passes."""
 
     def of(scene, passes=("HandAlpha.A",)):
         use_multilayer_exr(scene)
@@ -82,7 +82,7 @@ def test_the_tumbler_hides_the_palm_and_not_the_fingertips(rendered):
     scene.frame_set(12)
     scene.render.resolution_percentage, scene.cycles.samples, scene.cycles.use_denoising = 25, 1, False
     visible, hand = rendered(scene, ("HandAlpha.A", "Hand.A"))
-    # Places in the full picture, px: the palm behind the tumbler, the middle finger's tip before it, thumb, wrist.
+    # Pixels in the full image: the palm behind the tumbler, the middle fingertip in front of it, thumb, wrist.
     for (x, y), is_seen in {(240, 200): False, (176, 278): True, (325, 190): True, (400, 180): True}.items():
         assert hand[y // 4, x // 4] > 0.95
         assert visible[y // 4, x // 4] == pytest.approx(float(is_seen), abs=0.05)
@@ -107,7 +107,7 @@ def test_each_of_a_clasped_pair_hides_part_of_the_other(rendered):
 
 
 def test_the_hand_follows_the_sticks():
-    """The ends of its fingers lie on the skin of ours, or nearly: bones of others' lengths cannot be met exactly."""
+    """The sticks' ends are close to our skin; bones of other lengths cannot be matched exactly."""
     scene = open_example("follow")
     (hand,) = find_hands(scene)
     rig = scene.objects["Stick Figure"]

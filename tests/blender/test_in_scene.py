@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.rendering.cryptomatte import crypto_id
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from mathutils import Matrix
 from PIL import Image
 

@@ -15,7 +15,8 @@ from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.opening import open_pose_file
 from livehand.backend.motion.placing import TO_BLENDER
 from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.ui.motion import LIVEHAND_OT_import_motion
@@ -44,7 +45,7 @@ def is_untouched(hand):
     return hand.animation_data is None or hand.animation_data.action is None
 
 
-def test_a_motion_in_and_out_again(hand, model, tmp_path):
+def test_an_imported_motion_is_exported_unchanged(hand, model, tmp_path):
     motion = motion_of(model.side)
     write_motion(motion, tmp_path / "in.npz")
     assert bpy.ops.livehand.import_motion(filepath=str(tmp_path / "in.npz"), start_frame=11) == {"FINISHED"}
@@ -62,7 +63,7 @@ def test_a_motion_in_and_out_again(hand, model, tmp_path):
     assert (again.side, again.fps) == (model.side, 24.0)
 
 
-def test_the_scenes_range_is_exported_and_a_backward_one_refused(hand, tmp_path):
+def test_the_scene_range_is_exported_and_a_reversed_range_rejected(hand, tmp_path):
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 3, 7
     bpy.ops.livehand.export_motion(filepath=str(tmp_path / "out.npz"))
     assert len(open_pose_file(tmp_path / "out.npz").motion()) == 5
@@ -72,9 +73,7 @@ def test_the_scenes_range_is_exported_and_a_backward_one_refused(hand, tmp_path)
 
 
 @pytest.mark.parametrize("space", ["z_up", "y_up", "opencv", "opengl"])
-def test_a_world_motion_comes_into_blenders_world_wherever_the_hand_stands(
-    hand, model, evaluated_vertices, tmp_path, space
-):
+def test_a_world_motion_is_converted_to_blenders_world(hand, model, evaluated_vertices, tmp_path, space):
     hand.matrix_world = Matrix.Translation((0.3, -2, 1)) @ Matrix.Rotation(1.1, 4, (1, 2, 3))
     motion = motion_of(model.side, seed=1)
     bpy.ops.livehand.import_motion(filepath=write_raw(tmp_path / "t.npz", motion), space=space, start_frame=1)
@@ -86,7 +85,7 @@ def test_a_world_motion_comes_into_blenders_world_wherever_the_hand_stands(
 
 
 @pytest.mark.parametrize("space", ["opencv", "opengl"])
-def test_a_motion_in_a_cameras_axes_is_seen_so_by_the_scenes_camera(hand, model, tmp_path, space):
+def test_a_motion_in_camera_axes_can_use_the_scene_camera(hand, model, tmp_path, space):
     path = write_raw(tmp_path / "t.npz", motion_of(model.side))
     with pytest.raises(RuntimeError, match="got none; add one"):
         bpy.ops.livehand.import_motion(filepath=path, space=space, through_camera=True)
@@ -103,7 +102,7 @@ def test_a_motion_in_a_cameras_axes_is_seen_so_by_the_scenes_camera(hand, model,
     np.testing.assert_allclose(seen, of_file * ([1, -1, -1] if space == "opencv" else 1), atol=1e-6)
 
 
-def test_a_hand_of_another_shape_keeps_the_wrist_where_it_was(hand, model, tmp_path):
+def test_another_shape_keeps_the_wrist_position(hand, model, tmp_path):
     beta = np.linspace(-1, 1, 10)
     moving = motion_of(model.side, beta=beta)
     write_motion(moving, tmp_path / "m.npz")
@@ -117,7 +116,7 @@ def test_a_hand_of_another_shape_keeps_the_wrist_where_it_was(hand, model, tmp_p
     np.testing.assert_allclose(read(hand, 2).transl, moving.transl[1], atol=1e-6)
 
 
-def test_the_motion_keeps_its_speed_or_its_frames(hand, model, tmp_path):
+def test_the_motion_is_resampled_or_keyed_frame_by_frame(hand, model, tmp_path):
     theta = np.zeros((11, 16, 3))
     theta[:, 5, 0] = np.linspace(0, 1, 11)
     write_motion(motion_of(model.side, theta=theta, transl=np.zeros((11, 3)), fps=48.0), tmp_path / "fast.npz")
@@ -132,7 +131,7 @@ def test_the_motion_keeps_its_speed_or_its_frames(hand, model, tmp_path):
     assert read(hand, 3).theta[5, 0] == pytest.approx(0.1, abs=1e-5)
 
 
-def test_the_other_hands_motion_is_refused_or_mirrored(hand, model, tmp_path):
+def test_a_motion_of_the_other_side_is_rejected_or_mirrored(hand, model, tmp_path):
     other = motion_of("left" if model.side == "right" else "right")
     write_motion(other, tmp_path / "other.npz")
     with pytest.raises(RuntimeError, match="turn on Mirror"):
@@ -142,7 +141,7 @@ def test_the_other_hands_motion_is_refused_or_mirrored(hand, model, tmp_path):
     np.testing.assert_allclose(read(hand, 2).theta, other.theta[1] * MIRROR_AXIS_ANGLE, atol=1e-5)
 
 
-def test_wrist_and_place_can_be_left_alone(hand, model, tmp_path):
+def test_wrist_rotation_and_location_can_be_left_unkeyed(hand, model, tmp_path):
     write_motion(motion_of(model.side), tmp_path / "m.npz")
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1, key_wrist=False, key_place=False)
     pose = read(hand, 2)
@@ -170,7 +169,7 @@ def test_mean_and_components_need_a_mano_file(hand, model, tmp_path):
 def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
     rest = Skeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
     seen = rest if model.side == "right" else rest * [-1, 1, 1]
-    label = "Left" if model.side == "right" else "Right"  # of a picture that was not mirrored
+    label = "Left" if model.side == "right" else "Right"  # MediaPipe's label in a picture that is not mirrored
     np.savez(tmp_path / "l.npz", landmarks=np.tile(seen, (3, 1, 1)), handedness=label)
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "l.npz"), space="z_up", start_frame=1)
     pose = read(hand, 2)
@@ -178,9 +177,9 @@ def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
     assert np.abs(pose.transl).max() < 0.004
 
 
-def test_a_file_without_places_turns_the_hand_where_it_stands(hand, model, tmp_path):
+def test_a_file_without_locations_only_rotates_the_hand(hand, model, tmp_path):
     hand.matrix_world = Matrix.Translation((0.3, -2, 1)) @ Matrix.Rotation(1.1, 4, (1, 2, 3))
-    keyframe_transl(hand, np.array([[0.01, 0.02, 0.03]]), [1])
+    keyframe_transl(RiggedHand.of(hand), np.array([[0.01, 0.02, 0.03]]), [1])
     motion = motion_of(model.side)
     np.savez(tmp_path / "t.npz", poses=motion.theta.reshape(-1, 48), side=model.side)
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "t.npz"), space="y_up", start_frame=1)
@@ -200,7 +199,7 @@ def test_several_files_of_one_frame_are_one_motion(hand, model, tmp_path):
     np.testing.assert_allclose(read(hand, 3).theta, motion.theta[2], atol=1e-5)
 
 
-def test_a_failing_import_leaves_the_scene_as_it_was(hand, model, tmp_path):
+def test_a_failed_import_changes_nothing(hand, model, tmp_path):
     before = read(hand, 1)
     actions = len(bpy.data.actions)
     (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04nothing")
@@ -233,7 +232,7 @@ def test_ten_thousand_frames_take_seconds(tmp_path):
     assert time.process_time() - started < 5
 
 
-def test_without_a_hand_nothing_is_offered(tmp_path):
+def test_import_and_export_need_a_hand(tmp_path):
     assert not bpy.ops.livehand.import_motion.poll()
     assert not bpy.ops.livehand.export_motion.poll()
 
@@ -257,7 +256,7 @@ class Layout:
         self.drawn.append(name)
 
 
-def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
+def test_the_file_browser_shows_the_detected_format(tmp_path):
     np.savez(tmp_path / "labels.npz", pose_m=np.ones((1, 51)))
     (tmp_path / "bad.npz").write_bytes(b"nothing")
     operator = LIVEHAND_OT_import_motion
@@ -270,25 +269,25 @@ def test_the_file_browser_tells_what_a_file_is_taken_for(tmp_path):
         def __init__(self, path):
             self.filepath, self.layout = str(path), Layout([])
 
-    told = {}
+    drawn_by_name = {}
     for name in ("labels.npz", "bad.npz", "gone.npz"):
         browser = Browser(tmp_path / name)
         for _ in range(2):  # as often as Blender redraws
             browser.layout.drawn.clear()
             browser.draw(bpy.context)
-        told[name] = browser.layout.drawn
-    assert "Format: DexYCB" in told["labels.npz"]
-    assert "Angles: 45 components (needs a MANO file)" in " ".join(told["labels.npz"])
-    assert max(map(len, told["labels.npz"])) <= 40  # wider ones are cut
-    assert "readable .npz" in " ".join(told["bad.npz"])
-    assert "Choose a file" in told["gone.npz"]
+        drawn_by_name[name] = browser.layout.drawn
+    assert "Format: DexYCB" in drawn_by_name["labels.npz"]
+    assert "Angles: 45 components (needs a MANO file)" in " ".join(drawn_by_name["labels.npz"])
+    assert max(map(len, drawn_by_name["labels.npz"])) <= 40  # wider lines would be cut off
+    assert "readable .npz" in " ".join(drawn_by_name["bad.npz"])
+    assert "Choose a file" in drawn_by_name["gone.npz"]
     known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
-    drawn = {name for name in told["gone.npz"] if name.islower()}
+    drawn = {name for name in drawn_by_name["gone.npz"] if name.islower()}
     assert drawn <= known
     assert known - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
 
 
-def test_dropped_files_are_offered_to_the_import():
+def test_dropped_files_start_the_import():
     handlers = {
         name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks", "LIVEHAND_FH_rigs")
     }
@@ -297,10 +296,10 @@ def test_dropped_files_are_offered_to_the_import():
     assert {handler.bl_import_operator for handler in handlers.values()} == {LIVEHAND_OT_import_motion.bl_idname}
 
 
-def test_writing_a_pose_still_works_beside_keys(hand, model, tmp_path):
-    """The motion's keys win over what is set by hand, as keys do."""
+def test_keys_override_a_written_pose(hand, model, tmp_path):
+    """As always in Blender, keys override values set without keying."""
     motion = motion_of(model.side)
     write_motion(motion, tmp_path / "m.npz")
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
-    write_hand_pose(hand, motion.pose(4))
+    write_hand_pose(RiggedHand.of(hand), motion.pose(4))
     np.testing.assert_allclose(read(hand, 2).theta, motion.theta[1], atol=1e-5)

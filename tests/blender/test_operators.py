@@ -8,7 +8,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
 from livehand.backend.runtime import dependencies
 from livehand.livehand_blender.render import renderer_loading
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.scene.settings import use_livehand
 
@@ -41,7 +42,7 @@ def test_add_hand_stands_upright():
     np.testing.assert_allclose(turned @ [0, 1, 0], [0, -1, 0], atol=1e-6)  # back of the hand to the front
 
 
-def test_add_hand_lands_on_the_cursor_and_reads_a_file(tmp_path):
+def test_add_hand_uses_the_cursor_and_a_model_file(tmp_path):
     model = load_default_hand()
     arrays = {name: getattr(model, name) for name in ("v_template", "f", "J_regressor", "shapedirs", "posedirs")}
     kintree = np.array([model.parents, np.arange(16)])
@@ -71,7 +72,7 @@ def test_add_hand_leaves_other_modes_first(mode):
     assert len(find_hands(bpy.context.scene)) == 2
 
 
-def test_a_collection_outside_the_view_layer_is_refused_and_leaves_nothing():
+def test_a_collection_outside_the_view_layer_is_rejected_and_nothing_is_added():
     collection = bpy.data.collections.new("Hidden")
     bpy.context.scene.collection.children.link(collection)
     layer = bpy.context.view_layer.layer_collection.children["Hidden"]
@@ -85,7 +86,7 @@ def test_a_collection_outside_the_view_layer_is_refused_and_leaves_nothing():
 
 def test_reset_pose_rests_the_hand_and_keeps_its_shape():
     hand = add_hand(bpy.context, load_default_hand())
-    write_hand_pose(hand, HandPose(np.full((16, 3), 0.3), np.ones(10), np.ones(3)))
+    write_hand_pose(RiggedHand.of(hand), HandPose(np.full((16, 3), 0.3), np.ones(10), np.ones(3)))
     assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
     pose = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
     np.testing.assert_allclose(pose.theta, 0, atol=1e-6)
@@ -93,7 +94,7 @@ def test_reset_pose_rests_the_hand_and_keeps_its_shape():
     np.testing.assert_allclose(pose.beta, 1)
 
 
-def test_reset_pose_works_from_the_mesh_and_says_why_it_cannot():
+def test_reset_pose_works_from_the_mesh_and_reports_errors():
     with pytest.raises(RuntimeError, match="select a LiveHand hand first"):
         bpy.ops.livehand.reset_pose()
     hand = add_hand(bpy.context, load_default_hand())
@@ -113,7 +114,7 @@ def test_set_engine_does_what_the_function_does():
         assert scene.render.image_settings.color_mode == "RGBA"
 
 
-def test_set_engine_leaves_a_format_without_alpha_alone():
+def test_set_engine_keeps_a_format_without_alpha():
     bpy.context.scene.render.image_settings.file_format = "JPEG"
     use_livehand(bpy.context.scene)
     assert bpy.context.scene.render.image_settings.file_format == "JPEG"
@@ -134,9 +135,9 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     assert f'pip install --target "{target}" "fake>=1"' in command
 
 
-def test_copying_the_command_says_when_nothing_is_missing(monkeypatch):
+def test_the_install_command_is_disabled_when_nothing_is_missing(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", dependencies.REQUIREMENTS[:0])
-    with pytest.raises(RuntimeError, match="nothing is missing"):
+    with pytest.raises(RuntimeError, match="no package is missing"):
         bpy.ops.livehand.copy_install_command()
 
 

@@ -7,7 +7,8 @@ import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.runtime import dependencies
-from livehand.livehand_blender.rig.hand import add_hand, find_hands
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.ui import avatars, compositing, panels, picker
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
@@ -15,7 +16,7 @@ UI = bpy.types.UILayout.bl_rna.functions
 
 
 class Layout:
-    """Records what is drawn; refuses arguments, icons, properties and operators that Blender does not know."""
+    """Records what is drawn; rejects arguments, icons, properties and operators that Blender does not have."""
 
     def __init__(self, drawn):
         self.drawn = drawn
@@ -67,7 +68,7 @@ class Layout:
 
 
 class OperatorSettings:
-    """Takes the properties that an operator has, and records their values."""
+    """Accepts the properties that an operator has, and records their values."""
 
     def __init__(self, rna, drawn):
         object.__setattr__(self, "rna", rna)
@@ -110,7 +111,7 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     assert not [word for word in draw(avatars.LIVEHAND_PT_choose_avatar) if word == "livehand.wear_avatar"]
 
 
-def test_a_missing_avatar_is_told_in_the_panel():
+def test_the_panel_reports_a_missing_avatar():
     add_hand(bpy.context, load_default_hand()).livehand.avatar_path = "/nowhere/a.safetensors"
     drawn = draw(avatars.LIVEHAND_PT_avatar)
     assert "/nowhere/a.safetensors" in "".join(drawn[:-2])

@@ -1,4 +1,4 @@
-"""The pose library: what is in its files, and that either hand takes its poses."""
+"""The pose library: the contents of its files, and its poses on both hands."""
 
 import runpy
 from pathlib import Path
@@ -9,6 +9,7 @@ import pytest
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.poses import POSES
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder
 
@@ -36,10 +37,10 @@ def test_every_pose_of_the_table_gives_either_hand_its_theta(hand, model, action
         np.testing.assert_allclose(theta, theta_for(name, model.side), atol=2e-6, err_msg=name)
 
 
-def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
+def test_a_pose_does_not_move_the_wrist(hand, model, actions):
     theta = np.zeros((16, 3))
     theta[0] = 0.3, -0.2, 0.1
-    write_theta(hand, theta)
+    write_theta(RiggedHand.of(hand), theta)
     hand.pose.apply_pose_from_action(actions["Fist"], evaluation_time=1)
     hand.update_tag()
     np.testing.assert_allclose(
@@ -47,7 +48,7 @@ def test_a_pose_leaves_the_wrist_where_it_is(hand, model, actions):
     )
 
 
-def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
+def test_every_pose_is_an_asset_with_a_catalog_tags_and_a_preview(actions):
     lines = (library_folder() / "blender_assets.cats.txt").read_text().splitlines()[2:]
     catalogs = {identity: path for identity, path, _ in (line.split(":") for line in lines)}
     pictures = []
@@ -66,12 +67,12 @@ def test_every_pose_is_an_asset_with_a_catalog_words_and_a_picture(actions):
 
 @pytest.mark.skipif(bpy.app.version < (4, 4), reason="the script needs slotted actions")
 def test_the_script_makes_the_same_poses(actions):
-    """Its pictures take seconds and are left out."""
+    """Without the previews, which take seconds."""
     from livehand.backend.hand.model_file import load_default_hand
-    from livehand.livehand_blender.rig.hand import add_hand
+    from livehand.livehand_blender.rig.build import add_hand
 
     script = runpy.run_path(str(SCRIPT))
-    hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
+    hands = [RiggedHand.of(add_hand(bpy.context, load_default_hand().for_side(side))) for side in ("right", "left")]
     for name in ("Fist", "Palmar Pinch"):
         saved, made = (keys(action) for action in (actions[name], script["pose_action"]("new", hands, POSES[name])))
         assert saved.keys() == made.keys()
@@ -84,7 +85,7 @@ def keys(action):
     return {(curve.data_path, curve.array_index): curve.evaluate(1) for curve in curves}
 
 
-def test_the_library_is_added_once_and_only_when_asked_for():
+def test_the_library_is_added_once_and_only_by_the_operator():
     libraries = bpy.context.preferences.filepaths.asset_libraries
     before = [library.path for library in libraries]
     assert str(library_folder()) not in before
@@ -98,7 +99,7 @@ def test_the_library_is_added_once_and_only_when_asked_for():
     assert [library.path for library in libraries] == before
 
 
-def test_no_path_of_a_machine_is_in_the_file():
+def test_the_file_contains_no_local_path():
     zstandard = pytest.importorskip("zstandard")
     with zstandard.open(library_folder() / "poses.blend") as stream:
         data = stream.read()

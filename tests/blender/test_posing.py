@@ -9,7 +9,8 @@ from livehand.backend.hand.bones import FINGERS, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -97,7 +98,7 @@ def test_the_keying_set_brings_poses_back(hand):
     poses = {}
     for frame, fist in ((1, 0.0), (11, 0.6)):
         scene.frame_set(frame)
-        write_theta(hand, np.full((16, 3), 0.02 * frame))
+        write_theta(RiggedHand.of(hand), np.full((16, 3), 0.02 * frame))
         hand.livehand.fist, hand.livehand.pinky.spread = fist, -fist
         poses[frame] = read(hand)
         press_i()
@@ -121,12 +122,12 @@ def test_a_pose_pasted_flipped_on_the_other_hand_is_its_mirror_image(source):
     hands = [add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left")]
     theta = theta_of(GESTURES["point"].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.3, 0.4]))
     theta = theta if source == 0 else theta * MIRROR_AXIS_ANGLE
-    write_theta(hands[source], theta)
+    write_theta(RiggedHand.of(hands[source]), theta)
     copy_and_paste_flipped(hands[source], hands[1 - source])
     np.testing.assert_allclose(read(hands[1 - source]), theta * MIRROR_AXIS_ANGLE, atol=1e-5)
 
 
-def test_targets_pasted_flipped_pull_the_other_hand_alike():
+def test_targets_pasted_flipped_move_the_other_hand_symmetrically():
     right, left = (add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left"))
     right.pose.bones["IK-index.R"].location = (0.01, -0.02, 0.02)
     right.livehand.index.ik = left.livehand.index.ik = 1.0
@@ -136,7 +137,7 @@ def test_targets_pasted_flipped_pull_the_other_hand_alike():
     np.testing.assert_allclose(read(left), theta * MIRROR_AXIS_ANGLE, atol=2e-3)
 
 
-def test_shapes_are_made_once_and_come_with_no_scene(hand, model):
+def test_bone_shapes_are_made_once_and_are_in_no_scene(hand, model):
     other = add_hand(bpy.context, model.for_side("left"))
     worn = {bone.custom_shape for thing in (hand, other) for bone in thing.pose.bones if bone.custom_shape}
     assert len(worn) == 2

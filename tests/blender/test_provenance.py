@@ -10,7 +10,7 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The built-in hand's whole chain, with quads made anew by QuadriFlow."""
+"""The built-in hand, remeshed with quads by QuadriFlow."""
 
 import bpy
 import numpy as np
@@ -14,7 +14,7 @@ def remeshed():
 
 
 def test_the_remeshed_hand_can_be_a_template(remeshed):
-    """Closed, of quads only, about as many as ours; the very same where Blender's QuadriFlow is that of 4.5."""
+    """Closed, quads only, about as many as ours; identical if Blender's QuadriFlow is that of 4.5."""
     quads = projected_quads(*remeshed)
     mesh = trimesh.Trimesh(quads.vertices, split_quads(quads), process=False)
     assert mesh.is_watertight

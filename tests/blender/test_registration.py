@@ -74,7 +74,7 @@ def test_a_process_that_adds_a_hand_ends_cleanly_and_needs_numpy_alone():
         """
         import sys
         for name in ("torch", "trimesh", "xatlas", "jaxtyping", "safetensors", "PIL", "tqdm", "scipy"):
-            sys.modules[name] = None  # importing it now fails
+            sys.modules[name] = None  # so that importing it fails
         import bpy, livehand
         livehand.register()
         bpy.ops.livehand.add_hand(side="left")

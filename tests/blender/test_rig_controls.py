@@ -1,4 +1,4 @@
-"""Finger controls: what they add, that they add it to the bones, and that nothing else moves."""
+"""Finger controls: the rotations they add, before the bones' own, and that nothing else moves."""
 
 import math
 from dataclasses import replace
@@ -12,9 +12,10 @@ from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
+from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.controls import CONTROLS
 from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
-from livehand.livehand_blender.rig.hand import add_hand, find_hands
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta
 
@@ -30,7 +31,7 @@ def set_control(hand, path, value):
 
 
 def theta_of_controls(values, side):
-    """Sum of the controls' gestures, as the table says it."""
+    """Sum of the controls' gestures in the table."""
     angles = sum(value * CONTROLS[path].angles_deg() for path, value in values.items())
     theta = theta_of(angles, FingerAxes.of_default_hand())
     return theta if side == "right" else theta * MIRROR_AXIS_ANGLE
@@ -47,7 +48,7 @@ def test_controls_sum_and_come_before_the_bones_own_rotation(
     hand, model, random_pose, evaluated_vertices, backend_vertices
 ):
     pose = random_pose(0, model.side)
-    write_hand_pose(hand, pose)
+    write_hand_pose(RiggedHand.of(hand), pose)
     values = {"fist": 0.3, "index.curl": 0.2, "ring.spread": -0.4, "opposition": 0.5, "thumb.curl": 0.1}
     for path, value in values.items():
         set_control(hand, path, value)
@@ -68,15 +69,15 @@ def test_controls_can_be_keyed(hand, model):
 
 
 @pytest.mark.parametrize("write", [write_theta, lambda hand, theta: keyframe_theta(hand, theta[None], [1])])
-def test_writing_a_pose_takes_the_controls_off(hand, random_pose, model, write):
+def test_writing_a_pose_resets_the_controls(hand, random_pose, model, write):
     hand.livehand.fist, hand.livehand.thumb.spread, hand.livehand.ring.ik = 0.5, 0.5, 1.0
     pose = random_pose(1, model.side)
-    write(hand, pose.theta)
+    write(RiggedHand.of(hand), pose.theta)
     assert np.abs(axis_angle_to_matrix(read(hand).theta) - axis_angle_to_matrix(pose.theta)).max() < 1e-5
 
 
 def test_the_controls_of_another_model_bend_about_its_bones():
-    """Only the built-in hand brings anatomical axes."""
+    """Only the built-in hand has anatomical axes of its own."""
     hand = add_hand(bpy.context, replace(load_default_hand(), sha256="0" * 64))
     hand.livehand.thumb.curl = 0.5
     by_control = read(hand).theta
@@ -87,7 +88,7 @@ def test_the_controls_of_another_model_bend_about_its_bones():
     np.testing.assert_allclose(read(hand).theta, by_control, atol=2e-6)
 
 
-def test_a_linked_hand_has_its_controls_through_an_override(hand, model, tmp_path):
+def test_a_linked_hand_can_be_controlled_through_an_override(hand, model, tmp_path):
     path, shot = str(tmp_path / "hand.blend"), str(tmp_path / "shot.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -100,7 +101,7 @@ def test_a_linked_hand_has_its_controls_through_an_override(hand, model, tmp_pat
     hand.livehand.ring.curl, hand.livehand.opposition = 0.4, 0.3
     wanted_theta = theta_of_controls({"ring.curl": 0.4, "opposition": 0.3}, model.side)
     np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=2e-6)
-    move_targets_to_fingertips(bpy.context, hand, ["thumb"])
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["thumb"])
     np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=1e-4)
     bpy.ops.wm.save_as_mainfile(filepath=shot)
     bpy.ops.wm.open_mainfile(filepath=shot)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 TOLERANCE_M = 1e-5
@@ -23,7 +24,7 @@ def test_mesh_equals_the_backend_for_100_random_poses_and_shapes(
     worst = 0.0
     for seed in range(100):
         pose = random_pose(seed, model.side)
-        write_hand_pose(hand, pose)
+        write_hand_pose(RiggedHand.of(hand), pose)
         worst = max(worst, farthest(evaluated_vertices(hand), backend_vertices(model, pose)))
     assert worst <= TOLERANCE_M
 
@@ -43,7 +44,7 @@ def test_a_moved_and_scaled_armature_moves_the_mesh_as_a_whole(
     hand, model, random_pose, evaluated_vertices, backend_vertices
 ):
     pose = random_pose(1, model.side)
-    write_hand_pose(hand, pose)
+    write_hand_pose(RiggedHand.of(hand), pose)
     hand.location, hand.rotation_euler, hand.scale = (1, -2, 0.5), (0.3, -0.7, 2.0), (3.0,) * 3
     bpy.context.view_layer.update()
     assert farthest(evaluated_vertices(hand), backend_vertices(model, pose)) <= TOLERANCE_M
@@ -54,7 +55,7 @@ def test_a_moved_and_scaled_armature_moves_the_mesh_as_a_whole(
 
 def test_keyed_beta_moves_joints_and_shape_together(hand, model, random_pose, evaluated_vertices, backend_vertices):
     pose = random_pose(2, model.side)
-    write_hand_pose(hand, pose)
+    write_hand_pose(RiggedHand.of(hand), pose)
     hand.livehand.beta = np.full(10, -2.0)
     hand.keyframe_insert("livehand.beta", frame=1)
     hand.livehand.beta = np.full(10, 2.0)
@@ -82,7 +83,7 @@ def test_a_model_with_dense_correctives_and_moving_wrist_is_exact_too(
     hand = add_hand(bpy.context, model)
     for seed in range(5):
         pose = random_pose(seed, "right")
-        write_hand_pose(hand, pose)
+        write_hand_pose(RiggedHand.of(hand), pose)
         assert farthest(evaluated_vertices(hand), backend_vertices(model, pose)) <= TOLERANCE_M
         read = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
         np.testing.assert_allclose(read.transl, pose.transl, atol=1e-6)
@@ -90,7 +91,7 @@ def test_a_model_with_dense_correctives_and_moving_wrist_is_exact_too(
 
 
 def test_drivers_need_no_python(hand):
-    """Where scripts are not trusted Blender still evaluates simple expressions."""
+    """Blender evaluates simple expressions even in files whose scripts are not trusted."""
     owners = (hand, hand.livehand.mesh.data.shape_keys)
     drivers = [curve.driver for owner in owners for curve in owner.animation_data.drivers]
     assert len(drivers) > 100
@@ -99,5 +100,5 @@ def test_drivers_need_no_python(hand):
 
 def test_values_up_to_the_slider_limits_are_not_clamped(hand, model, evaluated_vertices, backend_vertices):
     pose = HandPose(np.zeros((16, 3)), np.eye(10)[0] * 9.5, np.zeros(3), model.side)
-    write_hand_pose(hand, pose)
+    write_hand_pose(RiggedHand.of(hand), pose)
     assert farthest(evaluated_vertices(hand), backend_vertices(model, pose)) <= TOLERANCE_M

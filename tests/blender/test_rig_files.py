@@ -1,15 +1,16 @@
-"""A hand survives what happens to files: save, append, link and override, copy, undo."""
+"""A hand works after save, append, link and override, copy, and undo."""
 
 import bpy
 import numpy as np
 import pytest
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 
 @pytest.fixture
 def matches(model, evaluated_vertices, backend_vertices):
-    """A function: whether a hand's mesh is what the backend makes of a pose."""
+    """A function that checks a hand's mesh against the backend's mesh for a pose."""
 
     def check(hand, pose):
         return np.abs(evaluated_vertices(hand) - backend_vertices(model, pose)).max() <= 1e-5
@@ -38,23 +39,23 @@ def driver_targets(owner):
     }
 
 
-def test_saved_hand_opens_in_its_pose_and_goes_on_working(hand, model, random_pose, matches, tmp_path):
-    write_hand_pose(hand, random_pose(0, model.side))
+def test_a_saved_hand_keeps_its_pose_and_still_works(hand, model, random_pose, matches, tmp_path):
+    write_hand_pose(RiggedHand.of(hand), random_pose(0, model.side))
     path = str(tmp_path / "hand.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
     hand = only_hand()
     assert matches(hand, random_pose(0, model.side))
-    write_hand_pose(hand, random_pose(1, model.side))
+    write_hand_pose(RiggedHand.of(hand), random_pose(1, model.side))
     assert matches(hand, random_pose(1, model.side))
     assert hand.livehand.model_sha256 == model.sha256
 
 
-def test_appended_hand_brings_its_mesh(hand_file, model, random_pose, matches):
+def test_an_appended_hand_includes_its_mesh(hand_file, model, random_pose, matches):
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.append(filename="LiveHand", directory=f"{hand_file}/Object/")
     hand = only_hand()
-    write_hand_pose(hand, random_pose(2, model.side))
+    write_hand_pose(RiggedHand.of(hand), random_pose(2, model.side))
     assert matches(hand, random_pose(2, model.side))
     assert hand.library is None
     assert mesh_of(hand).library is None
@@ -69,7 +70,7 @@ def test_linked_hand_can_be_posed_through_an_override(hand_file, model, random_p
     view_layer.update()
     hand = wanted.objects[0].override_hierarchy_create(bpy.context.scene, view_layer, do_fully_editable=True)
     pose = random_pose(3, model.side)
-    write_hand_pose(hand, pose)
+    write_hand_pose(RiggedHand.of(hand), pose)
     assert hand.livehand.mesh.library is None
     assert driver_targets(hand.livehand.mesh.data.shape_keys) == {hand}
     assert matches(hand, pose)
@@ -81,13 +82,13 @@ def test_linked_hand_can_be_posed_through_an_override(hand_file, model, random_p
     assert matches(hand, pose)
 
 
-def test_a_copy_is_a_hand_of_its_own(hand, model, random_pose, matches):
+def test_a_copy_is_an_independent_hand(hand, model, random_pose, matches):
     for thing in (hand, mesh_of(hand)):
         thing.select_set(True)
     bpy.ops.object.duplicate()
     (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
-    write_hand_pose(hand, random_pose(4, model.side))
-    write_hand_pose(copy, random_pose(5, model.side))
+    write_hand_pose(RiggedHand.of(hand), random_pose(4, model.side))
+    write_hand_pose(RiggedHand.of(copy), random_pose(5, model.side))
     assert mesh_of(copy) != mesh_of(hand)
     assert matches(hand, random_pose(4, model.side))
     assert matches(copy, random_pose(5, model.side))
@@ -101,17 +102,17 @@ def test_mesh_of_a_copied_armature_alone_is_not_the_first_hands_mesh(hand, model
         mesh_of(copy)
 
 
-def test_two_hands_side_by_side_do_not_mix(hand, model, random_pose, matches):
+def test_two_hands_are_independent(hand, model, random_pose, matches):
     other = add_hand(bpy.context, model)
-    write_hand_pose(hand, random_pose(6, model.side))
-    write_hand_pose(other, random_pose(7, model.side))
+    write_hand_pose(RiggedHand.of(hand), random_pose(6, model.side))
+    write_hand_pose(RiggedHand.of(other), random_pose(7, model.side))
     assert matches(hand, random_pose(6, model.side))
     assert matches(other, random_pose(7, model.side))
 
 
-def test_undo_takes_a_pose_back(hand, model, random_pose):
+def test_undo_restores_the_pose(hand, model, random_pose):
     bpy.ops.ed.undo_push(message="Add hand")
-    write_hand_pose(hand, random_pose(8, model.side))
+    write_hand_pose(RiggedHand.of(hand), random_pose(8, model.side))
     bpy.ops.ed.undo_push(message="Pose")
     bpy.ops.ed.undo()
     back = read_hand_pose(only_hand(), bpy.context.evaluated_depsgraph_get())

@@ -1,4 +1,4 @@
-"""Fingertip IK: bones to targets to bones without a jump, and fingertips that reach where they are sent."""
+"""Fingertip IK: snapping between bones and targets keeps the pose, and fingertips reach their targets."""
 
 from dataclasses import replace
 
@@ -11,8 +11,9 @@ from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
+from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.fingertips import move_bones_to_ik, move_targets_to_fingertips
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 MOST_DEG = 0.5
@@ -30,7 +31,7 @@ def apart_deg(pose, other):
 
 
 def natural_pose(seed, side):
-    """A natural pose of a hand of any shape and place."""
+    """A natural pose with a random shape and translation."""
     rng = np.random.default_rng(seed)
     theta = theta_of(sample_angles_deg(rng, 1)[0], FingerAxes.of_default_hand(), rng.normal(size=3) * 0.5)
     theta = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
@@ -44,47 +45,47 @@ def drag(hand, rng, reach_m):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_fk_to_ik_and_back_leaves_every_bone(hand, model, seed):
-    write_hand_pose(hand, natural_pose(seed, model.side))
+def test_fk_to_ik_and_back_restores_every_bone(hand, model, seed):
+    write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
     hand.livehand.fist, hand.livehand.index.spread = 0.1 * seed, 0.2
     before = read(hand)
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [1] * 5
     assert apart_deg(read(hand), before) < MOST_DEG
-    move_bones_to_ik(bpy.context, hand, FINGERS)
+    move_bones_to_ik(bpy.context, RiggedHand.of(hand), FINGERS)
     assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [0] * 5
     assert apart_deg(read(hand), before) < MOST_DEG
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_an_ik_pose_becomes_bones_and_ik_again_without_a_jump(hand, model, seed, evaluated_vertices, backend_vertices):
-    write_hand_pose(hand, natural_pose(seed, model.side))
+def test_ik_to_fk_and_back_keeps_the_pose(hand, model, seed, evaluated_vertices, backend_vertices):
+    write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
     hand.livehand.middle.curl = 0.1
     before = read(hand)
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     drag(hand, np.random.default_rng(seed), 0.006)
     by_targets = read(hand)
     assert apart_deg(by_targets, before) > 5
     assert np.abs(evaluated_vertices(hand) - backend_vertices(model, by_targets)).max() <= 1e-5
-    move_bones_to_ik(bpy.context, hand, FINGERS)
+    move_bones_to_ik(bpy.context, RiggedHand.of(hand), FINGERS)
     assert apart_deg(read(hand), by_targets) < MOST_DEG
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     assert apart_deg(read(hand), by_targets) < MOST_DEG
 
 
-def test_targets_go_to_where_the_bones_alone_have_the_fingertips(hand, model):
+def test_targets_move_to_the_fingertips_of_the_fk_pose(hand, model):
     hand.livehand.fist = 0.3
     before = read(hand)
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     drag(hand, np.random.default_rng(0), 0.006)
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     assert apart_deg(read(hand), before) < MOST_DEG
 
 
 def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
-    """From a half-closed hand, so that every finger has room to reach."""
+    """From a half-closed hand, so that every finger can reach its target."""
     hand.livehand.fist = 0.4
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     wrist = hand.pose.bones[bone_name(0, model.side)]
     wrist.rotation_quaternion, wrist.location = (1, 0.04, 0.0, 0.04), (0.002, 0.004, -0.003)
     bpy.context.view_layer.update()
@@ -94,21 +95,21 @@ def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
         assert (tip - bones[target_name(finger, model.side)].head).length < 5e-4, finger
 
 
-def test_a_wrist_that_moves_with_the_shape_takes_the_targets_along():
-    """MANO's does; the built-in hand's does not."""
+def test_targets_move_with_a_wrist_that_depends_on_the_shape():
+    """MANO's wrist moves with the shape; the built-in hand's does not."""
     rng = np.random.default_rng(0)
     plain = load_default_hand()
     model = replace(plain, shapedirs=plain.shapedirs + rng.normal(size=plain.shapedirs.shape) * 1e-3)
     model = replace(model, shapedirs=model.shapedirs + rng.normal(size=(1, 3, 10)) * 5e-3)
     hand = add_hand(bpy.context, model)
-    write_hand_pose(hand, natural_pose(3, "right"))
+    write_hand_pose(RiggedHand.of(hand), natural_pose(3, "right"))
     before = read(hand)
-    move_targets_to_fingertips(bpy.context, hand, FINGERS)
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     assert apart_deg(read(hand), before) < MOST_DEG
 
 
-def test_the_slider_mixes_and_touches_its_own_finger_only(hand, model):
-    move_targets_to_fingertips(bpy.context, hand, ["index"])
+def test_the_ik_slider_blends_and_affects_only_its_own_finger(hand, model):
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["index"])
     target = hand.pose.bones[target_name("index", model.side)]
     target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0.03, -0.03, 0)
     angles = []

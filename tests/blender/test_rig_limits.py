@@ -1,4 +1,4 @@
-"""Joint limits: where they stop a joint, and that they are off until asked for."""
+"""Joint limits: the angles at which they stop a joint, and that they are off by default."""
 
 import math
 
@@ -11,6 +11,7 @@ from livehand.backend.hand.bones import bone_name, rest_flexion_deg, target_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.limits import joint_limits_rad
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
@@ -21,7 +22,7 @@ def read(hand):
 
 
 def flexion_deg(hand, joint, side):
-    """A joint's turn about its bone's X; the rest of the rotation must be nothing."""
+    """A joint's rotation about its bone's X; there must be no other rotation."""
     frame = np.array(hand.data.bones[bone_name(joint, side)].matrix_local.to_3x3())
     turned = np.rad2deg(frame.T @ read(hand)[joint])
     np.testing.assert_allclose(turned[1:], 0, atol=1e-3)
@@ -58,20 +59,20 @@ def test_the_resting_fingers_are_a_little_bent(model):
 def test_gestures_lie_within_the_limits(hand, model, gesture):
     theta = theta_of(GESTURES[gesture].angles_deg(), FingerAxes.of_default_hand())
     theta = theta if model.side == "right" else theta * MIRROR_AXIS_ANGLE
-    write_theta(hand, theta)
+    write_theta(RiggedHand.of(hand), theta)
     hand.livehand.limit_joints = True
     assert np.rad2deg(np.abs(read(hand) - theta).max()) < 6
 
 
-def test_a_fist_control_turned_too_far_is_stopped(hand, model):
+def test_limits_stop_an_excessive_fist_control(hand, model):
     hand.livehand.limit_joints = True
     hand.livehand.fist = 2.0
     assert np.rad2deg(np.linalg.norm(read(hand)[1:13], axis=1)).max() < 100
 
 
 def test_a_fingertip_target_bends_no_joint_past_its_range(hand, model):
-    """The target pulls the thumb's tip towards the wrist, where a free saddle joint would turn out too far."""
-    move_targets_to_fingertips(bpy.context, hand, ["thumb"])
+    """The target pulls the thumb's tip towards the wrist, where an unlimited saddle joint would rotate too far."""
+    move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["thumb"])
     target = hand.pose.bones[target_name("thumb", model.side)]
     towards_wrist = 0.06 if model.side == "right" else -0.06
     target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (towards_wrist, -0.02, 0)

@@ -5,7 +5,7 @@ from livehand.backend.hand.measurements import length_and_breadth_m
 from livehand.livehand_blender.ui.shape import shape_names
 
 
-def test_a_hand_takes_the_measurements_it_is_given(hand, model):
+def test_match_measurements_fits_length_and_breadth(hand, model):
     assert bpy.ops.livehand.match_measurements(length_mm=200, breadth_mm=85) == {"FINISHED"}
     measured = length_and_breadth_m(model, np.array(hand.livehand.beta))
     np.testing.assert_allclose(measured, [0.200, 0.085], atol=2e-4)
@@ -14,7 +14,7 @@ def test_a_hand_takes_the_measurements_it_is_given(hand, model):
         bpy.ops.livehand.match_measurements(length_mm=200, breadth_mm=85)
 
 
-def test_a_seed_is_a_shape_and_reset_takes_it_off(hand, evaluated_vertices, model):
+def test_random_shape_depends_on_the_seed_and_can_be_reset(hand, evaluated_vertices, model):
     bpy.ops.livehand.random_shape(seed=3, strength=0.5)
     first = np.array(hand.livehand.beta)
     bpy.ops.livehand.random_shape(seed=4)
@@ -31,7 +31,7 @@ def test_only_the_built_in_hands_sliders_have_names(hand):
     assert shape_names(hand.livehand) == tuple(f"Beta {k}" for k in range(10))
 
 
-def test_names_are_what_the_directions_do(hand, model):
+def test_shape_names_describe_their_effect(hand, model):
     mean = length_and_breadth_m(model, np.zeros(10))
     longer, broader = np.array([length_and_breadth_m(model, one) / mean - 1 for one in np.eye(10)]).T
     names = np.array(shape_names(hand.livehand))

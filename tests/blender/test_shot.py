@@ -8,7 +8,8 @@ import pytest
 from livehand.backend.avatars.library import SKINS, avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.livehand_blender.rig.hand import add_hand, find_hands, mesh_of
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 from livehand.livehand_blender.scene.shot import hand_source, read_shot, visible_hands
 

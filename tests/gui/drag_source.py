@@ -1,6 +1,6 @@
 """A small window out of which one file can be dragged: `python3 drag_source.py FILE X Y`. Needs Tk and tkdnd.
 
-As a file manager does, by XDND; it lies at (X, Y) px over everything else, and ends when its file was dropped.
+It uses XDND like a file manager, is at (X, Y) px above all other windows, and closes when its file was dropped.
 """
 
 import sys

@@ -1,6 +1,6 @@
-"""A story: docs/walkthrough.md step by step, by mouse and keys, each step's picture taken and its result checked.
+"""A story: docs/walkthrough.md step by step with mouse and keys; each step has a screenshot and is checked.
 
-Places of buttons are those of Blender 4.3 in a window of 1280 x 800.
+Positions of buttons are those of Blender 4.3 in a window of 1280 x 800.
 """
 
 import sys
@@ -13,11 +13,11 @@ from hour_hands import add_both_hands
 from hour_motion import drop_the_take, import_the_take
 from hour_posing import blend_poses, choose_an_avatar, key_a_wave, open_the_shelf, pose_the_hands
 from hour_rendering import aim_the_camera, render_the_film, render_the_still, see_it_rendered
-from stage import Report, tell
+from stage import Report, run_story
 
 
 def story(report):
-    # Without a window manager, keys are lost after a second window has closed: so there is none.
+    # Without a window manager, keys are lost after a second window has closed, so no second window is opened.
     view = bpy.context.preferences.view
     view.filebrowser_display_type = view.render_display_type = "SCREEN"
     bpy.context.scene.render.fps = 24
@@ -36,4 +36,4 @@ def story(report):
 
 
 the_report = Report()
-tell(story(the_report), the_report)
+run_story(story(the_report), the_report)

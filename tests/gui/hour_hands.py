@@ -6,7 +6,7 @@ from user import choose, click, move, over_view, press, region_of, write
 
 
 def add_both_hands(report):
-    """The right one at the cursor, the left one 20 cm to its left: one's own hands, seen from behind."""
+    """Add a right hand at the cursor and a left one 20 cm to its left: your own hands, seen from behind."""
     yield from over_view()
     yield from press("a", "x", "Return")
     report.check(not bpy.context.scene.objects, "the scene is not empty")
@@ -24,7 +24,7 @@ def add_both_hands(report):
     yield from over_view()
     yield from write("gx-0.2")
     x, y, *_ = region_of("HUD")
-    yield from click(x + 14, y + 14)  # folded up: an import's is so tall that it would take the keys meant for the view
+    yield from click(x + 14, y + 14)  # collapse it: an import's tall panel would receive the view's keys
     yield from over_view()
     yield from press("Home")
     yield 1
@@ -36,15 +36,15 @@ def add_both_hands(report):
 
 
 def hand_of(side):
-    """Looked up each time: an undo replaces all objects."""
+    """Looked up each time, because an undo replaces all objects."""
     hands = (thing for thing in bpy.context.scene.objects if thing.livehand.is_hand)
     return next(hand for hand in hands if hand.livehand.side == side)
 
 
-def added(doing):
-    """Does it, and makes sure that a hand has come of it."""
+def added(steps):
+    """Run the steps, and check that they added a hand."""
     before = len(bpy.context.scene.objects)
-    yield from doing
+    yield from steps
     if len(bpy.context.scene.objects) != before + 2 or not bpy.context.object.livehand.is_hand:
         raise RuntimeError("Add > Armature > LiveHand Hand did not add a hand")
 

@@ -63,18 +63,18 @@ def folder_with_the_take():
 
 
 def area_with(kind):
-    """The area with such an editor, once it is there."""
+    """The area with an editor of a kind, or None."""
     areas = bpy.context.window_manager.windows[0].screen.areas
     return next((area for area in areas if area.type == kind), None)
 
 
 def geometry_of(area):
-    """For a picture of it: WxH+X+Y."""
+    """The area for a screenshot: WxH+X+Y."""
     return f"{area.width}x{area.height}+{area.x}+{from_top(area.y + area.height)}"
 
 
 def expect_the_take(wrist_before, report):
-    """Keys, joints and place as the file has them."""
+    """Check keys, joints and location against the file."""
     frames = key_frames("left")
     report.check(frames == list(range(1, TAKE_FRAMES + 1)), f"the take's keys are at {frames[:3]}...{frames[-3:]}")
     points = np.array(
@@ -84,12 +84,12 @@ def expect_the_take(wrist_before, report):
     for index in (0, 7, 12, 18, 23):
         bpy.context.scene.frame_set(1 + 2 * index)
         seen = heads_of("left")
-        told = points[index][[number for numbers in HEADS.values() for number in numbers]] @ [
+        expected = points[index][[number for numbers in HEADS.values() for number in numbers]] @ [
             [1, 0, 0],
             [0, 0, -1],
             [0, 1, 0],
         ]
-        off = (seen - seen.mean(0)) - (told - told.mean(0))
+        off = (seen - seen.mean(0)) - (expected - expected.mean(0))
         worst = max(worst, float(np.sqrt((off**2).sum(-1).mean())))
         moved = np.linalg.norm(seen[0] - wrist_before)
         report.check(moved < 1e-4, f"the import moved the wrist by {moved:.3f} m though the file has no places")
@@ -109,7 +109,7 @@ def heads_of(side):
 
 
 def drop_the_take(report):
-    """The same file dragged out of another program's window onto the hand; needs Tk and tkdnd."""
+    """Drag the same file from another program's window onto the hand; needs Tk and tkdnd."""
     bpy.context.scene.frame_set(12)
     x, y, size = 20, 640, (160, 60)
     script = [Path(__file__).with_name("drag_source.py"), folder_with_the_take() / "take.json", x, y]
@@ -133,7 +133,7 @@ def drop_the_take(report):
         report.check((frames[0], len(frames)) == (12, TAKE_FRAMES), f"the dropped take's keys begin at {frames[0]}")
         report.figures["dropped"] = "imported from the current frame on"
     source.terminate()
-    # As if it had not been: the file browser comes next.
+    # Undo the import, because the next step repeats it by the file browser.
     hand_of("left").animation_data_clear()
     yield from over_view()
     bpy.context.scene.frame_set(1)

@@ -6,32 +6,32 @@ from hour_hands import hand_of
 from stage import module, picture, view_area
 from user import click, drag, over_view, place_of, press, region_of, write
 
-SLOT_PX = 77.4  # from picture to picture in the asset shelf
+SLOT_PX = 77.4  # distance between previews in the asset shelf
 FIRST_SLOT = (36, 40)
-# Of buttons in the LiveHand tab, from the corner of its region.
+# Positions of buttons in the LiveHand tab, relative to the corner of its region.
 AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 291), (130, 461)
-DEEP = (268, 244)  # in what the button Avatar opens
-WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and by how many degrees the wrist is turned there
+DEEP = (268, 244)  # in the pop-up of the button Avatar
+WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and rotation of the wrist in degrees
 
 
 def open_the_shelf(report):
     """Pose mode, the LiveHand tab, *Add Pose Library*."""
     yield from select("right")
     yield from press("ctrl+Tab", "n")
-    yield from press("ctrl+KP_6", times=3)  # out from under the sidebar
+    yield from press("ctrl+KP_6", times=3)  # so that the sidebar does not cover the hand
     report.check(bpy.context.mode == "POSE", "not in pose mode")
     yield from show_tab()
     picture("05_tab", "660x692+398+28")
     x, y, *_ = region_of("UI")
     yield from click(x + ADD_LIBRARY[0], y + ADD_LIBRARY[1])
-    yield 4  # the shelf loads its pictures
+    yield 4  # the shelf loads its previews
     libraries = [library.name for library in bpy.context.preferences.filepaths.asset_libraries]
     report.check("LiveHand" in libraries, "Add Pose Library has added none")
     report.check(region_of("ASSET_SHELF")[3] > 40, "the asset shelf is not open")
 
 
 def pose_the_hands(report):
-    """A click on a picture of the shelf poses the hand that is in pose mode."""
+    """A click on a preview in the shelf poses the hand that is in pose mode."""
     yield from pick("Spread")
     expect_pose("right", "Spread", report)
     yield from press("ctrl+Tab")
@@ -50,7 +50,7 @@ def pose_the_hands(report):
 
 
 def choose_an_avatar(report):
-    """The right hand gets another skin, by its picture."""
+    """Choose another skin for the right hand by its thumbnail."""
     x, y, *_ = region_of("UI")
     yield from click(x + AVATAR[0], y + AVATAR[1])
     yield 1
@@ -58,11 +58,11 @@ def choose_an_avatar(report):
     yield from click(x + DEEP[0], y + DEEP[1])
     yield from over_view()
     yield 1
-    report.check(hand_of("right").livehand.skin == "deep", "the right hand does not wear the avatar deep")
+    report.check(hand_of("right").livehand.skin == "deep", "the right hand does not have the avatar deep")
 
 
 def blend_poses(report):
-    """Dragged sideways, a picture blends its pose in."""
+    """Dragging a preview sideways blends its pose in."""
 
     def hold():
         picture("07_blend", "1056x692+0+28")
@@ -80,7 +80,7 @@ def blend_poses(report):
 
 
 def key_a_wave(report):
-    """The wrist, turned and keyed at five frames with the keying set LiveHand."""
+    """Rotate the wrist, and key it at five frames with the keying set LiveHand."""
     x, y, *_ = region_of("UI")
     yield from click(x + WRIST[0], y + WRIST[1])
     report.check([bone.name for bone in bpy.context.selected_pose_bones] == ["wrist.R"], "the wrist is not selected")
@@ -108,7 +108,7 @@ def key_a_wave(report):
 
 
 def select(side):
-    """A click on the hand, in object mode."""
+    """Click on the hand in object mode."""
     hand = hand_of(side)
     wrist = hand.matrix_world @ hand.pose.bones[f"middle1.{side[0].upper()}"].head
     yield from click(*place_of(wrist))
@@ -135,7 +135,7 @@ def pick(name):
 
 
 def slot(name):
-    """Where a pose lies in the shelf: Blender sorts by catalog, then by name."""
+    """Position of a pose in the shelf: Blender sorts by catalog, then by name."""
     poses = module("backend.hand.poses").POSES
     order = sorted(poses, key=lambda each: (poses[each].catalog, each))
     x, y, *_ = region_of("ASSET_SHELF")

@@ -12,12 +12,12 @@ from user import choose, click, over_view, press, region_of
 
 FILM_FRAMES = 48
 AVATAR_S = 80  # the first use compiles kernels
-SEEN = 0.03  # of each half of a frame, at least, is hand
+MIN_COVERAGE = 0.03  # of each half of a frame by a hand
 RENDER_BUTTON = (130, 74)  # from the corner of the tab
 
 
 def aim_the_camera(report):
-    """Add one, and let it see what the view sees."""
+    """Add a camera, and align it to the view."""
     scene = bpy.context.scene
     yield from over_view()
     view = view_area().spaces.active.region_3d
@@ -38,7 +38,7 @@ def see_it_rendered(report):
     """*Render with LiveHand* in the tab, then Rendered shading."""
     scene = bpy.context.scene
     x, y, *_ = region_of("UI")
-    yield from click(x + 30, y + 14)  # Hand folds up, Render comes to sight
+    yield from click(x + 30, y + 14)  # collapses Hand, so that Render is visible
     yield 0.5
     picture("14_render_panel", "330x400+740+50")
     yield from click(x + RENDER_BUTTON[0], y + RENDER_BUTTON[1])
@@ -60,20 +60,20 @@ def see_it_rendered(report):
         if is_there := both_halves(skin(camera_frame_of(screenshot("rendered")))):
             break
     report.figures["both_hands_in_rendered_shading_s"] = round(time.perf_counter() - began)
-    report.check(is_there, "not both hands in Rendered shading")
+    report.check(is_there, "both hands are not visible in Rendered shading")
     yield 8  # until it is refined
     picture("15_rendered", "1056x692+0+28")
 
 
 def camera_frame_of(shot):
-    """What of the view the camera sees, about: a frame in the middle, half as wide."""
+    """Approximately the camera's frame: the middle of the view, half as wide."""
     view = view_of(shot)
     height, width = view.shape[:2]
     return view[height // 4 : 3 * height // 4, width // 4 : 3 * width // 4]
 
 
 def render_the_still(report):
-    """F12, from solid shading, so that the view does not render meanwhile."""
+    """F12 from solid shading, so that the view does not render at the same time."""
     done = []
     bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
     view_area().spaces.active.shading.type = "SOLID"
@@ -84,7 +84,7 @@ def render_the_still(report):
     picture("16_still", geometry_of(area_with("IMAGE_EDITOR")), width=1056)
     path = OUT / "still.png"
     bpy.data.images["Render Result"].save_render(str(path))
-    report.check(both_halves(alpha_of(path) > 0.5), "not both hands in the still")
+    report.check(both_halves(alpha_of(path) > 0.5), "both hands are not visible in the still")
     yield from press("Escape")
 
 
@@ -113,13 +113,13 @@ def render_the_film(report):
 
 
 def rows_of(files):
-    """Two rows of ImageMagick's words, the frames' middle parts side by side."""
+    """ImageMagick's arguments for two rows of the frames' middle parts."""
     middle = ["-gravity", "center", "-crop", "700x440+0+0", "+repage", "+append"]
     return ["(", *files[:3], *middle, ")", "(", *files[3:], *middle, ")"]
 
 
 def both_halves(mask):
-    return all(half.mean() > SEEN for half in np.array_split(mask, 2, axis=1))
+    return all(half.mean() > MIN_COVERAGE for half in np.array_split(mask, 2, axis=1))
 
 
 def alpha_of(path):

@@ -47,7 +47,7 @@ def main() -> int:
 
 
 def play(story: str, blender: str, out: Path, environment: dict[str, str]) -> list[str]:
-    """Run one story and print its report; what went wrong."""
+    """Run one story and print its report; returns its failures."""
     folder = out / story
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -62,10 +62,10 @@ def play(story: str, blender: str, out: Path, environment: dict[str, str]) -> li
     report = folder / "report.json"
     if not report.is_file():
         return [f"{story}: Blender ended with {done.returncode} and no report; its messages are above"]
-    told = json.loads(report.read_text())
-    say(f"{story}: {json.dumps(told, indent=2)}")
+    result = json.loads(report.read_text())
+    say(f"{story}: {json.dumps(result, indent=2)}")
     ended = [f"Blender ended with {done.returncode}"] if done.returncode else []
-    return [f"{story}: {failure}" for failure in told["failures"] + ended]
+    return [f"{story}: {failure}" for failure in result["failures"] + ended]
 
 
 def install_extension(blender: str, out: Path, environment: dict[str, str]) -> None:
@@ -83,9 +83,9 @@ def install_extension(blender: str, out: Path, environment: dict[str, str]) -> N
 
 def install_packages(blender: str, environment: dict[str, str]) -> None:
     """Run the command that LiveHand's preferences offer, if anything but torch is missing."""
-    ask = [blender, "--background", "--python-expr", PRINT_INSTALL_COMMAND]
-    told = subprocess.run(ask, env=environment, check=True, capture_output=True, text=True).stdout
-    (line,) = (line for line in told.splitlines() if line.startswith("MISSING "))
+    command = [blender, "--background", "--python-expr", PRINT_INSTALL_COMMAND]
+    output = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+    (line,) = (line for line in output.splitlines() if line.startswith("MISSING "))
     missing, command = json.loads(line.removeprefix("MISSING "))
     if "torch" in missing:
         sys.exit("failed: this Blender's Python must have torch; install it, or name another with BLENDER=")
@@ -96,7 +96,7 @@ def install_packages(blender: str, environment: dict[str, str]) -> None:
 
 @contextlib.contextmanager
 def virtual_screen():
-    """An X screen of its own, whose keys do not repeat on a busy machine; gives the name for DISPLAY."""
+    """A virtual X screen without key repeat (for busy machines); yields the name for DISPLAY."""
     read_end, write_end = os.pipe()
     screen = [
         "Xvfb",
@@ -112,8 +112,8 @@ def virtual_screen():
     server = subprocess.Popen(screen, pass_fds=[write_end], stderr=subprocess.DEVNULL)
     os.close(write_end)
     try:
-        with os.fdopen(read_end) as told:
-            yield f":{told.readline().strip()}"
+        with os.fdopen(read_end) as pipe:
+            yield f":{pipe.readline().strip()}"
     finally:
         server.terminate()
         server.wait()

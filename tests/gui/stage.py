@@ -1,7 +1,7 @@
-"""What stories in Blender's window have in common: how they are told, what they see, what they report.
+"""Shared parts of the stories in Blender's window: running them, screenshots, and reports.
 
-A story is a generator: each `yield` gives Blender its event loop back; a number waits as many seconds, a function until
-it says true.
+A story is a generator. Each `yield` returns to Blender's event loop: with a number, for as many seconds; with a
+function, until it returns true.
 """
 
 import importlib
@@ -65,7 +65,7 @@ def picture(name, part, width=None):
 
 
 def module(name):
-    """One of LiveHand's own, as the extension has it."""
+    """One of LiveHand's modules, from the installed extension."""
     return importlib.import_module(f"{PACKAGE}.{name}")
 
 
@@ -82,22 +82,22 @@ def skin(pixels):
     return (red > 1.15 * green) & (green > blue) & (red > 0.25)
 
 
-def tell(steps, report, at_each_tick=lambda: None):
-    """Advance the story when what it waits for has come; quit Blender at its end."""
+def run_story(steps, report, at_each_tick=lambda: None):
+    """Resume the story whenever its condition is met; quit Blender at its end."""
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.use_preferences_save = False
-    state = {"wish": 2, "since": time.perf_counter()}
+    state = {"condition": 2, "since": time.perf_counter()}
 
-    def ready(wish):
-        return wish() if callable(wish) else time.perf_counter() >= state["since"] + wish
+    def is_met(condition):
+        return condition() if callable(condition) else time.perf_counter() >= state["since"] + condition
 
     def tick():
         at_each_tick()
         try:
-            if ready(state["wish"]):
-                state["wish"], state["since"] = next(steps), time.perf_counter()
+            if is_met(state["condition"]):
+                state["condition"], state["since"] = next(steps), time.perf_counter()
             elif time.perf_counter() > state["since"] + PATIENCE_S:
-                raise TimeoutError("what the story waits for has not come")
+                raise TimeoutError("a condition of the story was not met in time")
         except StopIteration:
             return finish()
         except Exception:

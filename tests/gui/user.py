@@ -1,6 +1,6 @@
-"""A user's mouse and keys, as the X server gives them to Blender. All of these are parts of stories.
+"""A user's mouse and keys, sent through the X server; generators for stories.
 
-Places are px from the window's upper left corner. Blender must see the mouse arrive before a button is pressed.
+Positions are px from the window's upper left corner. Blender must notice the mouse before a button is pressed.
 """
 
 import subprocess
@@ -14,7 +14,7 @@ TYPING_MS = "60"
 
 
 def xdotool(*words):
-    """Not waited for by Blender's thread: another program may hold the X server until Blender has answered."""
+    """Does not block Blender's thread: another program may hold the X server until Blender answers."""
     process = subprocess.Popen(["xdotool", *map(str, words)])
     yield lambda: process.poll() is not None
 
@@ -36,7 +36,7 @@ def click(x, y, button=1):
 
 
 def drag(*places, hold=lambda: None):
-    """Press at the first place, let go at the last; `hold` is called before."""
+    """Press at the first position and release at the last; `hold` is called before the release."""
     yield from move(*places[0])
     yield from xdotool("mousedown", 1)
     yield 0.2
@@ -49,7 +49,7 @@ def drag(*places, hold=lambda: None):
 
 
 def drag_from_outside(*places):
-    """Out of another program's window, in one go: Blender's event loop stands still until the drop."""
+    """Drag from another program's window in one command, because Blender's event loop is blocked until the drop."""
     words = ["mousemove", *places[0], "sleep", "0.5", "mousedown", 1]
     for place in places[1:]:
         words += ["sleep", "0.4", "mousemove", *map(round, place)]

@@ -1,4 +1,4 @@
-"""A story: the hand in Rendered shading while it moves, turns and plays; what is seen, and how long it takes."""
+"""A story: the hand in Rendered shading while it moves, the view turns and an animation plays; with timings."""
 
 import resource
 import statistics
@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Euler
 
 sys.path.insert(0, str(Path(__file__).parent))
-from stage import Report, in_view, module, screenshot, skin, tell, view_area, view_of
+from stage import Report, in_view, module, run_story, screenshot, skin, view_area, view_of
 
 FIRST_IMAGE_S = 0.5
 LONGEST_BLOCK_S = 0.1
@@ -21,7 +21,7 @@ PLAYING_S = 6
 
 
 class Watch:
-    """Pictures that reach the view, the time LiveHand takes of Blender's thread, and how long that stands still."""
+    """Measures when images reach the view, LiveHand's time in Blender's thread, and how long the thread is blocked."""
 
     def __init__(self):
         self.pictures = []  # (when, larger side, px)
@@ -179,7 +179,7 @@ def pose_in_the_tab(hand):
 
 
 def compare_with_cycles(hand, space, watch, report):
-    """How long Blender itself stands still here when the hand moves and Cycles alone shows the scene."""
+    """For comparison: how long Blender is blocked when the hand moves and Cycles alone renders the scene."""
     bpy.context.scene.render.engine = "CYCLES"
     space.shading.type = "RENDERED"
     yield 5
@@ -203,7 +203,7 @@ def see_the_first_picture(watch, report):
 
 
 def move_the_fingers(hand, watch, report):
-    """First a coarse picture, then a fine one, of every pose; the last of them is the pose's own."""
+    """Every pose must show a coarse image first and then a fine one."""
     first, refined = [], []
     before = skin(view_of(screenshot("before")))
     report.check(before.mean() > 0.04, "no hand in the view")
@@ -228,7 +228,7 @@ def move_the_fingers(hand, watch, report):
 
 
 def turn_the_view(space, watch, report):
-    """A free view, and what is seen of the hand from the side."""
+    """A free view of the hand from the side."""
     view = space.region_3d
     view.view_perspective = "PERSP"
     view.view_location, view.view_distance = (0, 0, 0), 0.6
@@ -242,7 +242,7 @@ def turn_the_view(space, watch, report):
 
 
 def read_messages(hand, space, report):
-    """What the view cannot show it says."""
+    """Views that cannot be rendered show no hand."""
     space.region_3d.view_perspective = "ORTHO"
     yield 3
     report.check(skin(view_of(screenshot("orthographic"))).mean() < 0.002, "a hand in an orthographic view")
@@ -254,7 +254,7 @@ def read_messages(hand, space, report):
 
 
 def play(watch, report):
-    """Pictures while an animation plays, the fine one when it stops."""
+    """Images while an animation plays, and a fine one when it stops."""
     yield 3
     start, frames = time.perf_counter(), set()
 
@@ -294,4 +294,4 @@ def render_a_still(space, report):
 
 
 the_watch, the_report = Watch(), Report()
-tell(story(the_watch, the_report), the_report, the_watch.tick)
+run_story(story(the_watch, the_report), the_report, the_watch.tick)

@@ -1,19 +1,19 @@
-"""The panel Other Rig: its fields are guessed, its buttons do what the functions do, and errors change nothing."""
+"""The panel Other Rig: bones are guessed, operators do the same as the functions, and errors change nothing."""
 
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model import JOINT_NAMES
 from livehand.livehand_blender.retarget.follow import is_following
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.ui.retarget import LIVEHAND_PT_other_rig, LIVEHAND_PT_other_rig_bones
 
 
 @pytest.fixture
-def chosen(foreign, model):
-    """A moving foreign hand that is chosen on ours."""
-    made = foreign.make_foreign_hand(model.side)
+def chosen(other_rigs, model):
+    """An animated rig that is chosen on our hand."""
+    made = other_rigs.make_rigged_hand(model.side)
     made.animate()
     ours = add_hand(bpy.context, model)
     ours.livehand.other_rig.armature = made.armature
@@ -49,7 +49,7 @@ def test_stopping_keeps_the_pose(chosen):
     np.testing.assert_allclose(theta(ours, 6), seen, atol=1e-5)
 
 
-def test_it_works_in_pose_mode_and_is_one_step_of_undo(chosen):
+def test_following_works_in_pose_mode_and_is_one_undo_step(chosen):
     _, ours = chosen
     name = ours.name
     bpy.ops.livehand.guess_bones()
@@ -62,7 +62,7 @@ def test_it_works_in_pose_mode_and_is_one_step_of_undo(chosen):
     assert not is_following(bpy.data.objects[name])
 
 
-def test_fields_that_are_missing_or_doubled_are_told(chosen):
+def test_missing_and_duplicate_bones_are_reported(chosen):
     _, ours = chosen
     with pytest.raises(RuntimeError, match="none is chosen for wrist, index1"):
         bpy.ops.livehand.follow_rig()
@@ -77,14 +77,14 @@ def test_fields_that_are_missing_or_doubled_are_told(chosen):
     assert ours.animation_data.action is None
 
 
-def test_a_side_that_is_not_there_is_told(chosen):
+def test_a_missing_side_leaves_the_fields_empty(chosen):
     made, ours = chosen
     ours.livehand.other_rig.side = "left" if made.side == "right" else "right"
     bpy.ops.livehand.guess_bones()
     assert ours.livehand.other_rig.wrist == ""
 
 
-def test_nothing_is_offered_without_a_rig(hand):
+def test_operators_need_a_rig(hand):
     assert not bpy.ops.livehand.guess_bones.poll()
     assert not bpy.ops.livehand.follow_rig.poll()
     assert not LIVEHAND_PT_other_rig_bones.poll(bpy.context)
@@ -126,7 +126,7 @@ def test_what_the_panel_shows(chosen):
     assert {"livehand.stop_following", "follow"} <= set(drawn(LIVEHAND_PT_other_rig))
 
 
-def test_a_following_hand_that_cannot_be_let_go_is_not_keyed_either(chosen):
+def test_a_following_hand_that_cannot_be_edited_is_not_keyed(chosen):
     _, ours = chosen
     bpy.ops.livehand.guess_bones()
     bpy.ops.livehand.follow_rig()
@@ -141,7 +141,7 @@ def test_a_following_hand_that_cannot_be_let_go_is_not_keyed_either(chosen):
 def test_only_an_armature_is_a_rig(chosen):
     _, ours = chosen
     assert bpy.ops.livehand.guess_bones.poll()
-    ours.livehand.other_rig.armature = ours.livehand.mesh  # as scripts may, and Blender 4.2's field
+    ours.livehand.other_rig.armature = ours.livehand.mesh  # as scripts and Blender 4.2's field can
     for button in ("guess_bones", "follow_rig", "bake_rig"):
         assert not getattr(bpy.ops.livehand, button).poll()
     assert not LIVEHAND_PT_other_rig_bones.poll(bpy.context)

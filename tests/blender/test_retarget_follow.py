@@ -1,4 +1,4 @@
-"""A hand made elsewhere drives ours: live by constraints, and baked into keyframes."""
+"""Another rig drives our hand: live by constraints, and baked into keyframes."""
 
 import bpy
 import numpy as np
@@ -13,10 +13,12 @@ from livehand.backend.retarget.shape_fit import rest_nodes
 from livehand.livehand_blender.retarget.bake import bake
 from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following
 from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
-MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the true ones
+MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 
 
 def our_tips(hand):
@@ -29,23 +31,23 @@ def our_tips(hand):
     return np.array([mesh.matrix_world @ mesh.data.vertices[row].co for row in rows])
 
 
-def tip_errors_m(hand, foreign_hand, frames):
+def tip_errors_m(hand, other_hand, frames):
     errors = []
     for frame in frames:
         bpy.context.scene.frame_set(frame)
-        errors.append(np.linalg.norm(our_tips(hand) - foreign_hand.fingertips(), axis=1))
+        errors.append(np.linalg.norm(our_tips(hand) - other_hand.fingertips(), axis=1))
     return np.array(errors)
 
 
-def source_of(foreign, hand, kind, tmp_path):
-    write = {"glb": foreign.write_glb, "fbx": foreign.write_fbx}
-    return hand.armature if kind == "as made" else foreign.read_file(write[kind](hand, tmp_path / f"h.{kind}"))
+def source_of(other_rigs, hand, kind, tmp_path):
+    write = {"glb": other_rigs.write_glb, "fbx": other_rigs.write_fbx}
+    return hand.armature if kind == "as made" else other_rigs.read_file(write[kind](hand, tmp_path / f"h.{kind}"))
 
 
 @pytest.fixture
-def moving(foreign, model):
-    """A foreign hand that is animated, and its frames; ours stands elsewhere, turned."""
-    made = foreign.make_foreign_hand(model.side)
+def moving(other_rigs, model):
+    """An animated rig, its frames, and our hand in another place and orientation."""
+    made = other_rigs.make_rigged_hand(model.side)
     frames = made.animate(("rest", "fist", "point", "pinch", "relaxed", "spread"))
     ours = add_hand(bpy.context, model)
     ours.location, ours.rotation_euler = (0.3, -0.7, 0.2), (0.5, 1, 2)
@@ -55,15 +57,15 @@ def moving(foreign, model):
 
 @pytest.mark.parametrize("kind", ["as made", "glb", "fbx"])
 @pytest.mark.parametrize("way", ["live", "baked"])
-def test_fingertips_meet_the_true_ones(foreign, model, moving, tmp_path, record_property, way, kind):
+def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record_property, way, kind):
     made, frames, ours = moving
-    source = source_of(foreign, made, kind, tmp_path)
+    source = source_of(other_rigs, made, kind, tmp_path)
     found = guess_joints(read_skeleton(source), model.side).joint_map()
     assert found == made.joint_map
     if way == "live":
-        follow(bpy.context, ours, load_default_hand(), source, found)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(source, found))
     else:
-        assert bake(bpy.context, ours, load_default_hand(), source, found, frames) == len(frames)
+        assert bake(bpy.context, RiggedHand.of(ours), SourceRig(source, found), frames) == len(frames)
     errors = tip_errors_m(ours, made, frames)
     record_property("fingertips, mm", [round(1e3 * error, 2) for error in (errors.mean(), errors.max())])
     assert errors.mean() < MEAN_M
@@ -71,7 +73,7 @@ def test_fingertips_meet_the_true_ones(foreign, model, moving, tmp_path, record_
 
 
 def state(hand):
-    """Everything that following may add to a hand, and its pose's parts."""
+    """Everything that following can add to a hand."""
     drivers = sorted((curve.data_path, curve.array_index) for curve in hand.animation_data.drivers)
     constraints = {bone.name: [c.name for c in bone.constraints] for bone in hand.pose.bones}
     collections = {c.name: sorted(bone.name for bone in c.bones) for c in hand.data.collections_all}
@@ -84,12 +86,12 @@ def evaluated_pose(hand):
 
 def start(moving, frame=6, **options):
     made, _, ours = moving
-    follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, **options)
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), **options)
     bpy.context.scene.frame_set(frame)
     return made, ours
 
 
-def test_it_turns_as_its_source_does_and_its_bones_point_alike(moving):
+def test_bones_point_in_the_directions_of_the_source(moving):
     made, ours = start(moving)
     joints = np.array([ours.matrix_world @ ours.pose.bones[bone_name(k, made.side)].head for k in range(16)])
     theirs = made.joints()
@@ -99,22 +101,22 @@ def test_it_turns_as_its_source_does_and_its_bones_point_alike(moving):
             assert a @ b / np.linalg.norm(a) / np.linalg.norm(b) > 1 - 1e-5
 
 
-def test_stopping_removes_everything_and_keeps_the_pose_by_choice(moving):
+def test_stopping_removes_everything_and_optionally_keeps_the_pose(moving):
     ours = moving[2]
     theta = np.random.default_rng(0).normal(size=(16, 3)) * 0.3
-    write_theta(ours, theta)
+    write_theta(RiggedHand.of(ours), theta)
     before = state(ours)
     start(moving)
     seen = evaluated_pose(ours)
     assert is_following(ours)
-    stop_following(bpy.context, ours)
+    stop_following(bpy.context, RiggedHand.of(ours))
     assert not is_following(ours)
     assert state(ours) == before
     np.testing.assert_allclose(evaluated_pose(ours).theta, seen.theta, atol=1e-5)
     np.testing.assert_allclose(evaluated_pose(ours).transl, seen.transl, atol=1e-5)
-    write_theta(ours, theta)
+    write_theta(RiggedHand.of(ours), theta)
     start(moving)
-    stop_following(bpy.context, ours, keeps_pose=False)
+    stop_following(bpy.context, RiggedHand.of(ours), keeps_pose=False)
     np.testing.assert_allclose(evaluated_pose(ours).theta, theta, atol=1e-5)
 
 
@@ -127,12 +129,12 @@ def test_following_again_changes_nothing(moving):
 
 
 def evaluate(hand):
-    """Blender 4.2 as a module does not see a changed property by itself."""
+    """Blender 4.2 as a module does not notice a changed property by itself."""
     hand.update_tag()
     bpy.context.view_layer.update()
 
 
-def test_the_influence_goes_from_the_own_pose_to_the_others(moving):
+def test_the_influence_blends_from_the_hands_own_pose(moving):
     _, ours = start(moving)
     wholly = evaluated_pose(ours)
     for share in (0.0, 0.5):
@@ -162,7 +164,7 @@ def test_finger_controls_and_limits_work_on_top(moving):
     assert np.linalg.norm(evaluated_pose(ours).theta - free.theta, axis=1)[2] > 0.2
 
 
-def test_a_fingertip_can_reach_elsewhere(moving):
+def test_fingertip_ik_works_on_top(moving):
     _, ours = start(moving, 1)
     before = our_tips(ours)
     ours.livehand.index.ik = 1.0
@@ -180,7 +182,7 @@ def test_moving_either_object_keeps_the_hand_on_its_source(moving):
     assert tip_errors_m(ours, made, [6]).max() < MOST_M
 
 
-def test_without_fitting_shape_and_size_stay(moving):
+def test_shape_and_size_are_kept_without_fitting(moving):
     made, ours = start(moving, fits_shape=False)
     assert tuple(ours.livehand.beta) == (0.0,) * 10
     assert tuple(ours.scale) == (1.0, 1.0, 1.0)
@@ -189,8 +191,8 @@ def test_without_fitting_shape_and_size_stay(moving):
     assert np.abs(fitted.livehand.beta).max() > 0.1
 
 
-def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
-    made = foreign.make_foreign_hand(model.side)
+def test_a_linked_source_works_without_trusted_scripts(other_rigs, model, tmp_path):
+    made = other_rigs.make_rigged_hand(model.side)
     made.animate()
     bpy.data.libraries.write(str(tmp_path / "rig.blend"), {made.armature, made.mesh})
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -199,7 +201,8 @@ def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
     source = bpy.data.objects["Elsewhere"]
     bpy.context.scene.collection.objects.link(source)
     ours = add_hand(bpy.context, model)
-    follow(bpy.context, ours, load_default_hand(), source, made_map := guess_joints(read_skeleton(source)).joint_map())
+    joint_map = guess_joints(read_skeleton(source)).joint_map()
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(source, joint_map))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"), use_scripts=False)
     ours, source = bpy.data.objects["LiveHand"], bpy.data.objects["Elsewhere"]
@@ -207,32 +210,32 @@ def test_a_linked_source_without_any_trusted_script(foreign, model, tmp_path):
     assert source.library is not None
     for frame in (1, 6, 11):
         bpy.context.scene.frame_set(frame)
-        error = np.linalg.norm(our_tips(ours) - foreign.bone_heads(source, made_map.tips), axis=1)
+        error = np.linalg.norm(our_tips(ours) - other_rigs.bone_heads(source, joint_map.tips), axis=1)
         assert error.max() < MOST_M
 
 
-def test_what_cannot_be_followed_is_refused_and_nothing_changes(foreign, moving):
+def test_invalid_sources_are_rejected_and_nothing_changes(other_rigs, moving):
     made, _, ours = moving
     before = state(ours), tuple(ours.scale)
-    other = foreign.make_foreign_hand("left" if made.side == "right" else "right", name="Other")
+    other = other_rigs.make_rigged_hand("left" if made.side == "right" else "right", name="Other")
     with pytest.raises(LiveHandError, match="can follow a"):
-        follow(bpy.context, ours, load_default_hand(), other.armature, other.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(other.armature, other.joint_map))
     made.armature.scale[0] *= -1
     bpy.context.view_layer.update()
     with pytest.raises(LiveHandError, match="must not be scaled by negative"):
-        follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map))
     ours.hide_set(True)
     with pytest.raises(LiveHandError, match="must be visible"):
-        follow(bpy.context, ours, load_default_hand(), made.armature, made.joint_map)
+        follow(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map))
     assert (state(ours), tuple(ours.scale)) == before
 
 
-def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
-    made = foreign.make_foreign_hand("left" if model.side == "right" else "right")
+def test_a_source_of_the_other_side_is_baked_mirrored(other_rigs, model):
+    made = other_rigs.make_rigged_hand("left" if model.side == "right" else "right")
     frames = made.animate()
     ours = add_hand(bpy.context, model)
     ours.location = (0.4, 0, 0)
-    bake(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, frames)
+    bake(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), frames)
     for frame in frames:
         bpy.context.scene.frame_set(frame)
         error = np.linalg.norm(our_tips(ours) - made.fingertips() * [-1, 1, 1], axis=1)
@@ -240,7 +243,7 @@ def test_the_other_hand_is_baked_as_in_a_mirror(foreign, model):
 
 
 @pytest.mark.parametrize("frames", [range(1, 1), range(5, 2)])
-def test_no_frames_are_refused(moving, frames):
+def test_an_empty_frame_range_is_rejected(moving, frames):
     made, _, ours = moving
     with pytest.raises(LiveHandError, match="last frame"):
-        bake(bpy.context, ours, load_default_hand(), made.armature, made.joint_map, frames)
+        bake(bpy.context, RiggedHand.of(ours), SourceRig(made.armature, made.joint_map), frames)

@@ -1,4 +1,4 @@
-"""Import Motion reads BVH, FBX and glTF: known answers, and nothing of the file left behind."""
+"""Import Motion reads BVH, FBX and glTF: known poses, and nothing of the file is left behind."""
 
 import bpy
 import numpy as np
@@ -7,14 +7,16 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.shape_fit import rest_nodes
-from livehand.livehand_blender.retarget.importing import _everything
-from livehand.livehand_blender.rig.hand import add_hand
+from livehand.livehand_blender.retarget.importing import all_data, import_rig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from mathutils import Matrix
 
-# Blender's BVH importer leaves its file to the garbage collector.
+# Blender's BVH importer does not close its file.
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
@@ -88,9 +90,9 @@ def run(path, **options):
 def test_a_bvh_with_known_answers(hand, model, tmp_path, fps):
     thetas = some_thetas(model.side)
     wrists_cm = np.array([[0, 100, 0], [10, 100, 0], [10, 110, 5], [0, 100, 0.0]])
-    before = _everything()
+    before = all_data()
     run(write_bvh(tmp_path / "m.bvh", model.side, thetas, wrists_cm, fps), match_fps=False)
-    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}  # the hand's own
+    assert {type(thing).__name__ for thing in all_data() - before} == {"Action"}  # the hand's own
     nodes = rest_nodes(model, np.zeros(10))
     for frame, (theta, wrist) in enumerate(zip(thetas, wrists_cm, strict=True), 1):
         pose = pose_at(hand, frame)
@@ -114,17 +116,17 @@ def test_the_frame_rate_is_converted(hand, model, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["glb", "fbx"])
-def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, model, tmp_path, suffix):
-    made = foreign.make_foreign_hand(model.side)
+def test_files_of_another_rig_animate_our_hand_and_leave_nothing_behind(other_rigs, model, tmp_path, suffix):
+    made = other_rigs.make_rigged_hand(model.side)
     frames = made.animate()
-    path = {"glb": foreign.write_glb, "fbx": foreign.write_fbx}[suffix](made, tmp_path / f"h.{suffix}")
+    path = {"glb": other_rigs.write_glb, "fbx": other_rigs.write_fbx}[suffix](made, tmp_path / f"h.{suffix}")
     ours = add_hand(bpy.context, model)
     ours.location = (0.3, 0.2, 0.1)
     bpy.context.view_layer.objects.active = ours
     bpy.ops.object.mode_set(mode="POSE")
-    before = _everything()
+    before = all_data()
     assert run(path, set_shape=True) == {"FINISHED"}
-    assert {type(thing).__name__ for thing in _everything() - before} == {"Action"}
+    assert {type(thing).__name__ for thing in all_data() - before} == {"Action"}
     assert (bpy.context.mode, bpy.context.active_object) == ("POSE", ours)
     rest = rest_nodes(model, np.zeros(10))
     rows = [int(np.linalg.norm(model.v_template - rest[4 * f + 4], axis=1).argmin()) for f in range(5)]
@@ -137,22 +139,22 @@ def test_files_of_a_hand_made_elsewhere_move_ours_and_leave_nothing(foreign, mod
     assert np.max(errors) < 0.005
 
 
-def test_the_other_hand_of_a_file_is_refused_or_mirrored(hand, model, tmp_path):
+def test_the_other_hand_of_a_file_is_rejected_or_mirrored(hand, model, tmp_path):
     other = "left" if model.side == "right" else "right"
     thetas = some_thetas(other)
     path = write_bvh(tmp_path / "m.bvh", other, thetas, np.zeros((4, 3)), 24)
-    before = _everything(), tuple(hand.scale)
+    before = all_data(), tuple(hand.scale)
     with pytest.raises(RuntimeError, match="turn on Mirror"):
         run(path, set_shape=True)
     with pytest.raises(RuntimeError, match=f"whole {model.side} hand"):
         run(path, side=model.side)
-    assert (_everything(), tuple(hand.scale)) == before
+    assert (all_data(), tuple(hand.scale)) == before
     run(path, mirror=True)
     np.testing.assert_allclose(pose_at(hand, 2).theta[1:], thetas[1, 1:] * MIRROR_AXIS_ANGLE, atol=2e-4)
 
 
-def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
-    keyframe_theta(hand, np.zeros((1, 16, 3)), [1])
+def test_unreadable_files_change_nothing(other_rigs, hand, model, tmp_path):
+    keyframe_theta(RiggedHand.of(hand), np.zeros((1, 16, 3)), [1])
     (tmp_path / "no.bvh").write_text("nothing at all")
     for suffix in ("fbx", "glb", "gltf"):
         (tmp_path / f"no.{suffix}").write_bytes(b"nothing at all" * 10)
@@ -162,7 +164,7 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     cube.select_set(True)
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
     bpy.context.view_layer.objects.active = hand
-    before = _everything()
+    before = all_data()
     for name, message in {
         "no.bvh": "must be a BVH file",
         "no.fbx": "importer failed",
@@ -173,21 +175,18 @@ def test_what_cannot_be_read_changes_nothing(foreign, hand, model, tmp_path):
     }.items():
         with pytest.raises(RuntimeError, match=message):
             run(tmp_path / name)
-        assert _everything() == before, name
+        assert all_data() == before, name
     assert tuple(hand.animation_data.action.frame_range) == (1, 1)
     assert bpy.context.scene.name == "Scene"
 
 
-def test_an_importer_that_is_not_enabled_is_asked_for(hand, model, tmp_path, monkeypatch):
-    from livehand.livehand_blender.retarget import importing
-
-    monkeypatch.setattr(importing, "_importer", lambda suffix: None)
+def test_an_importer_that_is_not_enabled_is_named(model, tmp_path):
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
-    with pytest.raises(RuntimeError, match=r"BioVision Motion Capture \(BVH\) format'"):
-        run(path)
+    with pytest.raises(LiveHandError, match=r"BioVision Motion Capture \(BVH\) format'"):
+        import_rig(path, importer_of=lambda suffix: None)
 
 
-def test_it_prints_nothing_but_reports(hand, model, tmp_path, capfd):
+def test_the_import_prints_nothing(hand, model, tmp_path, capfd):
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
     run(path)
     assert [line for line in capfd.readouterr().out.splitlines() if not line.startswith("Info:")] == []

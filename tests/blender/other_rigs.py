@@ -1,8 +1,8 @@
-"""A rigged hand made elsewhere, for tests: other bones, other rolls, another mesh, another size and place than ours.
+"""Makes a rigged hand for tests that differs from ours in bones, rolls, mesh, size and place.
 
-25 joints named as in WebXR below a forearm, in centimetres, on an object of scale 0.01 that stands in a Z-up world. Its
-rest pose is spread and straight. All that is known of it is true by construction: it is our hand in a pose and a shape,
-stretched, so that a theta given to `pose_like` turns its bones as it turns ours, and its bones' heads are its joints.
+25 joints named as in WebXR below a forearm, in centimetres, on an object of scale 0.01 in a Z-up world. Its rest
+pose is spread and straight. The ground truth is known by construction: it is our hand in a pose and a shape, stretched.
+So `pose_like(theta)` rotates its bones as theta rotates ours, and its bones' heads are its joints.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ _STRETCH = np.array([1.06, 1.0, 0.96])  # of our template: longer and narrower
 _VOXEL_M = 0.0032
 _FOREARM_M = 0.22
 _TIP_BONE_M = 0.008
-# Template -> the armature's own axes: fingers along +Y, the back of the hand up, so that nothing lies as in our rig.
+# Template -> the armature's own axes: fingers along +Y, back of the hand up, unlike in our rig.
 _TURN = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass
-class ForeignHand:
-    """What was made, and what is known of it.
+class OtherHand:
+    """The rig and its ground truth.
 
     Attributes:
-        armature: its object.
-        mesh: its skin's object.
+        armature: the armature object.
+        mesh: the mesh object.
         side: which hand.
         rest_turns: [16, 3, 3] of our joints, in the template's frame, from our rest pose into this one's.
     """
@@ -63,13 +63,13 @@ class ForeignHand:
 
     @property
     def joint_map(self) -> JointMap:
-        """The truth."""
+        """The true joint map."""
         return JointMap(self.side, JOINTS, TIPS)
 
     def pose_like(self, theta: np.ndarray, cupped_deg: float = 0.0) -> None:
-        """Turn the bones as theta [16, 3] (of this side) turns ours, and the little finger's metacarpal by some more.
+        """Rotate the bones as theta [16, 3] (of this side) rotates ours; cup the little finger's metacarpal.
 
-        The wrist turns against the forearm, which stays.
+        The wrist rotates relative to the forearm, which does not move.
         """
         turns = _global_turns(theta) @ self.rest_turns.swapaxes(1, 2)  # from this rig's rest pose
         turns = _TURN @ turns @ _TURN.T
@@ -79,14 +79,14 @@ class ForeignHand:
         self._turn(METACARPALS[2], axis_angle_to_matrix(np.deg2rad([-cupped_deg, 0, 0])))
 
     def key(self, frame: int) -> None:
-        """Key the pose that the bones are in."""
+        """Key the present pose."""
         for name in (FOREARM, *JOINTS, METACARPALS[2]):
             bone = self.armature.pose.bones[name]
             bone.keyframe_insert("rotation_quaternion", frame=frame)
             bone.keyframe_insert("location", frame=frame)
 
     def animate(self, names: tuple[str, ...] = ("rest", "fist", "point", "pinch", "relaxed"), step: int = 5) -> range:
-        """Key one gesture every few frames, the wrist and the forearm turning meanwhile; returns all frames."""
+        """Key one gesture every few frames while wrist and forearm rotate; returns all frames."""
         axes = FingerAxes.of_default_hand()
         for number, name in enumerate(names):
             root = np.array([0.3, -0.5, 0.4]) * np.sin(number)
@@ -103,29 +103,29 @@ class ForeignHand:
         return range(scene.frame_start, scene.frame_end + 1)
 
     def joints(self) -> np.ndarray:
-        """[16, 3] m: where the joints are in the world now, in MANO's order."""
+        """[16, 3] m: the joints in the world in the current frame, in MANO's order."""
         return bone_heads(self.armature, JOINTS)
 
     def fingertips(self) -> np.ndarray:
-        """[5, 3] m: where the fingertips are in the world now, in MANO's order of fingers."""
+        """[5, 3] m: the fingertips in the world in the current frame, in MANO's order of fingers."""
         return bone_heads(self.armature, TIPS)
 
     def _turn(self, name: str, turn: np.ndarray) -> None:
-        """Turn a bone against its parent by a rotation [3, 3] in the armature's axes at rest."""
+        """Rotate a bone relative to its parent by [3, 3] in the armature's axes at rest."""
         bone = self.armature.pose.bones[name]
         frame = np.array(bone.bone.matrix_local.to_3x3(), np.float64)
         bone.rotation_quaternion = matrix_to_quaternion(frame.T @ turn @ frame)
 
 
 def bone_heads(armature: bpy.types.Object, names: tuple[str, ...]) -> np.ndarray:
-    """[N, 3] m: where bones begin in the world in the scene's present frame."""
+    """[N, 3] m: heads of bones in the world in the current frame."""
     bpy.context.view_layer.update()
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return np.array([evaluated.matrix_world @ evaluated.pose.bones[name].head for name in names])
 
 
-def make_foreign_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere") -> ForeignHand:
-    """Build it in the scene's collection, at rest.
+def make_rigged_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere") -> OtherHand:
+    """Build the rig in the scene's collection, at rest.
 
     Args:
         side: which hand.
@@ -148,13 +148,13 @@ def make_foreign_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere
     armature = _build_armature(name, joints, tips, rng)
     mesh = _build_mesh(name, surface, faces, armature)
     _give_weights(mesh, surface, weights, joints)
-    _give_look(mesh, rng)
+    _add_material(mesh, rng)
     armature.location = np.array([0, 0, 1]) + rng.uniform(-0.5, 0.5, 3)
     armature.rotation_euler = rng.uniform(-1, 1, 3)
     armature.scale = (1 / _CM,) * 3
     bpy.context.view_layer.update()
     turns = _global_turns(theta if side == "right" else theta * MIRROR_AXIS_ANGLE)
-    return ForeignHand(armature, mesh, side, turns)
+    return OtherHand(armature, mesh, side, turns)
 
 
 def _tensors(*arrays: np.ndarray):
@@ -180,7 +180,7 @@ def _tip_vertices(model) -> list[int]:
 
 
 def _remeshed(vertices: np.ndarray, faces: np.ndarray, voxel: float) -> tuple[np.ndarray, list]:
-    """Another topology: the quads of Blender's voxel remesher."""
+    """Another topology: quads from Blender's voxel remesher."""
     mesh = bpy.data.meshes.new("remeshed")
     mesh.from_pydata(vertices.tolist(), [], faces.tolist())
     thing = bpy.data.objects.new("remeshed", mesh)
@@ -258,7 +258,7 @@ def _build_mesh(name: str, surface: np.ndarray, faces: list, armature: bpy.types
 
 
 def _give_weights(mesh: bpy.types.Object, surface: np.ndarray, weights: np.ndarray, joints: np.ndarray) -> None:
-    """The palm is shared out among wrist, metacarpals and forearm."""
+    """The palm's weights are distributed over wrist, metacarpals and forearm."""
     along = joints[4] - joints[0]
     distal = (surface - joints[0]) @ along / (along @ along)  # 0 at the wrist, 1 at the knuckles
     palm = weights[:, 0].copy()
@@ -276,8 +276,8 @@ def _give_weights(mesh: bpy.types.Object, surface: np.ndarray, weights: np.ndarr
             vertex_group.add([int(vertex)], float(own[vertex, column]), "REPLACE")
 
 
-def _give_look(mesh: bpy.types.Object, rng) -> None:
-    """A painted material, and an atlas of its own: the back of the hand on the left half, the palm on the right."""
+def _add_material(mesh: bpy.types.Object, rng) -> None:
+    """A painted material and a UV atlas: the back of the hand on the left half, the palm on the right."""
     data = mesh.data
     layer = data.uv_layers.new(name="Atlas")
     low, high = (np.array([op([v.co[k] for v in data.vertices]) for k in range(3)]) for op in (min, max))
@@ -291,7 +291,7 @@ def _give_look(mesh: bpy.types.Object, rng) -> None:
     image.pixels.foreach_set(np.clip(rows, 0, 1).ravel())
     image.pack()
     material = bpy.data.materials.new(f"{mesh.name} Paint")
-    if bpy.app.version < (5, 0):  # later ones have nodes at once, and warn
+    if bpy.app.version < (5, 0):  # later versions always use nodes, and warn
         material.use_nodes = True
     nodes = material.node_tree.nodes
     texture = nodes.new("ShaderNodeTexImage")
@@ -300,10 +300,10 @@ def _give_look(mesh: bpy.types.Object, rng) -> None:
     data.materials.append(material)
 
 
-def write_glb(hand: ForeignHand, path: Path) -> Path:
-    """Written by Blender's exporter, animation included; bones lose their tails and rolls.
+def write_glb(hand: OtherHand, path: Path) -> Path:
+    """Export with animation; bones lose their tails and rolls.
 
-    In a process of its own: one that has used this exporter and torch hangs when it ends (Blender 4.5).
+    In a process of its own, because one that has used this exporter and torch hangs at exit (Blender 4.5).
     """
     _select(hand)
     copy = path.with_suffix(".exported.blend")
@@ -315,8 +315,8 @@ def write_glb(hand: ForeignHand, path: Path) -> Path:
     return path
 
 
-def write_fbx(hand: ForeignHand, path: Path) -> Path:
-    """Written by Blender's exporter, animation included, with leaf bones as it adds them by default."""
+def write_fbx(hand: OtherHand, path: Path) -> Path:
+    """Export with animation, and with the leaf bones that Blender adds by default."""
     _select(hand)
     options = {"path_mode": "COPY", "embed_textures": True, "bake_anim_simplify_factor": 0}
     bpy.ops.export_scene.fbx(filepath=str(path), use_selection=True, **options)
@@ -324,7 +324,7 @@ def write_fbx(hand: ForeignHand, path: Path) -> Path:
 
 
 def read_file(path: Path) -> bpy.types.Object:
-    """Imported into the scene; returns the armature."""
+    """Import a file into the scene; returns the armature."""
     before = set(bpy.data.objects)
     if path.suffix == ".fbx":
         bpy.ops.import_scene.fbx(filepath=str(path))
@@ -334,14 +334,14 @@ def read_file(path: Path) -> bpy.types.Object:
     return next(thing for thing in bpy.data.objects if thing not in before and thing.type == "ARMATURE")
 
 
-def remove(hand: ForeignHand) -> None:
-    """Take it out of the file again."""
+def remove(hand: OtherHand) -> None:
+    """Remove the rig from the open file."""
     for thing in (hand.mesh, hand.armature):
         bpy.data.objects.remove(thing)
     bpy.data.orphans_purge(do_recursive=True)
 
 
-def _select(hand: ForeignHand) -> None:
+def _select(hand: OtherHand) -> None:
     for thing in bpy.context.scene.objects:
         thing.select_set(thing in (hand.armature, hand.mesh))
     bpy.context.view_layer.objects.active = hand.armature

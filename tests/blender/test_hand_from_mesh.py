@@ -1,4 +1,4 @@
-"""A hand rigged elsewhere becomes a hand model, is captured in its own look, trained on, and rendered in Blender."""
+"""A hand model is made from another rig's mesh, captured with its own materials, trained, and rendered in Blender."""
 
 import hashlib
 import json
@@ -28,10 +28,12 @@ from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
 from livehand.livehand_blender.retarget.follow import follow
-from livehand.livehand_blender.retarget.hand_from_mesh import make_own_hand, mesh_skinned_to
+from livehand.livehand_blender.retarget.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
 from livehand.livehand_blender.retarget.rest_mesh import read_rest_mesh
 from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.rig.hand import add_hand, mesh_of
+from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
 from livehand.livehand_blender.scene.settings import use_livehand
 from mathutils import Matrix
@@ -41,29 +43,29 @@ SIZE = (64, 96)
 
 
 @pytest.fixture(scope="module")
-def coarse(foreign):
-    """The rigged hand made elsewhere, with fewer vertices: its atlas is made in a second."""
-    names = foreign.make_foreign_hand.__globals__
+def coarse(other_rigs):
+    """The other rig with fewer vertices, so that its atlas is computed in a second."""
+    names = other_rigs.make_rigged_hand.__globals__
     voxel_m = names["_VOXEL_M"]
     names["_VOXEL_M"] = 0.005
-    yield foreign
+    yield other_rigs
     names["_VOXEL_M"] = voxel_m
 
 
 @pytest.fixture(scope="module")
 def files(coarse, registered, tmp_path_factory):
-    """`right.glb` and `left.glb`, and the hand models that `livehand make-hand` makes of them."""
+    """`right.glb` and `left.glb`, and the hand models that `livehand make-hand` makes from them."""
     folder = tmp_path_factory.mktemp("own")
     for side, name in (("right", "mine.npz"), ("left", "mine_left.npz")):
         bpy.ops.wm.read_homefile(use_empty=True)
-        coarse.write_glb(coarse.make_foreign_hand(side), folder / f"{side}.glb")
+        coarse.write_glb(coarse.make_rigged_hand(side), folder / f"{side}.glb")
         assert main(["make-hand", str(folder / f"{side}.glb"), "-o", str(folder / name)]) == 0
     return folder
 
 
 @pytest.fixture(scope="module")
 def trained(files):
-    """A few small pictures of the right hand, and an avatar after a few steps."""
+    """A small capture of the right hand, and an avatar after a few training steps."""
     hand, capture, avatar = (str(files / name) for name in ("mine.npz", "capture", "mine.safetensors"))
     few = "--poses 6 --cameras 5 --cameras-per-pose 3 --size 64x96 --samples 2 --eval-samples 4 --eval-views 1"
     assert main(["capture", "--hand", hand, "-o", capture, *few.split(), "--threads", "1"]) == 0
@@ -72,7 +74,7 @@ def trained(files):
     return files / "capture", files / "mine.safetensors"
 
 
-def test_the_file_says_where_it_is_from(files):
+def test_the_file_records_its_provenance(files):
     with np.load(files / "mine.npz") as arrays:
         told = json.loads(str(arrays["provenance"]))
     assert told["source"] == "right.glb"
@@ -84,11 +86,11 @@ def test_the_file_says_where_it_is_from(files):
 
 @pytest.mark.parametrize(("side", "name"), [("right", "mine.npz"), ("left", "mine_left.npz")])
 def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name):
-    """Wherever the weights agree: not in the stump, which follows the wrist here and half the forearm there."""
+    """Compared where the weights agree: not at the stump, which the rig moves partly with the forearm."""
     model = load_hand_model(files / name)
     assert model.side == side
     armature = coarse.read_file(files / f"{side}.glb")
-    joint_map = coarse.make_foreign_hand.__globals__["JointMap"](side, coarse.JOINTS)
+    joint_map = coarse.make_rigged_hand.__globals__["JointMap"](side, coarse.JOINTS)
     mesh = mesh_skinned_to(armature, joint_map)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(bpy.context, mesh, armature, skeleton)
@@ -108,11 +110,11 @@ def test_the_model_is_posed_as_the_rig_poses_its_mesh(files, coarse, side, name)
         assert error_mm[agreeing].max() < 0.02
 
 
-def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
-    """The rig moves its own mesh, ours follows by constraints: the same vertices in the same places."""
+def test_the_hand_follows_its_source_rig_exactly(files, coarse):
+    """The rig deforms its own mesh and ours follows by constraints: corresponding vertices must coincide."""
     model = load_hand_model(files / "mine.npz")
     armature = coarse.read_file(files / "right.glb")
-    joint_map = coarse.make_foreign_hand.__globals__["JointMap"]("right", coarse.JOINTS)
+    joint_map = coarse.make_rigged_hand.__globals__["JointMap"]("right", coarse.JOINTS)
     mesh = mesh_skinned_to(armature, joint_map)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(bpy.context, mesh, armature, skeleton)
@@ -122,7 +124,7 @@ def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
     ours = add_hand(bpy.context, model, str(files / "mine.npz"))
     ours.location = (0.3, -0.2, 0.1)
     bpy.context.view_layer.update()
-    follow(bpy.context, ours, model, armature, joint_map)
+    follow(bpy.context, RiggedHand.of(ours), SourceRig(armature, joint_map))
     rng = np.random.default_rng(6)
     for _ in range(3):
         turn_bones_as(rng.normal(size=(16, 3)) * 0.4, armature, joint_map, made.world2template, model)
@@ -132,7 +134,7 @@ def test_it_follows_the_rig_it_was_made_of_exactly(files, coarse):
 
 
 def turn_bones_as(theta, armature, joint_map, world2template, model):
-    """Turn a rig's bones by theta in the template's frame; returns the hand's transl there."""
+    """Rotate a rig's bones by theta in the template's frame; returns the hand's transl there."""
     to_template = world2template[:3, :3] @ np.array(armature.matrix_world.to_3x3().normalized())
     for name, turn in zip(joint_map.bones, axis_angle_to_matrix(theta), strict=True):
         bone = armature.pose.bones[name]
@@ -172,15 +174,15 @@ def test_the_posed_look_is_the_renderers_mesh(files):
     assert [layer.name for layer in surface.object.data.uv_layers]
 
 
-def test_the_look_sees_what_the_source_saw(coarse, tmp_path):
-    """Coordinates that Blender generates of the resting mesh, in the same picture of both, posed."""
-    hand = coarse.make_foreign_hand()
+def test_materials_have_the_same_coordinates_as_on_the_source(coarse, tmp_path):
+    """Generated coordinates of the rest mesh, rendered for both posed meshes."""
+    hand = coarse.make_rigged_hand()
     (material,) = hand.mesh.data.materials
     nodes, links = material.node_tree.nodes, material.node_tree.links
     emission = nodes.new("ShaderNodeEmission")
     links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], emission.inputs["Color"])
     links.new(emission.outputs[0], nodes["Material Output"].inputs["Surface"])
-    make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "mine.npz")
+    hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "mine.npz")
     hand.pose_like(np.random.default_rng(0).normal(size=(16, 3)) * 0.3)
     bpy.context.view_layer.update()
     posed = evaluated_world_vertices(hand.mesh)
@@ -197,7 +199,7 @@ def test_the_look_sees_what_the_source_saw(coarse, tmp_path):
 
 
 def _emitted(thing, path, posed):
-    """[H, W, 4] of a picture in which only emission lights."""
+    """[H, W, 4] of an image with emission only."""
     scene = bpy.context.scene
     if scene.camera is None:
         scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -218,7 +220,7 @@ def _emitted(thing, path, posed):
         return np.asarray(image, int)
 
 
-def test_a_look_of_another_hand_is_refused(files, tmp_path):
+def test_a_look_of_another_hand_is_rejected(files, tmp_path):
     model = load_hand_model(files / "mine.npz")
     with pytest.raises(LiveHandError, match="no look at"):
         OwnSurface.of_look(model, files / "none.blend")
@@ -254,13 +256,13 @@ def test_a_left_hands_poses_are_the_mirror_image_of_a_rights():
         np.testing.assert_array_equal(one.camera.cam2world, other.camera.cam2world)
 
 
-def test_gestures_count_from_where_the_fingers_rest(files):
-    """This hand rests spread and straight: bent as far as ours, its fingers end up as ours do."""
+def test_gestures_are_relative_to_the_rest_pose(files):
+    """This hand's rest pose is spread and straight, but the same gesture must give the same finger directions."""
     plan = CapturePlan(poses=12, cameras=5)
     models = load_default_hand(), load_hand_model(files / "mine.npz")
     ours, theirs = (directions_of(model, plan.make(Path(), model, {}).poses) for model in models)
     assert np.rad2deg(np.arccos((ours * theirs).sum(-1))).mean() < 8
-    spread = [model.joints[2] - model.joints[1] for model in models]  # at rest the index fingers lie apart by more
+    spread = [model.joints[2] - model.joints[1] for model in models]  # at rest the index fingers differ by more
     assert np.rad2deg(np.arccos(np.dot(*spread) / np.prod(np.linalg.norm(spread, axis=1)))) > 12
 
 
@@ -277,7 +279,7 @@ def directions_of(model, poses):
     return np.array(found)
 
 
-def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files):
+def test_the_trained_avatar_renders_in_blender(trained, files):
     folder, avatar_path = trained
     model = load_hand_model(files / "mine.npz")
     assert load_avatar(avatar_path).hand_sha256 == model.sha256 == load_capture(folder).hand_sha256
@@ -292,8 +294,8 @@ def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files)
     assert [key.name for key in armature.livehand.mesh.data.shape_keys.key_blocks] == ["Basis"]
     armature.livehand.avatar_path = str(avatar_path)
     pose = capture.poses[view.pose_index]
-    write_theta(armature, pose.theta)
-    write_transl(armature, pose.transl)
+    write_theta(RiggedHand.of(armature), pose.theta)
+    write_transl(RiggedHand.of(armature), pose.transl)
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(scene.camera)
     use_livehand(scene)
@@ -312,7 +314,7 @@ def test_the_trained_avatar_is_this_hands_and_renders_in_blender(trained, files)
         np.testing.assert_allclose(np.asarray(image)[..., 3] / 255.0, alpha, atol=0.02)
 
 
-def test_a_pose_file_renders_with_ones_own_hand(trained, files, capsys):
+def test_a_pose_file_renders_with_the_new_hand(trained, files, capsys):
     take, out = files / "take.npz", files / "pictures"
     write_motion(HandMotion(np.zeros((1, 16, 3)), np.zeros(10), np.zeros((1, 3))), take)
     asked = ["render", str(take), "--avatar", str(trained[1]), "-o", str(out), "--size", "48x64", "--device", "cpu"]
@@ -323,15 +325,15 @@ def test_a_pose_file_renders_with_ones_own_hand(trained, files, capsys):
         assert 0.05 < (np.asarray(image)[..., 3] > 128).mean() < 0.9
 
 
-def test_a_hand_without_shapes_says_so(files):
+def test_shape_operators_report_a_hand_without_shapes(files):
     add_hand(bpy.context, load_hand_model(files / "mine.npz"), str(files / "mine.npz"))
     for run in (bpy.ops.livehand.random_shape, bpy.ops.livehand.match_measurements):
         with pytest.raises(RuntimeError, match="'mine' has none"):
             run()
 
 
-def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_path):
-    hand = coarse.make_foreign_hand()
+def test_the_operator_writes_both_files_and_keeps_the_scene(coarse, files, tmp_path):
+    hand = coarse.make_rigged_hand()
     bpy.context.view_layer.objects.active = hand.mesh
     hand.pose_like(np.full((16, 3), 0.2))  # the rest pose counts, not this one
     hand.mesh.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
@@ -368,14 +370,14 @@ def test_the_operator_writes_both_files_and_leaves_the_scene(coarse, files, tmp_
 
 
 def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
-    """An arm and a body in one mesh with the hand, split along a seam as files split it, subdivided."""
-    hand = coarse.make_foreign_hand()
-    alone = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
+    """Arm, body and hand in one subdivided mesh, which is split along a seam as file formats split it."""
+    hand = coarse.make_rigged_hand()
+    alone = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "alone.npz")
     grow_into_a_character(hand, coarse.FOREARM)
     modifier = hand.mesh.modifiers.new("Subdivision", "SUBSURF")
     modifier.levels = modifier.render_levels = 1
     count = len(hand.mesh.data.vertices)
-    made = make_own_hand(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "cut.npz")
+    made = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, tmp_path / "cut.npz")
     model, other = (load_hand_model(tmp_path / name) for name in ("cut.npz", "alone.npz"))
     assert made["vertices"] < count - 100
     assert abs(made["vertices"] - alone["vertices"]) < 150
@@ -401,7 +403,7 @@ def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
 
 
 def grow_into_a_character(hand, forearm):
-    """Draw the mesh's end out along the forearm, add a body beside it, and split an edge loop's worth of faces off."""
+    """Extend the mesh along the forearm, add a body beside it, and split some faces off at their edges."""
     mesh = hand.mesh.data
     bones = hand.armature.data.bones
     out = np.array(bones[forearm].head_local - bones["wrist"].head_local)
@@ -456,7 +458,7 @@ def _left_map(hand, folder):
         (["right.glb", "--bones", "mine.npz"], "must be JSON"),
     ],
 )
-def test_what_make_hand_cannot_do_it_says(files, arguments, said, tmp_path, capsys):
+def test_make_hand_reports_errors(files, arguments, said, tmp_path, capsys):
     character, *others = arguments
     others = [str(files / value) if value == "mine.npz" else value for value in others]
     assert main(["make-hand", str(files / character), "-o", str(tmp_path / "x.npz"), *others]) == 1

@@ -1,4 +1,4 @@
-"""Pictures on disk, numbered or not, as images of Blender's."""
+"""Image files on disk, numbered or not, as Blender images."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _NUMBERED = re.compile(r"(.*?)(\d+)(\.[^.]+)")
 
 
 @dataclass(frozen=True)
-class PictureFiles:
-    """A still, a movie, or the numbered pictures of one name in a folder.
+class ImageFiles:
+    """A still, a movie, or a numbered image sequence.
 
     Attributes:
-        path: of the first.
+        path: of the still, the movie or the first image.
         source: `FILE`, `MOVIE` or `SEQUENCE`, as Blender calls them.
-        first_frame: the number of the first picture; 1 for a still and a movie.
-        last_frame: of the last picture of a sequence; numbers in between may be missing.
+        first_frame: the number of the first image; 1 for a still or a movie.
+        last_frame: the number of the last image; numbers in between may be missing.
     """
 
     path: Path
@@ -30,14 +30,14 @@ class PictureFiles:
     last_frame: int = 1
 
     @classmethod
-    def find(cls, path: Path, is_still: bool = False) -> PictureFiles:
-        """The files that `path` is one of; a still is one by itself, whatever its name.
+    def find(cls, path: Path, is_still: bool = False) -> ImageFiles:
+        """The files that `path` belongs to; a still is always a file of its own.
 
         Raises:
-            LiveHandError: there is no such file.
+            LiveHandError: the file does not exist.
         """
         if not path.is_file():
-            raise LiveHandError(f"no picture at {path}; choose a picture or one frame of a sequence")
+            raise LiveHandError(f"no image at {path}; choose an image or one frame of a sequence")
         if path.suffix.lower() in bpy.path.extensions_movie:
             return cls(path, "MOVIE")
         siblings = {} if is_still else _numbered_siblings(path)
@@ -46,7 +46,7 @@ class PictureFiles:
         return cls(siblings[min(siblings)], "SEQUENCE", min(siblings), max(siblings))
 
     def load(self) -> bpy.types.Image:
-        """Blender's image of them; one that is there already for the same files is taken.
+        """The Blender image of the files; an existing one is used again.
 
         Raises:
             LiveHandError: Blender cannot read them.
@@ -57,13 +57,13 @@ class PictureFiles:
         try:
             image = bpy.data.images.load(str(self.path))
         except RuntimeError as error:
-            raise LiveHandError(f"{self.path} must be a picture that Blender can read; {error}") from error
+            raise LiveHandError(f"{self.path} must be an image that Blender can read; {error}") from error
         image.source = self.source
         return image
 
 
 def _numbered_siblings(path: Path) -> dict[int, Path]:
-    """Number -> file, of all in the folder with the same name before the number and the same suffix."""
+    """Number -> file, for files of the folder with the same name before the number and the same suffix."""
     own = _NUMBERED.fullmatch(path.name)
     if own is None:
         return {}
