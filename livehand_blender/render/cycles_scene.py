@@ -1,4 +1,4 @@
-"""What Cycles renders around the hands: all of the scene but the hands' meshes, which the camera does not see."""
+"""Cycles' render of the scene around the hands, in which the camera does not see the hands' meshes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .passes import read_pass
 
 
 def is_in_scene(scene: bpy.types.Scene) -> bool:
-    """Whether the hands are to stand in their scene.
+    """Whether the hands are to be rendered in their scene.
 
     Raises:
         LiveHandError: Cycles is switched off.
@@ -38,6 +38,6 @@ def read_scene(
 
 
 def scene_layer(passes: Mapping[str, np.ndarray]) -> SceneLayer:
-    """The scene's picture, and where it stands before the hands."""
+    """The colours and depths that hide the hands or lie behind them."""
     combined = passes["Combined"]
     return SceneLayer(combined[..., :3], combined[..., 3], passes["Depth"][..., 0])

@@ -9,8 +9,8 @@ from ...backend.hand.model import HandModel, upright
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.records.errors import LiveHandError
 from ...backend.runtime.dependencies import install_command, missing_requirements
+from ..render.hands.renderer_loading import packages_folder
 from ..render.memory import free_memory
-from ..render.renderer_loading import packages_folder
 from ..rig.hand import add_hand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
