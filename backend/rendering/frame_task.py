@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import chain
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,6 +17,7 @@ ExposureFrames = tuple[Frame, ...]
 """What one exposure sample shows: a frame per hand, each as if alone."""
 
 
+@runtime_checkable
 class NamedAvatar(Protocol):
     """The part of an avatar that a frame's record needs."""
 
@@ -26,6 +27,7 @@ class NamedAvatar(Protocol):
         ...
 
 
+@runtime_checkable
 class HandRenderer(Protocol):
     """The part of the backend's renderer that Blender needs."""
 
