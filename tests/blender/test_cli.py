@@ -13,6 +13,7 @@ import pytest
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
+from livehand.backend.runtime.command import parse_size_px
 from livehand.livehand_blender import cli
 from livehand.livehand_blender.render.command import parse_formats
 from PIL import Image
@@ -78,7 +79,8 @@ def test_no_command_is_a_usage_error(capsys):
     assert "COMMAND" in capsys.readouterr().err
 
 
-def test_formats_are_read_once_each_and_in_order():
+def test_sizes_and_formats_are_read():
+    assert parse_size_px("334x512") == (334, 512)
     assert parse_formats("png,exr,png") == ("png", "exr")
 
 
@@ -203,6 +205,7 @@ def test_bad_avatars_end_with_1_and_no_files(capsys, shot_path, avatar_path, tmp
 WITHOUT_BPY = """
 import sys
 sys.modules["bpy"] = None
+from livehand.backend.runtime.command import parse_size_px
 from livehand.livehand_blender import cli
 code = cli.main(sys.argv[1:])
 assert "torch" not in sys.modules
