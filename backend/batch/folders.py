@@ -38,6 +38,11 @@ def writable_folder(folder: Path) -> Iterator[int]:
                 folder.rmdir()
 
 
+def not_written(path: Path, reason: str) -> LiveHandError:
+    """The error for a file in such a folder that could not be saved."""
+    return LiveHandError(f"{path} could not be written: {reason}; is the disk full? Run the same command again")
+
+
 def folders_of(shots: Sequence[Path], output: Path) -> dict[Path, Path]:
     """The folder of each shot's frames: `output` itself for a single shot, otherwise a folder named after the shot.
 

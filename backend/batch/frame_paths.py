@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..records.errors import LiveHandError
+from .folders import not_written
 from .frame_file import BrokenFrameError, check_frame, is_finished
 
 
@@ -39,22 +38,23 @@ class FramePaths:
             if is_part.fullmatch(path.name):
                 path.unlink(missing_ok=True)
 
-    @contextlib.contextmanager
-    def parts(self, token: str) -> Iterator[FrameParts]:
-        """Temporary files of this frame; those that were not published are removed at the end."""
-        parts = FrameParts(self, token)
-        try:
-            yield parts
-        finally:
-            parts.remove()
-
 
 class FrameParts:
-    """A frame's files under temporary names: `.wave_0001.TOKEN.part.exr`."""
+    """A frame's files under temporary names: `.wave_0001.TOKEN.part.exr`.
+
+    Leaving the context removes those that were not published.
+    """
 
     def __init__(self, files: FramePaths, token: str):
         self._files, self._token = files, token
         self._paths: dict[Path, Path] = {}
+
+    def __enter__(self) -> FrameParts:
+        return self
+
+    def __exit__(self, *_):
+        for part in self._paths:
+            part.unlink(missing_ok=True)
 
     def path(self, file_format: str) -> Path:
         """The absolute temporary path of a format; files are published in the order of these calls."""
@@ -86,19 +86,9 @@ class FrameParts:
             except OSError as error:
                 raise not_written(final, str(error.strerror)) from error
 
-    def remove(self) -> None:
-        """Remove the files that were not published."""
-        for part in self._paths:
-            part.unlink(missing_ok=True)
-
 
 def frames_with_leftovers(folder: Path, stem: str) -> list[int]:
     """Frames of a shot that have leases or temporary files in the folder, of live or killed processes."""
     leftover = re.compile(rf"\.{re.escape(stem)}_(-?\d+)\.(claim(\.\d+)?|([0-9a-f]+\.)?part\.\w+)")
     matches = (leftover.fullmatch(path.name) for path in folder.iterdir())
     return sorted({int(match[1]) for match in matches if match})
-
-
-def not_written(path: Path, reason: str) -> LiveHandError:
-    """The error for a file that could not be saved."""
-    return LiveHandError(f"{path} could not be written: {reason}; is the disk full?")

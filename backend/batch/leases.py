@@ -23,7 +23,7 @@ import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..records.errors import LiveHandError
+from .folders import not_written
 
 REFRESH_S = 15.0
 STALE_S = 120.0
@@ -123,13 +123,13 @@ class FrameLeases:
         except FileExistsError:
             return False
         except OSError as error:
-            raise _not_written(lease.path, error) from error
+            raise not_written(lease.path, str(error.strerror)) from error
         try:
             with open(descriptor, "w", encoding="utf-8") as file:
                 json.dump(owner, file)
         except OSError as error:
             lease.path.unlink(missing_ok=True)
-            raise _not_written(lease.path, error) from error
+            raise not_written(lease.path, str(error.strerror)) from error
         return True
 
     def _is_live(self, path: Path) -> bool:
@@ -178,7 +178,3 @@ def _is_running(pid: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def _not_written(path: Path, error: OSError) -> LiveHandError:
-    return LiveHandError(f"{path} could not be written: {error.strerror}; make room, and run the same command again")

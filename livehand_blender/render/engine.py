@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import ClassVar
 
@@ -19,27 +19,27 @@ import bpy
 
 from ...backend.avatars.session import Session
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.cryptomatte import crypto_metadata
 from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ...backend.rendering.picture import Picture, compose_picture, surface_of
 from ..scene.proxy import hidden_from_camera, hide_from_camera
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
-from .cycles_scene import is_in_scene, read_scene, scene_layer
+from .cycles_scene import is_in_scene, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .passes import CRYPTOMATTE, SURFACE_PASSES, ScenePasses, cryptomatte_passes, drawn_passes, fill_pass, wanted_passes
+from .passes import SURFACE_PASSES, ScenePasses, cryptomatte_passes, wanted_passes
+from .render_result import read_scene, write_picture
 from .viewport.shared import ViewportShared
 from .viewport.viewport import viewport_of
 
 LOGGER = logging.getLogger(__name__)
 
-RenderResult = Callable[[], tuple[ExposureFrames, ...] | None]
+ResultOfHands = Callable[[], tuple[ExposureFrames, ...] | None]
 """Waits for the hands of a view; returns None if the user has stopped the render."""
 
 
@@ -126,6 +126,20 @@ class LiveHandRender(CyclesEngine):
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
         frame = self._read(depsgraph)
+        for view, samples, scene in self._render_views(depsgraph, frame):
+            picture = self._compose(frame, view, samples, scene)
+            write_picture(self, frame, view.name, picture, scene)
+
+    def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup:
+        self.update_stats("", "LiveHand | reading the hands")
+        session = self.required_session()
+        with session.rendering:  # a 3D view may be loading the same avatar
+            return read_frame_setup(self, depsgraph, session)
+
+    def _render_views(
+        self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup
+    ) -> Iterator[tuple[ViewSetup, tuple[ExposureFrames, ...], ScenePasses]]:
+        """Each view with its rendered hands and scene; ends early if the user has stopped the render."""
         results = self._begin_hands(depsgraph, frame)
         if frame.is_in_scene:
             self._render_scene(depsgraph, frame)
@@ -135,16 +149,10 @@ class LiveHandRender(CyclesEngine):
             if samples is None:
                 return
             scene = read_scene(self.get_result(), frame.layer, view.name, frame.size_px) if frame.is_in_scene else {}
-            self._write(frame, view, self._compose(frame, view, samples, scene), scene)
+            yield view, samples, scene
         self.update_progress(1.0)
 
-    def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup:
-        self.update_stats("", "LiveHand | reading the hands")
-        session = self.required_session()
-        with session.rendering:  # a 3D view may be loading the same avatar
-            return read_frame_setup(self, depsgraph, session)
-
-    def _begin_hands(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> list[RenderResult]:
+    def _begin_hands(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> list[ResultOfHands]:
         """Submit the views' tasks to the queue, if there is one, and prefetch the next frame."""
         queue = self.required_session().queue
         if queue is None:
@@ -188,24 +196,6 @@ class LiveHandRender(CyclesEngine):
         surface = surface_of(view.task) if needs_surface else None
         convert = partial(in_scene_colours, scene=frame.scene)
         return compose_picture(frame.hands, samples, frame.size_px, convert, around, surface)
-
-    def _write(self, frame: FrameSetup, view: ViewSetup, picture: Picture, scene: ScenePasses) -> None:
-        """Write a picture into Blender's result, which must be ended once begun, or Blender crashes when it saves."""
-        for one in frame.passes:
-            if not one.is_blenders:
-                self.add_pass(one.name, len(one.channels), one.channels, layer=frame.layer)
-        for name in frame.cryptomatte:
-            self.add_pass(name, 4, "RGBA", layer=frame.layer)
-        result = self.begin_result(0, 0, *frame.size_px, layer=frame.layer, view=view.name)
-        try:
-            passes = result.layers[0].passes
-            for name, values in drawn_passes(picture, passes.keys(), scene):
-                fill_pass(passes[name], values)
-            if frame.cryptomatte and not frame.is_in_scene:  # Cycles writes the names of its own objects and the hands
-                for field, value in crypto_metadata(f"{frame.layer}.{CRYPTOMATTE}", picture.coverage).items():
-                    self.get_result().stamp_data_add_field(field, value)
-        finally:
-            self.end_result(result)
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_passes)

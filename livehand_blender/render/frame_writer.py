@@ -10,7 +10,8 @@ from pathlib import Path
 import bpy
 
 from ...backend.avatars.session import Session
-from ...backend.batch.frame_paths import FrameParts, FramePaths, not_written
+from ...backend.batch.folders import not_written
+from ...backend.batch.frame_paths import FrameParts, FramePaths
 from ...backend.batch.interruption import Interruption
 from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.provenance import HandRecord, frame_record, save_record
@@ -55,7 +56,7 @@ class FrameWriter:
         """
         if lease.generation:
             paths.remove_parts()
-        with blender_silenced(), paths.parts(lease.token) as parts:
+        with blender_silenced(), FrameParts(paths, lease.token) as parts:
             record_path = parts.path("json")  # published first, so that no frame is ever without it
             self.scene.frame_set(paths.frame)
             self._save_images(paths.frame, formats, parts)

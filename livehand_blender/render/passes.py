@@ -97,20 +97,3 @@ def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) ->
 
 
 _MAX_LEVELS = 8  # Blender's own limit of 16 ranks
-
-
-def read_pass(render_pass: bpy.types.RenderPass, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W, C] top row first."""
-    width, height = size_px
-    flat = np.empty(width * height * render_pass.channels, np.float32)
-    render_pass.rect.foreach_get(flat)
-    return flat.reshape(height, width, render_pass.channels)[::-1]
-
-
-def fill_pass(render_pass: bpy.types.RenderPass, values: np.ndarray) -> None:
-    """Write [H, W] or [H, W, C], top row first."""
-    buffer = np.ascontiguousarray(values[::-1], np.float32).ravel()
-    expected = len(render_pass.rect) * render_pass.channels
-    if buffer.size != expected:
-        raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the picture {buffer.size}")
-    render_pass.rect.foreach_set(buffer)
