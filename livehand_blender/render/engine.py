@@ -53,12 +53,13 @@ class LiveHandRender(CyclesEngine):
 
     # Blender makes an engine for every render, so what outlives a frame belongs to the registered class.
     hands_session: ClassVar[Session | None] = None
-    viewport_shared: ClassVar[ViewportShared]
 
     @classmethod
     def register(cls):
         """Called by Blender when the class is registered."""
         cls.hands_session = Session(load_renderer_in_blender)
+        # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
+        # module hangs at exit if a class of a module that imports bpy is still referenced.
         cls.viewport_shared = ViewportShared(cls.hands_session)
 
     @classmethod
