@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -32,7 +32,7 @@ from .keep_look import in_scene_colours
 from .panels import LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
-from .passes import SURFACE_PASSES, ScenePasses, cryptomatte_passes, wanted_passes
+from .passes import ScenePasses, cryptomatte_passes, wanted_passes
 from .render_result import read_scene, write_picture
 from .viewport.shared import ViewportShared
 from .viewport.viewport import viewport_of
@@ -140,7 +140,7 @@ class LiveHandRender(CyclesEngine):
     def _render_views(
         self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup
     ) -> Iterator[tuple[ViewSetup, tuple[ExposureFrames, ...], ScenePasses]]:
-        """Each view with its rendered hands and scene; ends early if the user has stopped the render."""
+        """Yields each view with its rendered hands and Cycles' passes; ends early if the user stops the render."""
         results = self._begin_hands(depsgraph, frame)
         if frame.is_in_scene:
             self._render_scene(depsgraph, frame)
@@ -153,7 +153,7 @@ class LiveHandRender(CyclesEngine):
             yield view, samples, scene
         self.update_progress(1.0)
 
-    def _begin_hands(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> list[ResultOfHands]:
+    def _begin_hands(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> Sequence[ResultOfHands]:
         """Submit the views' tasks to the queue, if there is one, and prefetch the next frame."""
         queue = self.required_session().queue
         if queue is None:
@@ -193,8 +193,7 @@ class LiveHandRender(CyclesEngine):
         self, frame: FrameSetup, view: ViewSetup, samples: tuple[ExposureFrames, ...], scene: ScenePasses
     ) -> Picture:
         around = scene_layer(scene) if frame.is_in_scene else None
-        needs_surface = any(one.name in SURFACE_PASSES for one in frame.passes)
-        surface = surface_of(view.task) if needs_surface else None
+        surface = surface_of(view.task) if frame.needs_surface else None
         convert = partial(in_scene_colours, scene=frame.scene)
         return compose_picture(frame.hands, samples, frame.size_px, convert, around, surface)
 

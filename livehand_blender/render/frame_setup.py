@@ -19,7 +19,7 @@ from ..scene.shot import read_shot, visible_hands
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
-from .passes import Pass, cryptomatte_passes, wanted_passes
+from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,16 @@ class FrameSetup:
     scene: bpy.types.Scene
     layer: str
     size_px: tuple[int, int]
-    passes: Sequence[Pass]
-    cryptomatte: Sequence[str]
+    passes: tuple[Pass, ...]
+    cryptomatte: tuple[str, ...]
     is_in_scene: bool
-    hands: Sequence[HandInstance]
-    views: Sequence[ViewSetup]
+    hands: tuple[HandInstance, ...]
+    views: tuple[ViewSetup, ...]
+
+    @property
+    def needs_surface(self) -> bool:
+        """Whether a pass needs the surface maps of the hands' meshes."""
+        return any(one.name in SURFACE_PASSES for one in self.passes)
 
 
 def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameSetup:
@@ -69,10 +74,10 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     scene, layer = depsgraph.scene, depsgraph.view_layer
     size_px, in_scene = render_region(scene.render).size_px, is_in_scene(scene)
     hands = _load_hands(depsgraph, session)
-    views = [
+    views = tuple(
         ViewSetup(name, _read_task(engine, depsgraph, hands, is_stereo=bool(name)))
         for name in _activated_views(engine, scene.render)
-    ]
+    )
     return FrameSetup(
         scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), in_scene, hands, views
     )
@@ -83,19 +88,19 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
     return _read_task(engine, depsgraph, _load_hands(depsgraph, session), is_stereo=False)
 
 
-def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> list[HandInstance]:
+def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
     """The visible hands, with their renderers."""
     if not find_hands(depsgraph.scene):
         raise LiveHandError(
             "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
         )
     device = read_device(depsgraph.scene)
-    return [
+    return tuple(
         HandInstance(
             hand.name, mesh_of(hand.original).name, hand_source(hand).renderer(session, device), read_grade(hand)
         )
         for hand in visible_hands(depsgraph)
-    ]
+    )
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

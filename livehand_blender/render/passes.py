@@ -66,17 +66,18 @@ PASSES = (
 )
 SURFACE_PASSES = ("Normal", "UV", "Position")
 CRYPTOMATTE = "CryptoObject"
+CRYPTOMATTE_LEVELS = tuple(f"{CRYPTOMATTE}{number:02d}" for number in range(8))  # Blender's limit: 16 ranks
 
 
-def wanted_passes(layer: bpy.types.ViewLayer) -> list[Pass]:
+def wanted_passes(layer: bpy.types.ViewLayer) -> tuple[Pass, ...]:
     """The passes that a view layer has switched on."""
-    return [one for one in PASSES if one.is_wanted(layer)]
+    return tuple(one for one in PASSES if one.is_wanted(layer))
 
 
-def cryptomatte_passes(layer: bpy.types.ViewLayer) -> list[str]:
+def cryptomatte_passes(layer: bpy.types.ViewLayer) -> tuple[str, ...]:
     """Names of the object Cryptomatte passes, of two ranks each, that a view layer has switched on."""
     count = (layer.pass_cryptomatte_depth + 1) // PAIRS_PER_LEVEL if layer.use_pass_cryptomatte_object else 0
-    return [f"{CRYPTOMATTE}{number:02d}" for number in range(count)]
+    return CRYPTOMATTE_LEVELS[:count]
 
 
 def drawn_passes(picture: Picture, names: Container[str], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
@@ -86,7 +87,7 @@ def drawn_passes(picture: Picture, names: Container[str], scene: ScenePasses) ->
 
 
 def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) -> Mapping[str, np.ndarray]:
-    levels = [name for name in (f"{CRYPTOMATTE}{number:02d}" for number in range(_MAX_LEVELS)) if name in names]
+    levels = [name for name in CRYPTOMATTE_LEVELS if name in names]
     if not levels or not picture.coverage:
         return {}
     if scene:
@@ -94,6 +95,3 @@ def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) ->
     else:
         ranks = crypto_ranks(picture.coverage, len(levels))
     return dict(zip(levels, ranks, strict=True))
-
-
-_MAX_LEVELS = 8  # Blender's own limit of 16 ranks
