@@ -1,4 +1,4 @@
-"""`blender --command livehand render ...`: the `livehand` program's render, in a Blender that has the extension."""
+"""`blender --command livehand render ...`: the render command of the `livehand` program, in the Blender program."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ class BlenderCommand:
 
     @classmethod
     def register(cls) -> None:
-        """Tell Blender of it."""
+        """Register the command with Blender."""
         cls.handle = bpy.utils.register_cli_command("livehand", run)
 
     @classmethod
     def unregister(cls) -> None:
-        """A command that is left hangs Blender 4.5 as a module at exit."""
+        """Unregister it: a command that stays registered hangs Blender 4.5 as a module at exit."""
         bpy.utils.unregister_cli_command(cls.handle)
         cls.handle = None
 
 
 def run(argv: Sequence[str]) -> int:
-    """Run it with what follows its name on Blender's command line; returns the exit code."""
+    """Run the command with the arguments after its name on Blender's command line; returns the exit code."""
     return run_commands("livehand", "Photoreal frames of hands posed in Blender.", {_RENDER.name: _RENDER}, argv)

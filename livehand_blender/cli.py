@@ -1,7 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand` and `capture` need Blender as a module, `benchmark` uses it for Cycles; they import it when
-they run.
+Only `render`, `make-hand` and `capture` need Blender as a module, and `benchmark` uses it for Cycles; they import it
+when they run.
 """
 
 from __future__ import annotations
@@ -37,8 +37,25 @@ ABOUT = "Photoreal frames of hands posed in Blender."
 Run = Callable[[argparse.Namespace], Mapping[str, Any]]
 
 
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    return run_commands("livehand", ABOUT, COMMANDS, argv)
+
+
+def _add_render_arguments(parser: argparse.ArgumentParser) -> None:
+    render.add_arguments(parser)
+    render_poses.add_arguments(parser)
+
+
+def _render(args: argparse.Namespace) -> Mapping[str, Any]:
+    """Render .blend files with Blender, or a pose file without it."""
+    if args.shots[0].suffix.lower() in POSE_FILES:
+        return render_poses.run(args)
+    return _in_blender(partial(render.run, in_blender=_registered))(args)
+
+
 def _in_blender(run: Run) -> Run:
-    """The same function, after a look whether Blender is there."""
+    """The function, after a check that Blender's module is installed."""
 
     def run_in_blender(args: argparse.Namespace) -> Mapping[str, Any]:
         if importlib.util.find_spec("bpy") is None:
@@ -50,19 +67,14 @@ def _in_blender(run: Run) -> Run:
     return run_in_blender
 
 
-def _silenced(run: Run) -> Run:
-    """The same function, without what Blender says meanwhile."""
-
-    def run_silenced(args: argparse.Namespace) -> Mapping[str, Any]:
-        with blender_silenced():
-            return run(args)
-
-    return run_silenced
+def _silent_in_blender(run: Run) -> Run:
+    """The function, without Blender's own output."""
+    return _in_blender(blender_silenced()(run))
 
 
 @contextlib.contextmanager
 def _registered() -> Iterator[None]:
-    """LiveHand's classes, unless a caller has them registered already."""
+    """A context in which LiveHand's classes are registered; it leaves those of a caller registered."""
     import bpy
 
     from .. import register, unregister
@@ -77,52 +89,33 @@ def _registered() -> Iterator[None]:
         unregister()  # a render engine that is still registered at exit hangs Blender 4.5
 
 
-def _add_render_arguments(parser: argparse.ArgumentParser) -> None:
-    render.add_arguments(parser)
-    render_poses.add_arguments(parser)
-
-
-def _render(args: argparse.Namespace) -> Mapping[str, Any]:
-    """.blend files in Blender; a pose file without."""
-    if args.shots[0].suffix.lower() in POSE_FILES:
-        return render_poses.run(args)
-    return _in_blender(partial(render.run, in_blender=_registered))(args)
-
-
 COMMANDS: dict[str, Command] = {
-    "render": Command("render", "render the frames of .blend files, or of a pose file", _add_render_arguments, _render),
-    "make-hand": Command(
-        "make-hand",
-        "make a hand model of a skinned mesh, to capture and train on",
-        make_hand.add_arguments,
-        _in_blender(_silenced(make_hand.run)),
-    ),
-    "capture": Command(
-        "capture",
-        "render multi-view images of the built-in hand, or of one of your own, to train on",
-        capture.add_arguments,
-        _in_blender(_silenced(capture.run)),
-    ),
-    **{
-        command.name: command
-        for command in (
-            TRAIN,
-            EVALUATE,
-            BENCHMARK,
-            SHEET,
-            INSPECT,
-            THUMBNAIL,
-            IMPORT_INTERHAND,
-            IMPORT_TRANSFORMS,
-            MASK,
-        )
-    },
+    command.name: command
+    for command in (
+        Command("render", "render the frames of .blend files, or of a pose file", _add_render_arguments, _render),
+        Command(
+            "make-hand",
+            "make a hand model of a skinned mesh, to capture and train on",
+            make_hand.add_arguments,
+            _silent_in_blender(make_hand.run),
+        ),
+        Command(
+            "capture",
+            "render multi-view images of the built-in hand, or of one of your own, to train on",
+            capture.add_arguments,
+            _silent_in_blender(capture.run),
+        ),
+        TRAIN,
+        EVALUATE,
+        BENCHMARK,
+        SHEET,
+        INSPECT,
+        THUMBNAIL,
+        IMPORT_INTERHAND,
+        IMPORT_TRANSFORMS,
+        MASK,
+    )
 }
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
-    return run_commands("livehand", ABOUT, COMMANDS, argv)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from ..records.errors import LiveHandError
 
 @contextlib.contextmanager
 def writable_folder(folder: Path) -> Iterator[int]:
-    """Make the folder and see that it takes files; one that was made for nothing is removed again.
+    """Make the folder and check that it takes files; a new folder that stays empty is removed at the end.
 
     Yields:
-        What the clock that dates the folder's files says now, ns.
+        The time by the clock that dates the folder's files, ns.
 
     Raises:
         LiveHandError: it cannot be made or written to.
@@ -38,8 +38,13 @@ def writable_folder(folder: Path) -> Iterator[int]:
                 folder.rmdir()
 
 
+def not_written(path: Path, reason: str) -> LiveHandError:
+    """The error for a file in such a folder that could not be saved."""
+    return LiveHandError(f"{path} could not be written: {reason}; is the disk full? Run the same command again")
+
+
 def folders_of(shots: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """Where each shot's frames go: all into `output` if there is one shot, or else into a folder of its name.
+    """The folder of each shot's frames: `output` itself for a single shot, otherwise a folder named after the shot.
 
     Raises:
         LiveHandError: two shots have the same name.

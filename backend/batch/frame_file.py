@@ -1,8 +1,8 @@
-"""Is a frame on disk whole? PNG and OpenEXR files, without Blender, which opens half-written ones without complaint.
+"""Checks that PNG and OpenEXR files are complete, without Blender, which opens half-written ones without complaint.
 
-An EXR file is: magic, version flags, header(s) of named attributes, one table of chunk offsets per part, chunks. A
-chunk says how many bytes it holds; zip-compressed ones (which we write) are unpacked as well. Layout:
-https://openexr.com/en/latest/OpenEXRFileLayout.html
+An EXR file consists of a magic number, version flags, headers of named attributes, a table of chunk offsets per part,
+and the chunks. A chunk states its number of bytes; zip-compressed chunks, which we write, are decompressed as well.
+Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 _EXR_MAGIC = 20000630
 _MULTI_PART_FLAG = 0x1000
-# Rows per chunk by the compression attribute's number; see the layout document.
+# Compression attribute -> rows per chunk; see the layout document.
 _ROWS_PER_CHUNK = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 9: 256}
 _ZIP_COMPRESSIONS = (2, 3)
 _BYTES_PER_SAMPLE = (4, 2, 4)  # uint, half, float
@@ -24,17 +24,17 @@ _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 class BrokenFrameError(Exception):
-    """The file is empty, cut short, of another kind, or does not unpack."""
+    """The file is empty, truncated, of another kind, or does not decode."""
 
 
 @dataclass(frozen=True)
 class ExrPart:
-    """One part's header: all there is in a single-part file.
+    """The header of one part; a single-part file has only one.
 
     Attributes:
         size_px: (width, height) of the data window.
         channels: name -> bytes per sample.
-        compression: the attribute's number.
+        compression: the attribute's value.
     """
 
     size_px: tuple[int, int]
@@ -43,11 +43,11 @@ class ExrPart:
 
     @property
     def chunk_count(self) -> int:
-        """How many chunks hold the part's rows."""
+        """The number of chunks that hold the part's rows."""
         return -(-self.size_px[1] // _ROWS_PER_CHUNK[self.compression])
 
     def unpacked_size(self, chunk: int) -> int:
-        """Bytes of one chunk once unpacked; the last may hold fewer rows."""
+        """The size of a decompressed chunk, bytes; the last one may hold fewer rows."""
         rows = _ROWS_PER_CHUNK[self.compression]
         return min(rows, self.size_px[1] - chunk * rows) * self.size_px[0] * sum(self.channels.values())
 
@@ -65,7 +65,7 @@ def check_frame(path: Path, size_px: tuple[int, int]) -> None:
     """Decode a frame file.
 
     Raises:
-        BrokenFrameError: it is not whole, or of another size.
+        BrokenFrameError: it is incomplete, or of another size.
         OSError: it cannot be read.
     """
     got = _png_size(path) if path.suffix == ".png" else _exr_size(path.read_bytes())
@@ -76,7 +76,7 @@ def check_frame(path: Path, size_px: tuple[int, int]) -> None:
 def _png_size(path: Path) -> tuple[int, int]:
     from PIL import Image, UnidentifiedImageError
 
-    # Pillow forgives a missing end; a whole file ends with an empty IEND chunk: length, name, checksum.
+    # Pillow accepts a missing end. A complete file ends with an empty IEND chunk: length, name, checksum.
     if path.read_bytes()[-12:] != _PNG_END:
         raise BrokenFrameError(f"{path.name} is cut short")
     try:
@@ -101,7 +101,7 @@ def _exr_size(data: bytes) -> tuple[int, int]:
 
 
 def _check_chunk(data: bytes, offset: int, part: ExrPart, chunk: int, part_number: int | None) -> None:
-    """Raise ValueError or zlib.error if one chunk of scan lines is not whole."""
+    """Raise ValueError, zlib.error or struct.error if a chunk of scan lines is incomplete."""
     if part_number is not None:
         (got,) = struct.unpack_from("<i", data, offset)
         if got != part_number:
@@ -118,10 +118,10 @@ def _check_chunk(data: bytes, offset: int, part: ExrPart, chunk: int, part_numbe
 
 
 def read_exr_header(data: bytes) -> tuple[list[ExrPart], int]:
-    """All parts and the position of the first chunk table.
+    """All parts, and the position of the first chunk table.
 
     Raises:
-        ValueError: it is no scan-line EXR.
+        ValueError: it is not a scan-line EXR.
     """
     magic, version = struct.unpack_from("<ii", data)
     if magic != _EXR_MAGIC:

@@ -1,4 +1,4 @@
-"""What a run tells while it goes on: events, and what they add up to for each shot."""
+"""The events of a running render, and their totals for each shot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _RANK: dict[FrameState, int] = {"left": 0, "skipped": 1, "written": 2}
 
 @dataclass(frozen=True)
 class ShotOpened:
-    """A shot is open; `frames` are asked for."""
+    """A shot was opened; `frames` frames of it are to be rendered."""
 
     folder: str
     frames: int
@@ -23,14 +23,14 @@ class ShotOpened:
 
 @dataclass(frozen=True)
 class FrameProgress:
-    """One frame is done with: the `number`th of `count`.
+    """One frame is finished with: the `number`th of `count`.
 
     Attributes:
         frame: its number in the scene.
         number: its place in the list, from 1.
         count: of the list.
-        state: `written` now, `skipped` because it was there, or `left` to another process that is rendering it.
-        seconds: it took; None unless it was written.
+        state: `written` now, `skipped` because it existed, or `left` to another process that is rendering it.
+        seconds: the time it took; None unless it was written.
     """
 
     frame: int
@@ -40,27 +40,27 @@ class FrameProgress:
     seconds: float | None = None
 
     def __str__(self):
-        done = f"frame {self.frame} ({self.number}/{self.count})"
-        told = {"skipped": "already there", "left": "left to another process"}
-        return f"{done}: {self.seconds:.2f} s" if self.seconds is not None else f"{done}: {told[self.state]}"
+        states = {"skipped": "already there", "left": "left to another process"}
+        outcome = states[self.state] if self.seconds is None else f"{self.seconds:.2f} s"
+        return f"frame {self.frame} ({self.number}/{self.count}): {outcome}"
 
 
 @dataclass(frozen=True)
 class Warned:
-    """Something is wrong that does not stop the run."""
+    """A problem that does not stop the run."""
 
     message: str
 
 
 @dataclass(frozen=True)
 class Failed:
-    """The shot cannot be rendered (any further)."""
+    """The shot cannot be rendered, or not to its end."""
 
     message: str
 
 
 Event = ShotOpened | FrameProgress | Warned | Failed
-Tell = Callable[[Event], None]
+EventHandler = Callable[[Event], None]
 EVENT_NAMES: dict[str, type[Event]] = {"shot": ShotOpened, "frame": FrameProgress, "warning": Warned, "error": Failed}
 _NAME_OF = {kind: name for name, kind in EVENT_NAMES.items()}
 
@@ -74,21 +74,21 @@ def to_record(shot: Path, event: Event) -> dict[str, Any]:
 
 
 def from_record(record: dict[str, Any]) -> tuple[Path, Event]:
-    """What `to_record` was given."""
+    """The arguments that `to_record` was given."""
     values = {name: value for name, value in record.items() if name not in ("event", "file")}
     return Path(record["file"]), EVENT_NAMES[record["event"]](**values)
 
 
 @dataclass
 class ShotTally:
-    """What one shot's events add up to, from however many processes they come.
+    """The totals of one shot's events, from any number of processes.
 
     Attributes:
         folder: of its frames.
-        count: how many frames are asked for; None until it was opened.
-        states: frame -> the best that any process told of it.
+        count: of the frames to render; None until the shot is opened.
+        states: frame -> the best state that any process reported.
         warnings: each message once.
-        errors: likewise.
+        errors: each message once.
     """
 
     folder: Path
@@ -99,29 +99,29 @@ class ShotTally:
     _seconds: list[float] = field(default_factory=list)
 
     def add(self, event: Event) -> bool:
-        """Take an event in; returns whether it is news."""
+        """Count an event; returns whether it says something new."""
         match event:
             case ShotOpened(frames=count):
-                is_news, self.count = self.count is None, count
+                is_new, self.count = self.count is None, count
             case FrameProgress(frame=frame, state=state, seconds=seconds):
                 before = self.states.get(frame)
-                is_news = before is None or _RANK[state] > _RANK[before]
-                if is_news:
+                is_new = before is None or _RANK[state] > _RANK[before]
+                if is_new:
                     self.states[frame] = state
                 if seconds is not None:
                     self._seconds.append(seconds)
             case Warned(message=message) | Failed(message=message):
                 known = self.warnings if isinstance(event, Warned) else self.errors
-                is_news = message not in known
-                known += [message] * is_news
-        return is_news
+                is_new = message not in known
+                known += [message] * is_new
+        return is_new
 
     def number_of(self, state: FrameState) -> int:
-        """How many frames ended so."""
+        """The number of frames that ended in this state."""
         return Counter(self.states.values())[state]
 
     def missing(self, with_left: bool) -> str | None:
-        """Which frames nobody has done, in words; `with_left`: those left to another process among them."""
+        """Says how many frames no process has finished, including those left to another one if `with_left`."""
         if self.count is None:
             return "all frames are"
         done = len(self.states) - (self.number_of("left") if with_left else 0)
@@ -129,11 +129,11 @@ class ShotTally:
 
     @property
     def seconds_per_frame(self) -> float:
-        """Median over the frames written; 0 if none was."""
+        """Median over the written frames; 0 if there are none."""
         return statistics.median(self._seconds) if self._seconds else 0.0
 
     def result(self, shot: Path) -> dict[str, Any]:
-        """As the last line of `--json` has it."""
+        """The shot's entry in the last line of `--json`."""
         return {
             "file": str(shot),
             "folder": str(self.folder),

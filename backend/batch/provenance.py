@@ -1,4 +1,4 @@
-"""What a frame was made from: the JSON beside it."""
+"""The provenance of a frame, stored as JSON beside it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class HandRecord:
 
     Attributes:
         pose: its parameters.
-        avatar_name: as its file says.
-        avatar_path: the file.
+        avatar_name: the name in the avatar's file.
+        avatar_path: the avatar's file.
         hand_sha256: of the hand model's file.
     """
 
@@ -36,14 +36,14 @@ class HandRecord:
 def frame_record(
     shot: Path, frame: int, size_px: tuple[int, int], camera: Camera, hands: Sequence[HandRecord]
 ) -> dict[str, Any]:
-    """What JSON can hold of a frame's making.
+    """The provenance of a frame as a JSON object.
 
     Args:
         shot: the .blend.
         frame: its number.
         size_px: (width, height) of the frame's file.
-        camera: of the rendered region, which is the whole file unless the scene has a render border.
-        hands: all that the frame shows.
+        camera: of the rendered region, which is the whole image unless the scene has a render border.
+        hands: all hands in the frame.
     """
     return {
         "livehand": livehand_version(),
@@ -60,13 +60,13 @@ def frame_record(
 
 
 def save_record(record: dict[str, Any], path: Path) -> None:
-    """Write it on one line; raises OSError."""
+    """Write the record as one line; raises OSError."""
     path.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
 @cache
 def livehand_version() -> str:
-    """As the manifest has it."""
+    """The version in the manifest."""
     root = str(__package__).removesuffix(".backend.batch")
     manifest = resources.files(root).joinpath("blender_manifest.toml").read_text(encoding="utf-8")
     return tomllib.loads(manifest)["version"]
@@ -89,5 +89,5 @@ def _hand_record(hand: HandRecord) -> dict[str, Any]:
 
 @cache
 def _file_sha256(path: Path, changed_ns: int) -> str:
-    """Once per file and change."""
+    """Computed once per file and modification time."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

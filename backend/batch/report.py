@@ -1,4 +1,4 @@
-"""What `livehand render` prints: progress while it goes on, what failed at once, and the result."""
+"""The output of `livehand render`: progress and failures as they happen, and the result."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from statistics import median
 from typing import Any
 
 from ..runtime.command import say
-from .progress import Event, Failed, FrameProgress, ShotTally, Tell, Warned, to_record
+from .progress import Event, EventHandler, Failed, FrameProgress, ShotTally, Warned, to_record
 
 
 class RunReport:
-    """The events of all shots, printed as text or one JSON object a line, and added up.
+    """Prints the events of all shots, as text or one JSON object a line, and totals them.
 
     Args:
-        folders: shot -> where its frames go.
-        output: the folder of all.
+        folders: shot -> folder of its frames.
+        output: the folder of all shots.
         as_json: print JSON.
-        is_quiet: do not repeat warnings and errors on stderr, as whoever reads the JSON does.
+        is_quiet: do not repeat warnings and errors on stderr, because a parent process reads the JSON and does.
     """
 
     def __init__(self, folders: Mapping[Path, Path], output: Path, as_json: bool, is_quiet: bool = False):
         self.tallies = {shot: ShotTally(folder) for shot, folder in folders.items()}
         self._output, self._as_json, self._is_quiet = output, as_json, is_quiet
 
-    def of(self, shot: Path) -> Tell:
-        """Where one shot's events go."""
-        return partial(self.tell, shot)
+    def handler(self, shot: Path) -> EventHandler:
+        """The event handler of one shot."""
+        return partial(self.add, shot)
 
-    def tell(self, shot: Path, event: Event) -> None:
-        """Add an event up, and print it if it is news."""
+    def add(self, shot: Path, event: Event) -> None:
+        """Count an event, and print it if it says something new."""
         if self.tallies[shot].add(event):
             self._show(shot, event)
 
@@ -48,11 +48,11 @@ class RunReport:
 
     @property
     def has_failed(self) -> bool:
-        """Whether any shot has."""
+        """Whether any shot has failed."""
         return any(tally.errors for tally in self.tallies.values())
 
     def result(self) -> dict[str, Any]:
-        """Totals, and each shot's own."""
+        """The totals, and those of each shot."""
         files = [tally.result(shot) for shot, tally in self.tallies.items()]
         seconds = [file["seconds_per_frame"] for file in files if file["written"]]
         totals = {key: sum(file[key] for file in files) for key in ("frames", "written", "skipped", "left")}

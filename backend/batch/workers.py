@@ -1,7 +1,7 @@
-"""`--jobs N`: the same command in N processes, which share the frames among themselves by claims.
+"""`--jobs N`: the same command in N worker processes, which share the frames by leases.
 
-A worker prints JSON events, which are merged here. Its standard input is a pipe that nobody writes to: when that ends,
-because Ctrl-C was pressed here or this process was killed, the worker stops as at Ctrl-C.
+A worker prints JSON events, which are merged here. Its standard input is a pipe that is never written to: when the pipe
+ends, because Ctrl-C was pressed here or this process was killed, the worker stops as at Ctrl-C.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _THREAD_COUNTS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport) -> None:
-    """Run the command that this process was given in several others, until all have ended.
+    """Run this process's command in several worker processes, and wait for all of them.
 
     Args:
-        argv: all that the program was given.
-        jobs: how many.
+        argv: the program's arguments.
+        jobs: the number of workers.
         began_ns: see `SequencePlan`.
-        report: told what they tell.
+        report: gets the workers' events.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the workers have stopped.
@@ -44,21 +44,21 @@ def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport
     except KeyboardInterrupt:
         _stop(workers)
         raise
-    _tell_what_is_missing(workers, report)
+    _report_missing_frames(workers, report)
 
 
 def stop_with_parent() -> None:
-    """In a worker: end as at Ctrl-C when the standard input ends."""
+    """In a worker: stop as at Ctrl-C when the standard input ends."""
 
     def wait() -> None:
-        os.read(sys.stdin.fileno(), 1)  # a buffered read that waits would abort Python's exit
+        os.read(sys.stdin.fileno(), 1)  # a waiting buffered read would abort Python's exit
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, name="livehand parent", daemon=True).start()
 
 
 def _this_program(argv: Sequence[str]) -> list[str]:
-    """The command line up to the program's own arguments: Python and a script or module, or Blender and `--command`."""
+    """The command line before the program's arguments: Python and a script or module, or Blender and `--command`."""
     bpy = sys.modules.get("bpy")
     executable = (bpy and bpy.app.binary_path) or sys.executable
     if argv and sys.orig_argv[-len(argv) :] == list(argv):
@@ -67,33 +67,33 @@ def _this_program(argv: Sequence[str]) -> list[str]:
 
 
 def _environment(jobs: int) -> dict[str, str]:
-    """The workers share the cores, unless the user has said how."""
+    """The environment of a worker: workers share the cores, unless the user has set the numbers of threads."""
     threads = str(max(1, (os.cpu_count() or 1) // jobs))
     return dict.fromkeys(_THREAD_COUNTS, threads) | os.environ
 
 
 def _merge(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
-    """Pass on what is news. That a frame is there, or left, may be told before its writer tells: that waits."""
+    """Pass events on. A frame may be reported as skipped or left before its writer reports it, so those come last."""
     not_written: list[tuple] = []
     for record in _records(workers):
         shot, event = from_record(record)
         if not isinstance(event, FrameProgress) or event.state == "written":
-            report.tell(shot, event)
+            report.add(shot, event)
         else:
             not_written.append((shot, event))
-    for shot, event in sorted(not_written, key=lambda told: told[1].state != "skipped"):
-        report.tell(shot, event)
+    for shot, event in sorted(not_written, key=lambda item: item[1].state != "skipped"):
+        report.add(shot, event)
 
 
 def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
-    """The workers' events as they come, until all have ended."""
+    """The workers' events as they arrive, until all workers have ended."""
     lines: SimpleQueue[str | None] = SimpleQueue()
 
     def read(worker: subprocess.Popen[str]) -> None:
         assert worker.stdout is not None
         for line in worker.stdout:
             lines.put(line)
-        worker.wait()  # at once: until then the process exists, and what it had claimed is not taken over
+        worker.wait()  # at once: until then the process counts as alive, and its leases are not superseded
         lines.put(None)
 
     for worker in workers:
@@ -107,7 +107,7 @@ def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
 
 
 def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
-    """Ask all to stop, and wait; at a second Ctrl-C kill them."""
+    """Ask all workers to stop, and wait; kill them at a second Ctrl-C."""
     for worker in workers:
         if worker.stdin:
             worker.stdin.close()
@@ -119,14 +119,12 @@ def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
             worker.kill()
 
 
-def _tell_what_is_missing(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
-    """Every shot must be complete or have an error, even if a worker was lost; what was left to that one is missing."""
+def _report_missing_frames(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
+    """Make every incomplete shot fail, even if a worker was lost; frames left to a lost worker are missing."""
     codes = sorted({worker.returncode for worker in workers} - {OK})
     is_lost = any(code != FAILED for code in codes)
     ends = ", ".join(f"signal {-code}" if code < 0 else f"exit code {code}" for code in codes)
     for shot, tally in report.tallies.items():
         missing = tally.missing(with_left=is_lost)
         if missing and not tally.errors:
-            report.tell(
-                shot, Failed(f"{missing} missing: a worker process failed ({ends}); run the same command again")
-            )
+            report.add(shot, Failed(f"{missing} missing: a worker process failed ({ends}); run the same command again"))

@@ -1,7 +1,7 @@
-"""Cryptomatte: which object covers how much of each pixel, as the open specification lays it down.
+"""Cryptomatte: how much of each pixel every object covers, in the format of the open specification.
 
-An object's id is the hash of its name, put into the bits of a float. A pixel's (id, coverage) pairs are sorted by
-coverage and stored two to a level: R and G hold one pair, B and A the next. Metadata says which name has which id.
+An object's id is the hash of its name, stored as the bits of a float. The (id, coverage) pairs of a pixel are sorted by
+coverage and stored two to a level: R and G hold one pair, B and A the next. Metadata maps names to ids.
 """
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ def murmur3_32(data: bytes) -> int:
 
 
 def crypto_hash(name: str) -> int:
-    """A name's 32 bits, such that they make a normal float: neither denormal nor infinite nor NaN."""
+    """The hash of a name, changed where needed so that its bits are a normal float: not denormal, infinite or NaN."""
     bits = murmur3_32(name.encode())
     exponent = bits >> 23 & 0xFF
     return bits ^ 1 << 23 if exponent in (0, 0xFF) else bits
 
 
 def crypto_id(name: str) -> np.float32:
-    """The float that stands for a name in the image."""
+    """The float that represents a name in the image."""
     return np.uint32(crypto_hash(name)).view(np.float32)
 
 
 def crypto_ranks(coverages: Mapping[str, np.ndarray], level_count: int) -> np.ndarray:
-    """The image's levels, from the objects that cover most of each pixel down; what does not fit in is left out.
+    """The levels of the image, sorted by coverage from the largest down; pairs that do not fit are left out.
 
     Args:
-        coverages: for each object's name [H, W] in [0, 1]; at least one.
-        level_count: how many images of two pairs each.
+        coverages: object name -> [H, W] in [0, 1]; at least one object.
+        level_count: number of levels, each of two pairs.
 
     Returns:
-        [level_count, H, W, 4] float32 (id, coverage, id, coverage); zeros where nothing is left.
+        [level_count, H, W, 4] float32 (id, coverage, id, coverage); zeros where no pair is left.
     """
     return _ranked(_pairs_of(coverages), level_count)
 
 
 def merged_ranks(levels: np.ndarray, coverages: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The levels of a picture with objects put into it, which take their part of each pixel from all that was there.
+    """The levels of a picture after objects were put over it, which cover a part of what each pixel showed before.
 
     Args:
-        levels: [L, H, W, 4] of the picture without them.
-        coverages: for each object's name [H, W] in [0, 1], together no more than 1; at least one.
+        levels: [L, H, W, 4] of the picture without these objects.
+        coverages: object name -> [H, W] in [0, 1], at most 1 in sum; at least one object.
 
     Returns:
         [L, H, W, 4].
@@ -71,10 +71,10 @@ def merged_ranks(levels: np.ndarray, coverages: Mapping[str, np.ndarray]) -> np.
 
 
 def crypto_metadata(layer: str, names: Iterable[str]) -> dict[str, str]:
-    """The fields a file must carry.
+    """The metadata fields that a file must have.
 
     Args:
-        layer: the passes' name without their number, `ViewLayer.CryptoObject`.
+        layer: the name of the passes without their number, such as `ViewLayer.CryptoObject`.
         names: of all objects.
     """
     prefix = f"cryptomatte/{crypto_hash(layer):08x}"[:-1]

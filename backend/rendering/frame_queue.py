@@ -1,9 +1,9 @@
-"""Frames rendered in a thread of their own, so that Blender evaluates, encodes and writes meanwhile.
+"""Renders frames in a thread of its own, so that Blender evaluates, encodes and writes meanwhile.
 
-While frame n is asked for, n + 1 is foreseen and waits in the queue; its render begins when that of n ends, and goes on
-while Blender writes n. Only tasks cross to the thread, which are plain values: bpy belongs to the main thread, as do
-all methods here. What is foreseen is a guess. A frame is only taken for the same task, equal in every number; for any
-other the task is rendered as it stands.
+While frame n is rendered, the tasks of frame n + 1 may be prefetched: their render begins when that of n ends, and goes
+on while Blender writes n. Only tasks, which are plain values, cross to the thread; bpy belongs to the main thread, and
+so do all methods here. A prefetched task is a guess. Its frame is used only for a submitted task that is equal to the
+last bit; any other task is rendered as it is.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from ..records.errors import LiveHandError
 from .frame_task import ExposureFrames, FrameTask
 
-# After as many frames running that came otherwise than foreseen, guessing would only cost renders.
-_PATIENCE = 2
+# After this many wrong guesses in a row, prefetching costs renders and saves none.
+_MAX_MISSES = 2
 
 
 class FrameQueue:
-    """The frame at hand and the next one, rendered one after the other. A context: its end stops what still runs.
+    """Renders the current frame and the next one, one after the other. Leaving the context stops what still runs.
 
     Attributes:
-        asked: the tasks of the frame at hand that were asked for, each once.
+        submitted: the tasks of the current frame, each once.
     """
 
     def __init__(self):
-        self.asked: list[FrameTask] = []
+        self.submitted: list[FrameTask] = []
         self._is_stopped = False
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="livehand-queue")
         self._renders: list[_Render] = []
@@ -42,31 +42,33 @@ class FrameQueue:
         self._worker.shutdown()
 
     def stop(self) -> None:
-        """Give up: every result is an error from now on, soon even that of a render that runs. A signal may call it."""
+        """Make every result an error from now on, and stop the running render soon. A signal handler may call this."""
         self._is_stopped = True
 
     def begin(self, frame: int, next_frame: int | None) -> None:
-        """From now on `frame` is asked for; `next_frame` is the one after it, None where none is to be rendered."""
-        self._frame, self._next_frame, self.asked = frame, next_frame, []
-        self._keep(frame)
+        """Make `frame` the current one; `next_frame` comes after it (None: nothing is to be rendered after it)."""
+        self._frame, self._next_frame, self.submitted = frame, next_frame, []
+        for render in self._renders:
+            if render.frame != frame:
+                render.cancel()
+        self._renders = [render for render in self._renders if render.frame == frame]
 
     @property
     def prefetchable_frame(self) -> int | None:
         """The frame whose tasks are worth passing to `prefetch`; None if there is none."""
-        return self._next_frame if self._misses < _PATIENCE else None
+        return self._next_frame if self._misses < _MAX_MISSES else None
 
     def prefetch(self, task: FrameTask) -> None:
-        """Render, when its turn has come, what `prefetchable_frame` will probably ask for."""
+        """Render, after the current frame, a task that `prefetchable_frame` will probably submit."""
         if self._next_frame is not None and not self._find(self._next_frame, task):
             self._add(self._next_frame, task)
 
-    def ask(self, task: FrameTask) -> Future[tuple[ExposureFrames, ...]]:
-        """The frame at hand's result, whether foreseen or begun now; it holds the renderer's error if there was one."""
-        if not any(task.is_same_as(other) for other in self.asked):
-            self.asked.append(task)
+    def submit(self, task: FrameTask) -> Future[tuple[ExposureFrames, ...]]:
+        """The result of a task of the current frame, prefetched or not; it holds the renderer's error, if any."""
+        if not any(task.is_same_as(other) for other in self.submitted):
+            self.submitted.append(task)
         found = self._find(self._frame, task)
-        guesses = [render for render in self._renders if render.frame == self._frame]
-        if guesses:
+        if any(render.frame == self._frame for render in self._renders):
             self._misses = 0 if found else self._misses + 1
         return (found or self._add(self._frame, task)).result
 
@@ -78,34 +80,27 @@ class FrameQueue:
         self._renders.append(render)
         return render
 
-    def _keep(self, frame: int | None) -> None:
-        """Stop and forget the renders of all other frames."""
-        for render in self._renders:
-            if render.frame != frame:
-                render.stop()
-        self._renders = [render for render in self._renders if render.frame == frame]
-
 
 class _Render:
-    """One task on its way."""
+    """One task in the queue."""
 
     def __init__(
         self, frame: int | None, task: FrameTask, worker: ThreadPoolExecutor, is_queue_stopped: Callable[[], bool]
     ):
         self.frame, self.task = frame, task
-        self._is_unwanted = False
+        self._is_cancelled = False
         self._is_queue_stopped = is_queue_stopped
         self.result = worker.submit(self._run)
 
-    def stop(self) -> None:
-        """Nobody will ask for it: do not begin it, or end it soon."""
-        self._is_unwanted = True
+    def cancel(self) -> None:
+        """Do not begin, or end soon: the result is not needed."""
+        self._is_cancelled = True
 
     def _should_stop(self) -> bool:
-        return self._is_unwanted or self._is_queue_stopped()
+        return self._is_cancelled or self._is_queue_stopped()
 
     def _run(self) -> tuple[ExposureFrames, ...]:
-        """The frame's moments; an error where it was stopped: Blender crashes if it saves a render without result."""
+        """The frames. A stopped render raises: Blender crashes if it saves a render without a result."""
         try:
             if not self._should_stop():
                 return self.task.run(self._should_stop)

@@ -1,56 +1,77 @@
-"""A frame's work as a value: renderers, and the shots they are to render. It may leave Blender's thread."""
+"""The rendering of a frame as a plain value, which may leave Blender's thread: renderers and the shots they render."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Protocol
+from itertools import chain
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from ..hand.model import HandModel
 from ..records.shot import Frame, Shot
+from .grade import Grade
 
 ExposureFrames = tuple[Frame, ...]
-"""What one moment of a frame's exposure shows: a frame per hand, each as if alone."""
+"""What one exposure sample shows: a frame per hand, each as if alone."""
 
 
+@runtime_checkable
 class NamedAvatar(Protocol):
     """The part of an avatar that a frame's record needs."""
 
     @property
     def name(self) -> str:
-        """As its file says."""
+        """The name in its file."""
         ...
 
 
+@runtime_checkable
 class HandRenderer(Protocol):
     """The part of the backend's renderer that Blender needs."""
 
     @property
     def avatar(self) -> NamedAvatar:
-        """The look."""
+        """The avatar that it renders."""
         ...
 
     @property
     def hand(self) -> HandModel:
-        """The model of the meshes it renders."""
+        """The hand model of the meshes that it renders."""
         ...
 
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
-        """One hand from one view; raises the backend's RenderStopped soon after `should_stop` says so."""
+        """Render one hand from one view; raises RenderStopped soon after `should_stop` returns True."""
         ...
 
 
 @dataclass(frozen=True)
+class HandInstance:
+    """One hand in a frame.
+
+    Attributes:
+        name: of its armature.
+        mesh_name: of the visible object, under which Cryptomatte lists the hand.
+        renderer: of its avatar.
+        grade: the change of its colours.
+    """
+
+    name: str
+    mesh_name: str
+    renderer: HandRenderer
+    grade: Grade
+
+
+@dataclass(frozen=True)
 class HandTask:
-    """One hand at one moment, and what renders it. A renderer must never work on two tasks at once."""
+    """One hand in one exposure sample, and its renderer, which must never work on two tasks at once."""
 
     renderer: HandRenderer
     shot: Shot
 
     def run(self, should_stop: Callable[[], bool]) -> Frame:
-        """Render it; raises what the renderer raises."""
+        """Render the hand; raises what the renderer raises."""
         return self.renderer.render(self.shot, should_stop)
 
     def is_same_as(self, other: HandTask) -> bool:
@@ -60,23 +81,23 @@ class HandTask:
 
 @dataclass(frozen=True)
 class FrameTask:
-    """Every hand at every moment of one frame: a sharp frame has one moment, a blurred one several."""
+    """Every hand in every exposure sample of one frame: a sharp frame has one sample, a blurred one several."""
 
-    moments: tuple[tuple[HandTask, ...], ...]
+    samples: tuple[tuple[HandTask, ...], ...]
 
     def run(self, should_stop: Callable[[], bool]) -> tuple[ExposureFrames, ...]:
-        """Render all of it; raises what a renderer raises."""
-        return tuple(tuple(task.run(should_stop) for task in tasks) for tasks in self.moments)
+        """Render all hands; raises what a renderer raises."""
+        return tuple(tuple(hand.run(should_stop) for hand in hands) for hands in self.samples)
 
     def is_same_as(self, other: FrameTask) -> bool:
         """Whether both give the same frames."""
-        ours, theirs = ([task for tasks in one.moments for task in tasks] for one in (self, other))
-        is_alike = [len(tasks) for tasks in self.moments] == [len(tasks) for tasks in other.moments]
-        return is_alike and all(one.is_same_as(another) for one, another in zip(ours, theirs, strict=True))
+        pairs = zip(chain(*self.samples), chain(*other.samples), strict=False)
+        has_same_shape = [len(hands) for hands in self.samples] == [len(hands) for hands in other.samples]
+        return has_same_shape and all(ours.is_same_as(theirs) for ours, theirs in pairs)
 
 
 def is_equal(one: Any, other: Any) -> bool:
-    """Equality of records of arrays, and tuples of such, by field; a dataclass's own `==` cannot compare arrays."""
+    """Whether records and tuples of arrays are equal, field by field; a dataclass's own `==` cannot compare arrays."""
     if isinstance(one, tuple):
         return len(one) == len(other) and all(is_equal(*pair) for pair in zip(one, other, strict=True))
     if is_dataclass(one):

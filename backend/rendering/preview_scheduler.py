@@ -1,8 +1,8 @@
-"""The newest picture of every view, rendered in one thread: coarse at once, finer when nothing newer is asked for.
+"""Renders the newest image of every 3D view in one thread: a coarse one at once, finer ones while nothing changes.
 
-What is asked for a view replaces what waits for it. Its first step is never stopped once it runs, however often the
-view changes: so something new is shown all the time while an animation plays, and what is shown never goes back in
-time. Finer steps stop as soon as any view asks for a first one. Steps are plain functions without bpy.
+A view's new request replaces its waiting one. The first step of a request is never stopped once it runs, however often
+the view changes, so that an animation shows something new all the time and never goes back in time. Finer steps stop as
+soon as any view submits a new request. Steps are plain functions without bpy.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-Step = Callable[[Callable[[], bool]], Any]  # given `should_stop`; may raise anything after that has said so
+Step = Callable[[Callable[[], bool]], Any]
+"""Takes `should_stop`, and may raise anything once that has returned True."""
 
 
 @dataclass(frozen=True)
 class StepOutcome:
-    """What a step came to: its value, or what it raised."""
+    """The value that a step returned, or the error that it raised."""
 
     value: Any = None
     error: Exception | None = None
@@ -26,7 +27,7 @@ class StepOutcome:
 
 @dataclass(frozen=True)
 class _Request:
-    """What is left to do for a view; `number` counts the steps that are done."""
+    """The remaining steps of a view; `number` counts those that are done."""
 
     view: Hashable
     steps: tuple[Step, ...]
@@ -34,7 +35,7 @@ class _Request:
 
 
 class PreviewScheduler:
-    """One thread for all views. Its methods are for Blender's thread."""
+    """One rendering thread for all views. Its methods are called from Blender's thread."""
 
     def __init__(self):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="livehand-viewport")
@@ -43,29 +44,29 @@ class PreviewScheduler:
         self._running: _Request | None = None
         self._outcomes: dict[Hashable, StepOutcome] = {}
 
-    def ask(self, view: Hashable, steps: Sequence[Step]) -> None:
-        """Run these for a view, one after the other, instead of what still waits for it."""
+    def submit(self, view: Hashable, steps: Sequence[Step]) -> None:
+        """Run these steps for a view, one after the other, in place of those that still wait."""
         with self._lock:
             self._waiting[view] = _Request(view, tuple(steps))
         self._thread.submit(self._work)
 
-    def take(self, view: Hashable) -> StepOutcome | None:
-        """The newest outcome of a view, once; None where there is none since the last."""
+    def pop_outcome(self, view: Hashable) -> StepOutcome | None:
+        """The newest outcome of a view; None if there is none since the last call."""
         with self._lock:
             return self._outcomes.pop(view, None)
 
-    def has_news(self, view: Hashable) -> bool:
-        """Whether `take` has something."""
+    def has_outcome(self, view: Hashable) -> bool:
+        """Whether `pop_outcome` would return one."""
         with self._lock:
             return view in self._outcomes
 
     def is_busy(self, view: Hashable) -> bool:
-        """Whether something is under way for a view."""
+        """Whether a step of the view waits or runs."""
         with self._lock:
             return view in self._waiting or (self._running is not None and self._running.view == view)
 
     def forget(self, view: Hashable) -> None:
-        """The view is closed: drop all of its."""
+        """Drop everything of a view that was closed."""
         with self._lock:
             self._waiting.pop(view, None)
             self._outcomes.pop(view, None)
@@ -80,7 +81,7 @@ class PreviewScheduler:
         self._thread.shutdown()
 
     def _work(self) -> None:
-        """In the thread: until nothing waits."""
+        """Run in the thread until no step waits."""
         while request := self._begin():
             try:
                 outcome = StepOutcome(request.steps[0](lambda request=request: self._should_stop(request)))
@@ -97,9 +98,10 @@ class PreviewScheduler:
 
     def _should_stop(self, request: _Request) -> bool:
         with self._lock:
-            return self._running is not request or self._is_outrun(request)
+            return self._running is not request or self._is_preempted(request)
 
-    def _is_outrun(self, request: _Request) -> bool:
+    def _is_preempted(self, request: _Request) -> bool:
+        """Whether a finer step must give way to the first step of another request."""
         return request.number > 0 and any(other.number == 0 for other in self._waiting.values())
 
     def _end(self, request: _Request, outcome: StepOutcome) -> None:
@@ -108,7 +110,7 @@ class PreviewScheduler:
                 return
             self._running = None
             rest = request
-            if not self._is_outrun(request):
+            if not self._is_preempted(request):
                 self._outcomes[request.view] = outcome
                 done = len(request.steps) if outcome.error else 1
                 rest = _Request(request.view, request.steps[done:], request.number + 1)

@@ -1,1 +1,1 @@
-"""The render engine, the loaded avatars it uses, and sequences of frames on disk."""
+"""The render engine LIVEHAND, and sequences of frames on disk."""

@@ -1,9 +1,8 @@
-"""`livehand render`: arguments, and the call."""
+"""The command `livehand render`."""
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -11,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ...backend.avatars.library import SKINS, avatar_path
-from ...backend.batch.chunk import ALL, Chunk
 from ...backend.batch.folders import folders_of, writable_folder
+from ...backend.batch.frame_selection import ALL, parse_chunk, parse_frames
 from ...backend.batch.report import RunReport
 from ...backend.batch.workers import run_workers, stop_with_parent
 from ...backend.runtime.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
 
 FORMATS = ("exr", "png")
-_FRAME_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,11 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of the frames; of a folder per shot if there are several",
+        help="folder of the frames; with several shots, each has its own folder in it",
     )
     parser.add_argument("--frames", type=parse_frames, metavar="1-24,30", help="default: the scene's range")
     parser.add_argument(
-        "--chunk", type=parse_chunk, default=ALL, metavar="I/N", help="the I-th of N parts of the frames"
+        "--chunk", type=parse_chunk, default=ALL, metavar="I/N", help="render the I-th of N parts of the frames"
     )
     parser.add_argument(
         "--avatar",
@@ -52,20 +50,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="default: the scene's")
     parser.add_argument("--precision", choices=("fp32", "bf16"), help="default: the scene's")
     parser.add_argument("--format", type=parse_formats, default=("exr",), metavar="exr|png|exr,png")
-    parser.add_argument("--overwrite", action="store_true", help="render frames that are already there as well")
+    parser.add_argument("--overwrite", action="store_true", help="also render frames that already exist")
     parser.add_argument(
         "--jobs", type=parse_count, default=1, metavar="N", help="worker processes that share the frames"
     )
-    # Of such a worker: when the run began, see SequencePlan.
+    # Passed to worker processes: when the run began, see SequencePlan.
     parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManager[None]]) -> dict[str, Any]:
-    """Render the shots; returns what was done.
+    """Render the shots; returns the result.
 
     Args:
-        args: the command's.
-        in_blender: within, Blender knows LiveHand's classes.
+        args: the command's arguments.
+        in_blender: a context in which LiveHand's classes are registered with Blender.
 
     Raises:
         FailedInPart: a shot failed.
@@ -85,7 +83,7 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
 
 
 def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunReport, in_blender: Callable) -> None:
-    """As a worker: whoever started it tells people of its end."""
+    """Render as a worker process; the parent process reports how it ends."""
     stop_with_parent()
     try:
         _render(args, folders, report, in_blender)
@@ -94,8 +92,8 @@ def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunRep
 
 
 def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunReport, in_blender: Callable) -> None:
-    from .batch import write_batch
     from .plan import SequencePlan
+    from .sequence import write_sequences
 
     with in_blender():
         plans = [
@@ -114,42 +112,15 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
             )
             for shot, folder in folders.items()
         ]
-        write_batch(plans, report)
-
-
-def parse_frames(text: str) -> tuple[int, ...]:
-    """`1-24,30` -> frame numbers in that order, each once.
-
-    Raises:
-        argparse.ArgumentTypeError: malformed, or no frame in it.
-    """
-    frames: dict[int, None] = {}
-    for part in text.split(","):
-        match = _FRAME_RANGE.fullmatch(part.strip())
-        if not match:
-            raise argparse.ArgumentTypeError(f"must be frames and ranges such as 1-24,30, got {text!r}")
-        first = int(match[1])
-        last = first if match[2] is None else int(match[2])
-        if last < first:
-            raise argparse.ArgumentTypeError(f"a range must run forwards and hold a frame, got {part.strip()!r}")
-        frames.update(dict.fromkeys(range(first, last + 1)))
-    return tuple(frames)
-
-
-def parse_chunk(text: str) -> Chunk:
-    """`2/8` -> the second of eight.
-
-    Raises:
-        argparse.ArgumentTypeError: malformed, or no such part.
-    """
-    number, slash, count = text.partition("/")
-    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
-        raise argparse.ArgumentTypeError(f"must be I/N with I from 1 to N, such as 2/8, got {text!r}")
-    return Chunk(int(number), int(count))
+        write_sequences(plans, report)
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
-    """`exr`, `png` or both -> each once, in the order given."""
+    """`exr`, `png` or both -> each once, in the given order.
+
+    Raises:
+        argparse.ArgumentTypeError: the text has another format.
+    """
     formats = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
     if not set(formats) <= set(FORMATS):
         raise argparse.ArgumentTypeError(f"must be exr, png or exr,png, got {text!r}")

@@ -1,8 +1,8 @@
-"""Cycles' render engine as a base class for ours: its preview of the scene, its final render.
+"""Cycles' render engine as a base class for ours: its viewport preview and its final render.
 
-Deriving from `CyclesRender` itself would do, but registering a class whose base is registered as well takes that base's
-Python class away from Blender: the engine Cycles would render black from then on ("unable to get Python class for RNA
-struct 'CYCLES'", Blender 4.3 and 4.5). So its functions are borrowed.
+The class cannot derive from `CyclesRender`: registering a class whose base is registered as well takes the base's
+Python class away from Blender, and the engine Cycles renders black from then on ("unable to get Python class for RNA
+struct 'CYCLES'", Blender 4.3 and 4.5). So it borrows the functions of `CyclesRender`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cycles import CyclesRender
 
 
 class CyclesEngine(bpy.types.RenderEngine):
-    """Renders what Cycles renders. Not registered itself."""
+    """Renders what Cycles renders. It is not registered itself."""
 
     bl_use_eevee_viewport = True
 
@@ -23,7 +23,7 @@ class CyclesEngine(bpy.types.RenderEngine):
         self.session = None  # Cycles' own
 
     def __del__(self):
-        # Blender has taken an engine apart that Python kept longer, as a logged error's traceback does.
+        # Blender has freed an engine that Python kept longer, as the traceback of a logged error does.
         with contextlib.suppress(ReferenceError):
             CyclesRender.__del__(self)
 

@@ -1,126 +1,167 @@
-"""The hands of a frame: who they are, and the work that their picture takes, read from the depsgraph."""
+"""Reads a frame's description from the depsgraph: its hands, their work in every view, and the passes to write."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
-from ...backend.avatars.session import Device, Session
-from ...backend.hand.model import HandModel
+from ...backend.avatars.session import Session
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.frame_task import FrameTask, HandRenderer, HandTask
+from ...backend.rendering.exposure import SHARP, Lens, camera_of_sample
+from ...backend.rendering.frame_task import FrameTask, HandInstance, HandTask
 from ..rig.hand import find_hands, mesh_of
-from ..scene.exposure import SHARP, ExposureSample, Lens, exposure_samples, seen_at
-from ..scene.grade import Grade
-from ..scene.shot import HandSource, hand_source, read_shot, visible_hands
-
-ReadCamera = Callable[[], tuple[Camera, Lens | None]]
-SetFrame = Callable[[int, float], None]
+from ..scene.camera import Eye, read_camera, render_region
+from ..scene.shot import read_shot, visible_hands
+from .cycles_scene import is_in_scene
+from .exposure import read_exposure, read_lens
+from .hands.hand_source import hand_source, read_device, read_grade
+from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 
 @dataclass(frozen=True)
-class HandInstance:
-    """One hand that a frame shows.
-
-    Attributes:
-        name: of its armature.
-        mesh_name: of the object that is seen, as Cryptomatte names it.
-        source: its files.
-        model: of the hand.
-        renderer: of its avatar.
-        grade: what becomes of its colours.
-    """
+class ViewSetup:
+    """One view of a frame: an eye of a stereo render, or the only view, whose name is empty."""
 
     name: str
-    mesh_name: str
-    source: HandSource
-    model: HandModel
-    renderer: HandRenderer
-    grade: Grade
+    task: FrameTask
 
 
 @dataclass(frozen=True)
 class FrameSetup:
-    """The hands of a frame, in one order, and their work: every moment's tasks are in that order."""
+    """All that the render of a view layer's frame needs once the depsgraph is gone.
 
-    actors: tuple[HandInstance, ...]
-    task: FrameTask
+    Attributes:
+        scene: the original one, for its colour management.
+        layer: the view layer's name.
+        size_px: (width, height) of the rendered region.
+        passes: those that the layer has switched on.
+        cryptomatte: names of the Cryptomatte passes that the layer has switched on.
+        is_in_scene: whether Cycles renders the scene around the hands.
+        hands: in the order of every sample's tasks.
+        views: one, or two eyes.
+    """
+
+    scene: bpy.types.Scene
+    layer: str
+    size_px: tuple[int, int]
+    passes: tuple[Pass, ...]
+    cryptomatte: tuple[str, ...]
+    is_in_scene: bool
+    hands: tuple[HandInstance, ...]
+    views: tuple[ViewSetup, ...]
+
+    @property
+    def needs_surface(self) -> bool:
+        """Whether a pass needs the surface maps of the hands' meshes."""
+        return any(one.name in SURFACE_PASSES for one in self.passes)
 
 
-def read_frame_setup(
-    depsgraph: bpy.types.Depsgraph, session: Session, read_camera: ReadCamera, set_frame: SetFrame
-) -> FrameSetup:
-    """The frame as the depsgraph stands, and, where it is blurred, a little before and after.
+def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameSetup:
+    """Read the depsgraph's frame, and, if it is blurred, times a little before and after.
 
     Args:
-        depsgraph: of the frame; at its end it stands where it stood.
-        session: loads what is not loaded.
-        read_camera: the view and its lens as the depsgraph stands.
-        set_frame: evaluates the depsgraph at a frame and a part of one.
+        engine: sets frames and stereo views.
+        depsgraph: of the frame, to which it is set back.
+        session: loads the avatars that are not loaded.
 
     Raises:
-        LiveHandError: the scene has no hand, or a hand, an avatar or the camera is at fault.
+        LiveHandError: the scene has no hand, or a hand, an avatar, the camera or the border is at fault.
     """
-    scene = depsgraph.scene
-    if not find_hands(scene):
+    scene, layer = depsgraph.scene, depsgraph.view_layer
+    size_px, in_scene = render_region(scene.render).size_px, is_in_scene(scene)
+    hands = _load_hands(depsgraph, session)
+    views = tuple(
+        ViewSetup(name, _read_task(engine, depsgraph, hands, is_stereo=bool(name)))
+        for name in _activated_views(engine, scene.render)
+    )
+    return FrameSetup(
+        scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), in_scene, hands, views
+    )
+
+
+def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameTask:
+    """The task of the depsgraph's frame, without stereo; raises as `read_frame_setup`."""
+    return _read_task(engine, depsgraph, _load_hands(depsgraph, session), is_stereo=False)
+
+
+def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
+    """The visible hands, with their renderers."""
+    if not find_hands(depsgraph.scene):
         raise LiveHandError(
             "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
         )
-    hands = visible_hands(depsgraph)
-    actors = tuple(_actor(hand, session, _device(scene)) for hand in hands)
-    camera, lens = read_camera()
-    moments = exposure_samples(scene, lens) if actors else ()
-    if moments == (SHARP,):
-        return FrameSetup(actors, FrameTask((_tasks(depsgraph, actors, camera),)))
-    return FrameSetup(
-        actors, FrameTask(tuple(_through_the_shutter(depsgraph, actors, moments, read_camera, set_frame)))
-    )
-
-
-def _through_the_shutter(
-    depsgraph: bpy.types.Depsgraph,
-    actors: Sequence[HandInstance],
-    moments: Sequence[ExposureSample],
-    read_camera: ReadCamera,
-    set_frame: SetFrame,
-) -> Iterator[tuple[HandTask, ...]]:
-    now = depsgraph.scene.frame_current
-    stands_at = 0.0
-    try:
-        for moment in moments:
-            if moment.offset_frames != stands_at:
-                set_frame(*_split(now, moment.offset_frames))
-                stands_at = moment.offset_frames
-            camera, lens = read_camera()
-            yield _tasks(depsgraph, actors, seen_at(camera, lens, moment))
-    finally:
-        if stands_at != 0.0:
-            set_frame(now, 0.0)
-
-
-def _split(frame: int, offset: float) -> tuple[int, float]:
-    """Whole frame, and the part of one after it."""
-    whole = int(offset // 1)
-    return frame + whole, offset - whole
-
-
-def _tasks(depsgraph: bpy.types.Depsgraph, actors: Sequence[HandInstance], camera: Camera) -> tuple[HandTask, ...]:
-    evaluated = (depsgraph.scene.objects[actor.name].evaluated_get(depsgraph) for actor in actors)
+    device = read_device(depsgraph.scene)
     return tuple(
-        HandTask(actor.renderer, read_shot(hand, depsgraph, camera, len(actor.model.v_template)))
-        for actor, hand in zip(actors, evaluated, strict=True)
+        HandInstance(
+            hand.name, mesh_of(hand.original).name, hand_source(hand).renderer(session, device), read_grade(hand)
+        )
+        for hand in visible_hands(depsgraph)
     )
 
 
-def _actor(hand: bpy.types.Object, session: Session, device: Device) -> HandInstance:
-    source = hand_source(hand)
-    model = session.hand(source.model_path)
-    renderer = session.renderer(source.avatar_path, model, device)
-    return HandInstance(hand.name, mesh_of(hand.original).name, source, model, renderer, Grade.of_hand(hand))
+def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:
+    """The name of each stereo view, after activating it; without stereo one empty name."""
+    if not render.use_multiview:
+        yield ""
+        return
+    for view in render.views:
+        if view.use:
+            engine.active_view_set(view.name)
+            yield view.name
 
 
-def _device(scene: bpy.types.Scene) -> Device:
-    return Device(scene.livehand.device, scene.livehand.precision)
+def _read_task(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], is_stereo: bool
+) -> FrameTask:
+    """The hands and the camera at every exposure sample."""
+    camera, lens = _read_view(engine, depsgraph, is_stereo)
+    samples = read_exposure(depsgraph.scene, lens) if hands else ()
+    if samples == (SHARP,):
+        return FrameTask((_read_hands(depsgraph, hands, camera),))
+    tasks = []
+    frame, offset = depsgraph.scene.frame_current, 0.0
+    try:
+        for sample in samples:
+            if sample.offset_frames != offset:
+                offset = sample.offset_frames
+                whole = int(offset // 1)
+                engine.frame_set(frame + whole, offset - whole)
+            camera, lens = _read_view(engine, depsgraph, is_stereo)
+            tasks.append(_read_hands(depsgraph, hands, camera_of_sample(camera, lens, sample)))
+    finally:
+        if offset != 0.0:
+            engine.frame_set(frame, 0.0)
+    return FrameTask(tuple(tasks))
+
+
+def _read_view(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, is_stereo: bool
+) -> tuple[Camera, Lens | None]:
+    """The camera of the rendered region as evaluated now, and its lens."""
+    render = depsgraph.scene.render
+    region = render_region(render)
+    camera = engine.camera_override or depsgraph.scene.camera
+    evaluated = camera and camera.evaluated_get(depsgraph)
+    eye = None
+    if evaluated is not None and is_stereo:
+        matrix_world = np.array(engine.camera_model_matrix(evaluated)).reshape(4, 4)
+        eye = Eye(matrix_world, engine.camera_shift_x(evaluated))
+    whole = read_camera(evaluated, render, eye)
+    return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
+
+
+def _read_hands(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], camera: Camera) -> tuple[HandTask, ...]:
+    objects = depsgraph.scene.objects
+    return tuple(
+        HandTask(
+            hand.renderer,
+            read_shot(
+                objects[hand.name].evaluated_get(depsgraph), depsgraph, camera, len(hand.renderer.hand.v_template)
+            ),
+        )
+        for hand in hands
+    )

@@ -1,15 +1,17 @@
-"""One claimed frame: rendered by Blender, saved, checked, described and published."""
+"""Renders one leased frame with Blender, saves it and its record, checks the files and publishes them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import bpy
 
 from ...backend.avatars.session import Session
-from ...backend.batch.frame_paths import FrameParts, FramePaths, not_written
+from ...backend.batch.folders import not_written
+from ...backend.batch.frame_paths import FrameParts, FramePaths
 from ...backend.batch.interruption import Interruption
 from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.provenance import HandRecord, frame_record, save_record
@@ -24,15 +26,15 @@ from .plan import blender_message
 
 @dataclass(frozen=True)
 class FrameWriter:
-    """The way of a frame from the open scene to disk.
+    """Writes frames of the open scene to disk.
 
     Attributes:
         scene: with the plan applied.
-        shot: the .blend it came from.
-        output: its settings before that.
-        session: that the engine renders with.
-        queue: likewise.
-        interruption: asked after each step.
+        shot: the .blend of the scene.
+        output: the scene's output settings before the plan was applied.
+        session: the engine's session.
+        queue: the session's queue.
+        interruption: checked after each image.
     """
 
     scene: bpy.types.Scene
@@ -42,24 +44,24 @@ class FrameWriter:
     queue: FrameQueue
     interruption: Interruption
 
-    def write(self, paths: FramePaths, formats: Sequence[str], claims: FrameLeases, claim: Lease) -> bool:
-        """Render a frame once and save it in every format, and its record beside it.
+    def write(self, paths: FramePaths, formats: Sequence[str], leases: FrameLeases, lease: Lease) -> bool:
+        """Render a frame once, save it in every format, and save its record beside it.
 
         Returns:
-            Whether it was published; not if somebody took the claim over meanwhile.
+            Whether it was published; it is not if another process has superseded the lease meanwhile.
 
         Raises:
-            LiveHandError: it cannot be rendered or saved.
-            KeyboardInterrupt: it was asked for.
+            LiveHandError: the frame cannot be rendered or saved.
+            KeyboardInterrupt: Ctrl-C or SIGTERM.
         """
-        if claim.generation:
+        if lease.generation:
             paths.remove_parts()
-        with blender_silenced(), paths.parts(claim.token) as parts:
-            record_path = parts.path("json")  # the first to be published: no frame is ever without it
+        with blender_silenced(), FrameParts(paths, lease.token) as parts:
+            record_path = parts.path("json")  # published first, so that no frame is ever without it
             self.scene.frame_set(paths.frame)
             self._save_images(paths.frame, formats, parts)
             self._save_record(paths.frame, record_path)
-            is_ours = claims.holds(claim)
+            is_ours = leases.holds(lease)
             if is_ours:
                 parts.publish()
         return is_ours
@@ -76,13 +78,13 @@ class FrameWriter:
             parts.check(part, output_size_px(self.scene.render))
 
     def _render(self, frame: int, path: Path) -> None:
-        """Render and save by one operator: it lets the queue's thread have Python meanwhile, `save_render` does not."""
+        """Render and save with one operator, which releases Python to the queue's thread; `save_render` does not."""
         self.scene.render.filepath = literal_path(path)
         try:
-            read_camera(self.scene.camera, self.scene.render)  # Blender's message on a missing camera tells no remedy
+            read_camera(self.scene.camera, self.scene.render)  # Blender's message on a missing camera has no remedy
             result = bpy.ops.render.render(scene=self.scene.name, write_still=True)
         except (RuntimeError, LiveHandError) as error:
-            self.interruption.check()  # Ctrl-C, pressed while the engine works, may end the operator as an error does
+            self.interruption.check()  # an interrupted engine may end the operator with an error
             raise LiveHandError(f"frame {frame}: {blender_message(error)}") from error
         if "FINISHED" not in result:
             raise LiveHandError(f"frame {frame}: Blender did not render it ({', '.join(result)})")
@@ -103,12 +105,11 @@ class FrameWriter:
             raise not_written(path, str(error.strerror)) from error
 
     def _hand_tasks(self) -> list[HandTask]:
-        """Each hand once, however many view layers show it, at the moment nearest to the frame itself."""
+        """Each hand once, however many view layers show it, at the exposure sample nearest to the frame itself."""
         tasks: list[HandTask] = []
-        for asked in self.queue.asked:
-            for task in asked.moments[0] if asked.moments else ():
-                if not any(task.is_same_as(other) for other in tasks):
-                    tasks.append(task)
+        for task in chain(*(submitted.samples[0] for submitted in self.queue.submitted if submitted.samples)):
+            if not any(task.is_same_as(other) for other in tasks):
+                tasks.append(task)
         return tasks
 
     def _hand_record(self, task: HandTask) -> HandRecord:

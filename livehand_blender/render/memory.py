@@ -1,4 +1,4 @@
-"""Giving the memory of loaded avatars back: when the user says so, and after a render in Blender's window."""
+"""Frees the memory of loaded avatars: on demand, and after a render in Blender's window."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .engine import LiveHandRender
 
 
 def free_memory() -> None:
-    """Forget all loaded avatars and hands; torch keeps none of the GPU's memory. The next render loads again."""
+    """Free all loaded avatars and hands, and torch's cached GPU memory. The next render loads them again."""
     LiveHandRender.required_session().free()
     torch = sys.modules.get("torch")
     if torch is not None and torch.cuda.is_initialized():
@@ -25,7 +25,7 @@ def _after_render(scene: bpy.types.Scene, *_) -> None:
 
 
 def watch_renders() -> None:
-    """Free memory after each render or animation, finished or cancelled. A program without a window just ends."""
+    """Free memory after each render or animation, finished or cancelled, unless Blender runs without a window."""
     if not bpy.app.background:
         for handlers in (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel):
             handlers.append(_after_render)

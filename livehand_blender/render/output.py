@@ -7,13 +7,13 @@ from pathlib import Path
 
 import bpy
 
-# Since then Blender reads {name} in an output path as a variable.
+# The first version of Blender that reads {name} in an output path as a variable.
 _PATH_TEMPLATES = (4, 5, 0)
 
 
 @dataclass(frozen=True)
 class OutputSettings:
-    """Bits per channel of each format: the scene's own where it is set to that format.
+    """Bits per channel of each format: the scene's own if the scene is set to that format.
 
     Attributes:
         exr_depth: `16` (half) or `32`; Depth is always 32.
@@ -25,7 +25,7 @@ class OutputSettings:
 
     @classmethod
     def of_scene(cls, scene: bpy.types.Scene) -> OutputSettings:
-        """Read them before `use` changes them."""
+        """Read the settings, before `use` changes them."""
         settings = scene.render.image_settings
         is_exr = settings.file_format in ("OPEN_EXR", "OPEN_EXR_MULTILAYER")
         return cls(
@@ -36,7 +36,7 @@ class OutputSettings:
     def use(self, scene: bpy.types.Scene, file_format: str) -> None:
         """Make the scene save `exr` (multilayer: every pass of every view layer) or `png`, both with alpha.
 
-        View transform, look and dither stay the scene's own.
+        View transform, look and dither do not change.
         """
         settings = scene.render.image_settings
         is_exr = file_format == "exr"
@@ -46,10 +46,10 @@ class OutputSettings:
         settings.color_mode = "RGBA"
         settings.color_depth = self.exr_depth if is_exr else self.png_depth
         if is_exr:
-            settings.exr_codec = "ZIP"  # lossless, and the frame check can unpack it
+            settings.exr_codec = "ZIP"  # lossless, and the frame check can decompress it
 
 
 def literal_path(path: Path) -> str:
-    """An absolute path for Blender's output settings, with braces that stand for themselves."""
+    """An absolute path for Blender's output settings, with its braces escaped."""
     text = str(path)
     return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= _PATH_TEMPLATES else text

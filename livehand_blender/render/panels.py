@@ -1,4 +1,4 @@
-"""Blender's and Cycles' own panels, which stay useful with the LIVEHAND engine, and the choice of our passes."""
+"""The panels of Blender and Cycles that also apply to the LIVEHAND engine, and the panel of its own passes."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import bpy
 
 from ..scene.settings import ENGINE
 
-# Panels of features that we do not have.
+# Panels of features that LIVEHAND lacks.
 _EXCLUDED = (
     "VIEWLAYER_PT_freestyle",
     "RENDER_PT_freestyle",
     "RENDER_PT_simplify_greasepencil",
     "CYCLES_RENDER_PT_bake",
 )
-# Panels of any engine, and Cycles' own: it renders the scene around a hand, and its light and material settings count.
-_ENGINES_ALIKE = {"BLENDER_RENDER", "CYCLES"}
+# General panels, and those of Cycles, which renders the scene around a hand.
+_RELATED_ENGINES = {"BLENDER_RENDER", "CYCLES"}
 
 
 class LIVEHAND_PT_passes(bpy.types.Panel):
-    """View layer tab: the passes beside Blender's own."""
+    """View Layer tab: the passes that Blender does not have."""
 
     bl_label = "Hand Passes"
     bl_space_type = "PROPERTIES"
@@ -30,29 +30,29 @@ class LIVEHAND_PT_passes(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context):
-        """Only with our engine."""
+        """Shown with the LIVEHAND engine only."""
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
-        """One switch."""
+        """Draw the switch."""
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer.livehand, "use_pass_hand", text="Hand and HandAlpha")
 
 
 def register_panels() -> None:
-    """Show the panels that any engine has, such as output, format and lens, and Cycles' own."""
+    """Show the general panels, such as output, format and lens, and those of Cycles."""
     for panel in _general_panels():
         panel.COMPAT_ENGINES.add(ENGINE)
 
 
 def unregister_panels() -> None:
-    """Take our engine out of all of them."""
+    """Hide them again."""
     for panel in _general_panels():
         panel.COMPAT_ENGINES.discard(ENGINE)
 
 
 def _general_panels() -> Iterator[type]:
     for panel in bpy.types.Panel.__subclasses__():
-        is_useful = not _ENGINES_ALIKE.isdisjoint(getattr(panel, "COMPAT_ENGINES", ()))
+        is_useful = not _RELATED_ENGINES.isdisjoint(getattr(panel, "COMPAT_ENGINES", ()))
         if is_useful and not panel.__name__.startswith(_EXCLUDED):
             yield panel

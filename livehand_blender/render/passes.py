@@ -1,6 +1,6 @@
-"""The passes of a view layer: which there are, and what of a picture goes into each.
+"""The passes of a view layer, and how each is drawn from a picture.
 
-In a scene, Cycles has made its own passes first. What it knows beside the hand stays; ours are written over it.
+In a scene, Cycles has rendered its own passes first; they are kept beside the hand, and ours are written over them.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import numpy as np
 
 from ...backend.records.shot import DEPTH_BACKGROUND, Frame
 from ...backend.rendering.cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
-from .picture import Picture
+from ...backend.rendering.picture import Picture
 
 ScenePasses = Mapping[str, np.ndarray]
-"""Cycles' passes of a view layer by name, [H, W, C], top row first; empty where Cycles has not rendered."""
+"""Cycles' passes of a view layer by name, [H, W, C], top row first; empty if Cycles did not render."""
 
 
 class Pass(NamedTuple):
     """One pass.
 
     Attributes:
-        name: Blender's own name where it has one.
-        channels: names of its channels, one letter each.
+        name: Blender's own name, if it has such a pass.
+        channels: one letter each.
         kind: `COLOR`, `VECTOR` or `VALUE`.
         is_wanted: whether a view layer has it switched on.
-        is_blenders: whether Blender's view layer makes it, or we have to add it.
-        draw: [H, W] or [H, W, C] from the picture and Cycles' pass of the same name, if any.
+        is_blenders: whether Blender adds it to the result, or the engine must.
+        draw: makes [H, W] or [H, W, C] from the picture and Cycles' pass of the same name, if any.
     """
 
     name: str
@@ -43,54 +43,51 @@ def _rgba(frame: Frame) -> np.ndarray:
     return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
 
 
-def _depth(picture: Picture, _: np.ndarray | None) -> np.ndarray:
-    return picture.combined.depth
-
-
-def _of_surface(name: str) -> Callable[[Picture, np.ndarray | None], np.ndarray]:
+def _surface(name: str) -> Callable[[Picture, np.ndarray | None], np.ndarray]:
     def draw(picture: Picture, scene: np.ndarray | None) -> np.ndarray:
         around = np.zeros((*picture.visible_alpha.shape, 3), np.float32) if scene is None else scene
         if picture.surface is None:
             return around
-        # The field's edge may lie a pixel beside the mesh's, which knows nothing there.
-        is_known = picture.is_hand & (picture.surface.depth < DEPTH_BACKGROUND)
-        return np.where(is_known[..., None], getattr(picture.surface, name), around)
+        # The rendered hand may reach a pixel beyond the mesh, where the maps are empty.
+        is_known = picture.is_hand & (picture.surface["depth"] < DEPTH_BACKGROUND)
+        return np.where(is_known[..., None], picture.surface[name], around)
 
     return draw
 
 
 PASSES = (
     Pass("Combined", "RGBA", "COLOR", lambda layer: True, True, lambda picture, _: _rgba(picture.combined)),
-    Pass("Depth", "Z", "VALUE", lambda layer: layer.use_pass_z, True, _depth),
-    Pass("Normal", "XYZ", "VECTOR", lambda layer: layer.use_pass_normal, True, _of_surface("normal")),
-    Pass("UV", "UVA", "VECTOR", lambda layer: layer.use_pass_uv, True, _of_surface("uv")),
-    Pass("Position", "XYZ", "VECTOR", lambda layer: layer.use_pass_position, True, _of_surface("position")),
+    Pass("Depth", "Z", "VALUE", lambda layer: layer.use_pass_z, True, lambda picture, _: picture.combined.depth),
+    Pass("Normal", "XYZ", "VECTOR", lambda layer: layer.use_pass_normal, True, _surface("normal")),
+    Pass("UV", "UVA", "VECTOR", lambda layer: layer.use_pass_uv, True, _surface("uv")),
+    Pass("Position", "XYZ", "VECTOR", lambda layer: layer.use_pass_position, True, _surface("position")),
     Pass("Hand", "RGBA", "COLOR", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: _rgba(p.hands)),
     Pass("HandAlpha", "A", "VALUE", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: p.visible_alpha),
 )
 SURFACE_PASSES = ("Normal", "UV", "Position")
 CRYPTOMATTE = "CryptoObject"
+CRYPTOMATTE_LEVELS = tuple(f"{CRYPTOMATTE}{number:02d}" for number in range(8))  # Blender's limit: 16 ranks
 
 
-def wanted_passes(layer: bpy.types.ViewLayer) -> list[Pass]:
+def wanted_passes(layer: bpy.types.ViewLayer) -> tuple[Pass, ...]:
     """The passes that a view layer has switched on."""
-    return [one for one in PASSES if one.is_wanted(layer)]
+    return tuple(one for one in PASSES if one.is_wanted(layer))
 
 
-def cryptomatte_passes(layer: bpy.types.ViewLayer) -> list[str]:
-    """Names of the passes of two ranks each that tell which object covers a pixel, if they are switched on."""
+def cryptomatte_passes(layer: bpy.types.ViewLayer) -> tuple[str, ...]:
+    """Names of the object Cryptomatte passes, of two ranks each, that a view layer has switched on."""
     count = (layer.pass_cryptomatte_depth + 1) // PAIRS_PER_LEVEL if layer.use_pass_cryptomatte_object else 0
-    return [f"{CRYPTOMATTE}{number:02d}" for number in range(count)]
+    return CRYPTOMATTE_LEVELS[:count]
 
 
 def drawn_passes(picture: Picture, names: Container[str], scene: ScenePasses) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and values of each pass there is: ours, and what else Cycles has made."""
+    """Name and values of each pass: ours, and Cycles' others."""
     ours = {one.name: one.draw(picture, scene.get(one.name)) for one in PASSES if one.name in names}
     yield from {**scene, **ours, **_cryptomatte(picture, names, scene)}.items()
 
 
 def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) -> Mapping[str, np.ndarray]:
-    levels = [name for name in (f"{CRYPTOMATTE}{number:02d}" for number in range(_MAX_LEVELS)) if name in names]
+    levels = [name for name in CRYPTOMATTE_LEVELS if name in names]
     if not levels or not picture.coverage:
         return {}
     if scene:
@@ -98,23 +95,3 @@ def _cryptomatte(picture: Picture, names: Container[str], scene: ScenePasses) ->
     else:
         ranks = crypto_ranks(picture.coverage, len(levels))
     return dict(zip(levels, ranks, strict=True))
-
-
-_MAX_LEVELS = 8  # Blender's own limit of 16 ranks
-
-
-def read_pass(render_pass: bpy.types.RenderPass, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W, C] top row first."""
-    width, height = size_px
-    flat = np.empty(width * height * render_pass.channels, np.float32)
-    render_pass.rect.foreach_get(flat)
-    return flat.reshape(height, width, render_pass.channels)[::-1]
-
-
-def fill_pass(render_pass: bpy.types.RenderPass, values: np.ndarray) -> None:
-    """Write [H, W] or [H, W, C], top row first."""
-    buffer = np.ascontiguousarray(values[::-1], np.float32).ravel()
-    expected = len(render_pass.rect) * render_pass.channels
-    if buffer.size != expected:
-        raise RuntimeError(f"pass {render_pass.name} has {expected} numbers, the picture {buffer.size}")
-    render_pass.rect.foreach_set(buffer)

@@ -1,4 +1,4 @@
-"""What a sequence is to be, and the opened scene made to it."""
+"""The settings of a sequence, and their application to the opened scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.batch.chunk import ALL, Chunk
+from ...backend.batch.frame_selection import ALL, Chunk
 from ...backend.records.errors import LiveHandError
 from ..rig.hand import find_hands
 from ..scene.settings import ENGINE
@@ -16,16 +16,16 @@ from ..scene.settings import ENGINE
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """What to render. None leaves a setting as it is in the .blend.
+    """What to render. None keeps the setting of the .blend.
 
     Attributes:
         shot: the .blend; it is not changed.
-        folder: of the frames; made if missing.
+        folder: of the frames; created if missing.
         frames: frame numbers; None takes the scene's range and step.
-        chunk: which part of these frames.
-        formats: of each frame, `exr` (multilayer) and `png`; all come from one render.
-        overwrite: render finished frames too, those that were there when the run began.
-        began_ns: when that was, by the clock that dates the folder's files; None: when this sequence begins.
+        chunk: the part of these frames to render.
+        formats: of each frame, `exr` (multilayer) and `png`; all are saved from one render.
+        overwrite: also render frames that were finished when the run began.
+        began_ns: when the run began, by the clock that dates the folder's files; None: when this sequence begins.
         avatar: for every hand of the scene.
         size_px: (width, height) at 100 %.
         device: `auto`, `cpu` or `cuda`.
@@ -45,7 +45,7 @@ class SequencePlan:
     precision: str | None = None
 
     def frames_of(self, scene: bpy.types.Scene) -> Sequence[int]:
-        """The frame numbers to render of the opened shot."""
+        """The numbers of the frames to render."""
         return self.chunk.of(self.frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
 
 
@@ -53,7 +53,7 @@ def open_shot(path: Path) -> bpy.types.Scene:
     """Open a .blend file in this process; returns its active scene.
 
     Raises:
-        LiveHandError: there is no such file, or it is no .blend.
+        LiveHandError: there is no such file, or it is not a .blend.
     """
     if not path.is_file():
         raise LiveHandError(f"no file at {path}; give the path of a .blend")
@@ -67,7 +67,7 @@ def open_shot(path: Path) -> bpy.types.Scene:
 
 
 def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
-    """Set the engine and the plan's choices in the open scene, in memory only.
+    """Set the engine and the plan's settings in the open scene, in memory only.
 
     Raises:
         LiveHandError: the scene is stereo.
@@ -95,6 +95,6 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
 
 
 def blender_message(error: Exception) -> str:
-    """An operator's reports as one line, without Blender's and our own prefixes."""
+    """An operator's reports as one line, without the prefixes of Blender and LiveHand."""
     lines = [line.removeprefix("Error: ").removeprefix("LiveHand: ").strip() for line in str(error).splitlines()]
     return "; ".join(dict.fromkeys(line for line in lines if line))

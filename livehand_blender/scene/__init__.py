@@ -1,1 +1,1 @@
-"""Reads a Blender scene into the backend's records, and turns its frames into Blender's colours."""
+"""Reads cameras, hands and settings of a Blender scene into the backend's records."""

@@ -1,4 +1,4 @@
-"""Blender camera -> backend `Camera`, the only place where Blender's axes become OpenCV's.
+"""Converts Blender cameras to the backend's `Camera`, and Blender's axes to OpenCV's.
 
 A Blender camera looks along its -Z with +Y up; OpenCV looks along +Z with +Y down. Blender counts image rows and the
 border from the bottom; the backend from the top.
@@ -19,7 +19,7 @@ _BLENDER_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Region:
-    """The part of the image that is rendered: Blender's render border, or all of it.
+    """The rendered part of the image: Blender's render border, or all of it.
 
     Attributes:
         x0_px: first column.
@@ -34,10 +34,10 @@ class Region:
 
 @dataclass(frozen=True)
 class Eye:
-    """What Blender's stereo settings change in a camera.
+    """The properties of a camera that Blender's stereo settings change.
 
     Attributes:
-        matrix_world: [4, 4] the eye's place, in Blender's axes.
+        matrix_world: [4, 4] of the eye, in Blender's axes.
         shift_x: the eye's horizontal lens shift.
     """
 
@@ -46,12 +46,12 @@ class Eye:
 
 
 def read_camera(camera: bpy.types.Object | None, render: bpy.types.RenderSettings, eye: Eye | None = None) -> Camera:
-    """The whole image's camera; cut it to the border with `render_region` and `Camera.cropped`.
+    """The camera of the whole image; crop it to the border with `render_region` and `Camera.cropped`.
 
     Args:
         camera: evaluated camera object of the frame.
         render: the scene's settings, for size, percentage and pixel aspect.
-        eye: one eye of a stereo pair; None takes the camera as it stands.
+        eye: one eye of a stereo pair; None without stereo.
 
     Raises:
         LiveHandError: there is no camera, it is not a perspective one, or a parent shears or mirrors it.
@@ -79,7 +79,7 @@ def image_size_px(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 
 def render_region(render: bpy.types.RenderSettings) -> Region:
-    """The render border in whole pixels as Blender cuts it, or the whole image.
+    """The render border in whole pixels, rounded as Blender does, or the whole image.
 
     Raises:
         LiveHandError: the border holds no pixel.
@@ -87,7 +87,7 @@ def render_region(render: bpy.types.RenderSettings) -> Region:
     width, height = image_size_px(render)
     if not render.use_border:
         return Region(0, 0, (width, height))
-    # Blender multiplies in single precision and cuts the fraction off; doing otherwise is one pixel out now and then.
+    # Blender multiplies in single precision and truncates; anything else is sometimes off by one pixel.
     left, right = (int(np.float32(edge) * np.float32(width)) for edge in (render.border_min_x, render.border_max_x))
     bottom, top = (int(np.float32(edge) * np.float32(height)) for edge in (render.border_min_y, render.border_max_y))
     if right <= left or top <= bottom:
@@ -111,7 +111,7 @@ def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int]
         sensor_mm = lens.sensor_width
     else:
         sensor_mm = lens.sensor_width if fit == "HORIZONTAL" else lens.sensor_height
-    # The side of the image that the sensor's size fits, in pixel widths.
+    # The side of the image that the sensor is fitted to, in pixel widths.
     fitted_px = width if fit == "HORIZONTAL" else height * pixel_aspect
     focal_px = lens.lens / sensor_mm * fitted_px
     centre_x = width / 2 - shift_x * fitted_px
@@ -120,7 +120,7 @@ def _intrinsics(lens: bpy.types.Camera, shift_x: float, size_px: tuple[int, int]
 
 
 def _cam2world(matrix_world: np.ndarray) -> np.ndarray:
-    """Drop scale from a Blender camera's matrix, as Blender does, and turn its axes to OpenCV's."""
+    """Remove the scale from a Blender camera's matrix, as Blender does, and convert its axes to OpenCV's."""
     rigid = np.array(matrix_world, np.float64)
     rigid[:3, :3] /= np.linalg.norm(rigid[:3, :3], axis=0)
     return rigid @ _BLENDER_TO_OPENCV_AXES

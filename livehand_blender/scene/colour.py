@@ -1,7 +1,7 @@
-"""A frame's colours in the space that the scene works in.
+"""Converts frames to the scene's working space.
 
-A backend frame is linear Rec.709, premultiplied by alpha. A Blender 5 file may work in another space (Rec.2020,
-ACEScg); the change is a 3x3 matrix, so it holds for premultiplied colour as it is.
+A backend frame is linear Rec.709, premultiplied by alpha. A Blender 5 file may have another working space (Rec.2020,
+ACEScg); the conversion is a 3x3 matrix, so it applies to premultiplied colour directly.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from ...backend.records.shot import Frame
 
 
 def in_working_space(frame: Frame) -> Frame:
-    """The frame in the scene's space."""
+    """The frame in the scene's working space."""
     matrix = rec709_to_working_space()
     return frame if np.array_equal(matrix, np.eye(3)) else replace(frame, rgb=frame.rgb @ matrix.T)
 
 
 def rec709_to_working_space() -> np.ndarray:
-    """[3, 3], exactly the identity where the scene works in Rec.709, as all files before Blender 5 do."""
+    """[3, 3], exactly the identity if the scene works in Rec.709, as all files before Blender 5 do."""
     columns = [mathutils.Color(axis).from_rec709_linear_to_scene_linear() for axis in np.eye(3)]
     matrix = np.array(columns, np.float32).T
-    # Blender passes the probe through XYZ in single precision: the identity comes back 5e-6 off.
+    # Blender converts through XYZ in single precision: the identity comes back 5e-6 off.
     return np.eye(3, dtype=np.float32) if np.allclose(matrix, np.eye(3), atol=5e-5) else matrix

@@ -1,4 +1,4 @@
-"""The image files that a .blend asks for."""
+"""The image files that a .blend uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hands' meshes are stand-ins where Cycles renders the scene: they cast shadows, and no camera sees them."""
+"""The hands' meshes are proxies in Cycles' render of the scene: they cast shadows, but no camera sees them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .shot import visible_hands
 
 @contextlib.contextmanager
 def hidden_from_camera(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """Within, the evaluated meshes of all visible hands have no camera ray visibility."""
-    usual = hide_from_camera(depsgraph)
+    """A context in which the evaluated meshes of all visible hands have no camera ray visibility."""
+    before = hide_from_camera(depsgraph)
     try:
         yield
     finally:
-        depsgraph.objects.foreach_set("visible_camera", usual)
+        depsgraph.objects.foreach_set("visible_camera", before)
 
 
 def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Take the camera ray visibility from the evaluated meshes of all visible hands; returns every object's before.
+    """Hide the evaluated meshes of all visible hands from camera rays; returns every object's visibility before.
 
-    The user's own data stay. All objects are set by one call: setting one object's property tags the scene as changed,
-    and a view would be updated, and Cycles begin anew, for ever.
+    The original objects do not change. One call sets all objects: setting a single object's property tags the scene as
+    changed, so that the view would be updated, and Cycles restarted, without end.
     """
     hidden = {mesh_of(hand.original).name_full for hand in visible_hands(depsgraph)}
-    names = [thing.name_full for thing in depsgraph.objects]
-    usual = np.empty(len(names), bool)
-    depsgraph.objects.foreach_get("visible_camera", usual)
-    depsgraph.objects.foreach_set("visible_camera", usual & [name not in hidden for name in names])
-    return usual
+    names = [item.name_full for item in depsgraph.objects]
+    before = np.empty(len(names), bool)
+    depsgraph.objects.foreach_get("visible_camera", before)
+    depsgraph.objects.foreach_set("visible_camera", before & [name not in hidden for name in names])
+    return before

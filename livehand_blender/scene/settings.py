@@ -1,4 +1,4 @@
-"""Scene settings with which LiveHand's colours come out as they were learnt."""
+"""The scene settings with which an avatar's colours are displayed as they were learnt."""
 
 from __future__ import annotations
 

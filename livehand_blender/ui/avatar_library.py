@@ -12,7 +12,7 @@ import numpy as np
 from ...backend.avatars.library import SKINS, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata, read_metadata
 from ...backend.records.errors import LiveHandError
-from ..scene.shot import hand_source
+from ..render.hands.hand_source import hand_source
 from .preferences import avatar_folder
 
 

@@ -11,7 +11,7 @@ from bpy.props import StringProperty
 from ...backend.avatars.library import SKINS, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
-from ..scene.shot import hand_source
+from ..render.hands.hand_source import hand_source
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
 from .wrapped_text import draw_wrapped

@@ -8,8 +8,8 @@ from mathutils import Matrix
 from ...backend.hand.model import upright
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.runtime.dependencies import install_command, missing_requirements
+from ..render.hands.renderer_loading import packages_folder
 from ..render.memory import free_memory
-from ..render.renderer_loading import packages_folder
 from ..rig.build import add_hand
 from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl

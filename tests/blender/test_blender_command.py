@@ -1,4 +1,4 @@
-"""`blender --command livehand`: Blender as a module takes no command line, so what it would call is called."""
+"""`blender --command livehand`: Blender as a module has no command line, so its function is called directly."""
 
 import bpy
 import livehand
@@ -32,7 +32,7 @@ def test_it_is_registered_with_the_add_on(monkeypatch):
     assert known is not None
 
 
-def test_it_goes_with_the_add_on():
+def test_it_is_unregistered_with_the_add_on():
     livehand.unregister()
     try:
         assert BlenderCommand.handle is None

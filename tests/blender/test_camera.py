@@ -94,7 +94,7 @@ def test_scale_of_the_camera_and_of_its_parent_does_not_matter(camera):
     [Matrix.Diagonal((-1, 1, 1, 1)), Matrix.Diagonal((1, 2, 1, 1)) @ Euler((0.5, 0.5, 0.5)).to_matrix().to_4x4()],
     ids=["mirrored", "sheared"],
 )
-def test_a_mirrored_or_sheared_camera_is_refused(camera, matrix):
+def test_a_mirrored_or_sheared_camera_is_an_error(camera, matrix):
     camera.rotation_euler, camera.location = (0, 0, 0), (0, 0, 0)
     camera.parent = bpy.data.objects.new("Parent", None)
     camera.matrix_parent_inverse = matrix
@@ -105,18 +105,18 @@ def test_a_mirrored_or_sheared_camera_is_refused(camera, matrix):
 
 
 @pytest.mark.parametrize("kind", ["ORTHO", "PANO"])
-def test_other_cameras_are_refused(camera, kind):
+def test_other_camera_types_are_errors(camera, kind):
     camera.data.type = kind
     with pytest.raises(LiveHandError, match=f"perspective cameras only, 'Camera' is {kind}; set its lens type"):
         read_camera(evaluated(camera), bpy.context.scene.render)
 
 
-def test_no_camera_is_refused():
+def test_no_camera_is_an_error():
     with pytest.raises(LiveHandError, match="needs a camera"):
         read_camera(None, bpy.context.scene.render)
 
 
-def test_border_is_cut_as_blender_cuts_it():
+def test_the_border_is_rounded_as_blender_does():
     render = bpy.context.scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = 335, 511, 50
     assert image_size_px(render) == (167, 255)
@@ -130,7 +130,7 @@ def test_border_is_cut_as_blender_cuts_it():
     assert output_size_px(render) == (84, 64)
 
 
-def test_an_empty_border_is_refused():
+def test_an_empty_border_is_an_error():
     render = bpy.context.scene.render
     render.use_border, render.border_min_x, render.border_max_x = True, 0.5, 0.5
     with pytest.raises(LiveHandError, match="at least one pixel"):

@@ -13,8 +13,9 @@ import pytest
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
+from livehand.backend.runtime.command import parse_size_px
 from livehand.livehand_blender import cli
-from livehand.livehand_blender.render.command import parse_formats, parse_frames, parse_size_px
+from livehand.livehand_blender.render.command import parse_formats
 from PIL import Image
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"
@@ -78,9 +79,7 @@ def test_no_command_is_a_usage_error(capsys):
     assert "COMMAND" in capsys.readouterr().err
 
 
-def test_frames_sizes_and_formats_are_read():
-    assert parse_frames("1-3,30, 2") == (1, 2, 3, 30)
-    assert parse_frames("-2-1") == (-2, -1, 0, 1)
+def test_sizes_and_formats_are_read():
     assert parse_size_px("334x512") == (334, 512)
     assert parse_formats("png,exr,png") == ("png", "exr")
 
@@ -155,7 +154,7 @@ def avatar_path(tmp_path_factory):
     return path
 
 
-def test_the_whole_road_renders_with_an_avatar_file(shot_path, avatar_path, tmp_path):
+def test_the_program_renders_with_an_avatar_file(shot_path, avatar_path, tmp_path):
     arguments = ("render", shot_path, "-o", tmp_path / "out", "--avatar", avatar_path, "--format", "png", "--json")
     done = run_program(*arguments, program=("-m", "livehand.livehand_blender.cli"))
     assert done.returncode == 0, done.stderr
@@ -206,6 +205,7 @@ def test_bad_avatars_end_with_1_and_no_files(capsys, shot_path, avatar_path, tmp
 WITHOUT_BPY = """
 import sys
 sys.modules["bpy"] = None
+from livehand.backend.runtime.command import parse_size_px
 from livehand.livehand_blender import cli
 code = cli.main(sys.argv[1:])
 assert "torch" not in sys.modules
@@ -248,7 +248,7 @@ print("after")
 """
 
 
-def test_silence_holds_back_what_c_has_not_written_yet():
+def test_output_that_c_has_buffered_is_silenced_too():
     done = run_program(program=("-c", CHATTER), PYTHONUNBUFFERED="")  # an unbuffered C holds nothing back
     assert done.stdout == "before\nafter\n"
 

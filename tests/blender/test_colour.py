@@ -1,4 +1,4 @@
-"""Frames -> Blender's buffers -> 8-bit PNG: known sRGB colours come back bit for bit."""
+"""Frames through Blender's buffers to an 8-bit PNG: known sRGB colours come back bit for bit."""
 
 import bpy
 import numpy as np
@@ -50,7 +50,7 @@ def test_semi_transparent_levels_come_back_exactly(tmp_path):
     assert np.array_equal(png, np.concatenate([srgb, alpha[..., None]], -1))
 
 
-def test_rec709_scene_costs_no_bit():
+def test_a_rec709_scene_changes_no_bit():
     assert np.array_equal(rec709_to_working_space(), np.eye(3))
 
 
@@ -66,6 +66,6 @@ def test_another_working_space_is_applied_to_colour_only(monkeypatch):
 
     monkeypatch.setattr("mathutils.Color", Rec2020Color)
     frame = known_frame(np.array([[[200, 100, 20]]]), np.full((1, 1), 100))
-    turned = in_working_space(frame)
-    assert turned.rgb[0, 0] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
-    assert turned.alpha is frame.alpha
+    converted = in_working_space(frame)
+    assert converted.rgb[0, 0] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
+    assert converted.alpha is frame.alpha

@@ -1,4 +1,4 @@
-"""Beside our engine, which borrows from it, Cycles must stay what it is; and hands are hidden from its cameras only."""
+"""Cycles still works beside our engine, which borrows from it, and hands are hidden from its camera only."""
 
 import bpy
 import numpy as np
@@ -20,7 +20,7 @@ def test_cycles_still_renders(hand_scene, tmp_path):
     assert np.array(Image.open(tmp_path / "still.png"))[..., :3].max() > 20
 
 
-def test_hands_are_hidden_within_only_and_nothing_is_tagged(hand_scene):
+def test_hands_are_hidden_in_the_context_only_and_nothing_is_tagged(hand_scene):
     mesh = mesh_of(find_hands(hand_scene)[0])
     cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
     hidden_cube = bpy.data.objects.new("Hidden", bpy.data.meshes.new("Hidden"))

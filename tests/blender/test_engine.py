@@ -32,7 +32,7 @@ def last_shot(session):
     return session.made[-1].shots[-1]
 
 
-def test_a_still_has_the_frames_pixels(hand_scene, fake_session, fake_renderer, tmp_path):
+def test_a_still_has_the_pixels_of_the_rendered_frame(hand_scene, fake_session, fake_renderer, tmp_path):
     png = render_png(hand_scene, tmp_path / "still.png")
     expected = expected_levels(fake_renderer().render(last_shot(fake_session)))
     solid = expected[..., 3] > 0
@@ -41,7 +41,7 @@ def test_a_still_has_the_frames_pixels(hand_scene, fake_session, fake_renderer, 
     assert np.array_equal(png[..., 3], expected[..., 3])
 
 
-def test_depth_is_a_pass(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
+def test_depth_is_written_as_a_pass(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
     hand_scene.render.filepath = str(tmp_path / "still.exr")
     use_multilayer_exr(hand_scene)
     bpy.ops.render.render(write_still=True)
@@ -51,7 +51,9 @@ def test_depth_is_a_pass(hand_scene, use_multilayer_exr, fake_session, read_exr,
     assert depth[alpha > 0] == pytest.approx(0.5, abs=0.05)
 
 
-def test_without_depth_pass_there_is_none(hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path):
+def test_without_the_depth_pass_only_combined_is_written(
+    hand_scene, use_multilayer_exr, fake_session, read_exr, tmp_path
+):
     hand_scene.view_layers[0].use_pass_z = False
     hand_scene.render.filepath = str(tmp_path / "still.exr")
     use_multilayer_exr(hand_scene)
@@ -79,7 +81,7 @@ def test_percentage_scales_the_image(hand_scene, fake_session, tmp_path):
 
 
 @pytest.mark.parametrize("crop", [False, True])
-def test_border_is_a_window_of_the_whole_frame(hand_scene, fake_session, tmp_path, crop):
+def test_the_border_is_a_crop_of_the_whole_frame(hand_scene, fake_session, tmp_path, crop):
     whole = render_png(hand_scene, tmp_path / "whole.png")
     render = hand_scene.render
     render.use_border, render.use_crop_to_border = True, crop
@@ -144,12 +146,12 @@ def test_a_changed_avatar_file_is_loaded_again(hand_scene, fake_session, tmp_pat
     assert len(fake_session.made) == 2
 
 
-def test_a_left_hand_is_told_by_its_pose(hand_scene, fake_session):
+def test_a_left_hand_has_a_left_pose(hand_scene, fake_session):
     mesh_of(find_hands(hand_scene)[0]).hide_render = True
     add_hand(bpy.context, load_default_hand().for_side("left"), name="Left")
     bpy.ops.render.render()
     assert last_shot(fake_session).pose.side == "left"
-    # The renderer mirrors: it is given the model as its file has it, for either side.
+    # The renderer mirrors: it gets the model of its file, for either side.
     assert fake_session.made[-1].hand.side == "right"
 
 
@@ -214,7 +216,7 @@ def test_escape_is_no_error(hand_scene, fake_session, fake_renderer, monkeypatch
     assert bpy.ops.render.render() == {"FINISHED"}
 
 
-def test_panels_come_and_go_with_the_engine(registered):
+def test_panels_are_shown_and_hidden_with_the_engine(registered):
     from livehand.livehand_blender.render.panels import register_panels, unregister_panels
 
     panel = bpy.types.RENDER_PT_output

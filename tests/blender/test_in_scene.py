@@ -1,4 +1,4 @@
-"""Hands in their scene: one render gives Cycles' picture with the hands in it, hidden by what stands before them."""
+"""Hands in their scene: one render gives Cycles' picture with the hands in it, occluded by nearer objects."""
 
 import bpy
 import numpy as np
@@ -58,7 +58,7 @@ def rgb(channels, name="Combined"):
     return np.stack([channels[f"{name}.{c}"] for c in "RGB"], -1)
 
 
-def test_the_hand_stands_before_the_wall(shot, fake_session, fake_renderer, render):
+def test_the_hand_covers_the_wall_behind_it(shot, fake_session, fake_renderer, render):
     channels = render(shot)
     frame = fake_renderer().render(fake_session.made[-1].shots[-1])
     for hand in find_hands(shot):
@@ -73,7 +73,7 @@ def test_the_hand_stands_before_the_wall(shot, fake_session, fake_renderer, rend
     np.testing.assert_allclose(channels["Depth.Z"], np.where(frame.alpha >= 0.5, frame.depth, 0.7), atol=1e-4)
 
 
-def test_what_stands_before_the_hand_hides_it(shot, fake_session, fake_renderer, render):
+def test_objects_before_the_hand_hide_it(shot, fake_session, fake_renderer, render):
     shot.view_layers[0].livehand.use_pass_hand = True
     add_wall(shot, "Screen", 0.3, 2.0, x=-0.08 + 1.0)  # its edge crosses the middle of the picture
     channels = render(shot)
@@ -86,13 +86,13 @@ def test_what_stands_before_the_hand_hides_it(shot, fake_session, fake_renderer,
     np.testing.assert_allclose(channels["Depth.Z"][:, middle + 1 :], 0.2, atol=1e-4)
 
 
-def test_the_hands_mesh_is_left_as_it_was(shot, render):
+def test_the_hands_mesh_and_the_layer_do_not_change(shot, render):
     render(shot)
     assert all(mesh_of(hand).visible_camera for hand in find_hands(shot))
     assert shot.view_layers[0].use_pass_z
 
 
-def test_depth_is_asked_of_cycles_whatever_the_layer_says(shot, render):
+def test_cycles_renders_depth_even_if_the_layer_has_it_off(shot, render):
     add_wall(shot, "Screen", 0.3, 3.0)
     shot.view_layers[0].use_pass_z = False
     shot.view_layers[0].livehand.use_pass_hand = True
@@ -118,7 +118,7 @@ def test_border_and_percentage(shot, render):
     assert np.median(np.abs(part - whole[16:48, 12:36])) < 0.02
 
 
-def test_other_passes_of_cycles_stay(shot, render):
+def test_other_passes_of_cycles_are_kept(shot, render):
     shot.view_layers[0].use_pass_normal = shot.view_layers[0].use_pass_mist = True
     channels = render(shot)
     normal = np.stack([channels[f"Normal.{c}"] for c in "XYZ"], -1)
@@ -155,7 +155,7 @@ def test_stereo(shot, render, tmp_path):
     assert (left[..., 3] == 255).all()
 
 
-def test_without_cycles_the_remedy_is_told(shot, monkeypatch):
+def test_without_cycles_the_error_has_a_remedy(shot, monkeypatch):
     from livehand.livehand_blender.render import cycles_scene
 
     class NoCycles:
@@ -165,7 +165,7 @@ def test_without_cycles_the_remedy_is_told(shot, monkeypatch):
         cycles_scene.is_in_scene(NoCycles())
 
 
-def test_cryptomatte_knows_hand_and_scene(shot, fake_session, fake_renderer, render):
+def test_cryptomatte_has_hand_and_scene(shot, fake_session, fake_renderer, render):
     shot.view_layers[0].use_pass_cryptomatte_object = True
     channels = render(shot)
     alpha = fake_renderer().render(fake_session.made[-1].shots[-1]).alpha

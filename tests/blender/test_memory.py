@@ -1,4 +1,4 @@
-"""Loaded avatars are given back when asked, and after a render in a window."""
+"""Loaded avatars are freed on demand, and after a render in a window."""
 
 import bpy
 import pytest
@@ -8,7 +8,7 @@ from livehand.livehand_blender.render.engine import LiveHandRender
 
 @pytest.fixture
 def windowed(registered, monkeypatch):
-    """Renders are watched, as with a window."""
+    """Renders are watched as they are with a window."""
 
     class App:
         background = False
@@ -20,7 +20,7 @@ def windowed(registered, monkeypatch):
     memory.stop_watching()
 
 
-def test_the_operator_forgets_what_is_loaded(hand_scene, fake_session):
+def test_the_operator_frees_loaded_avatars(hand_scene, fake_session):
     bpy.ops.render.render()
     bpy.ops.render.render()
     assert len(fake_session.made) == 1

@@ -1,4 +1,4 @@
-"""The record beside a frame: what it holds equals what was rendered."""
+"""The record beside a frame equals what was rendered."""
 
 import hashlib
 import json
@@ -30,14 +30,14 @@ def records(shot_path, folder, **choices):
     return [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
 
 
-def test_it_holds_what_the_renderer_was_given(shot_path, tmp_path, fake_session):
+def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_session):
     avatar = tmp_path / "mine.safetensors"
     avatar.write_bytes(b"avatar")
-    told = records(shot_path, tmp_path / "out", frames=(1, 3), avatar=avatar)
+    found = records(shot_path, tmp_path / "out", frames=(1, 3), avatar=avatar)
     (renderer,) = fake_session.made
-    assert [record["frame"] for record in told] == [1, 3]
-    assert told[0]["hands"][0]["theta"] != told[1]["hands"][0]["theta"]
-    for record, shot in zip(told, renderer.shots, strict=True):
+    assert [record["frame"] for record in found] == [1, 3]
+    assert found[0]["hands"][0]["theta"] != found[1]["hands"][0]["theta"]
+    for record, shot in zip(found, renderer.shots, strict=True):
         assert set(record) == {"livehand", "shot", "frame", "size_px", "camera", "hands"}
         assert record["livehand"] == metadata.version("livehand")
         assert (record["shot"], record["size_px"]) == (str(shot_path), [48, 64])
@@ -62,7 +62,7 @@ def test_it_holds_what_the_renderer_was_given(shot_path, tmp_path, fake_session)
         ]
 
 
-def test_a_frame_without_a_hand_says_so(hand_scene, shot_path, tmp_path, fake_session):
+def test_a_frame_without_a_hand_has_no_hands_in_its_record(hand_scene, shot_path, tmp_path, fake_session):
     hand_scene.view_layers.new("Second")
     for layer in hand_scene.view_layers:
         layer.layer_collection.exclude = True
@@ -81,7 +81,9 @@ def test_finished_frames_need_no_record(shot_path, tmp_path, fake_session):
     assert records(shot_path, tmp_path / "out", frames=(1,)) == []
 
 
-def test_every_hand_is_told_once_also_in_a_blurred_frame_of_two_layers(hand_scene, shot_path, tmp_path, fake_session):
+def test_every_hand_is_recorded_once_even_in_a_blurred_frame_of_two_layers(
+    hand_scene, shot_path, tmp_path, fake_session
+):
     add_hand(bpy.context, load_default_hand().for_side("left"), name="Left")
     hand_scene.view_layers.new("Second")
     hand_scene.render.use_motion_blur, hand_scene.livehand.blur_samples = True, 2

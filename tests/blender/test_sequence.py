@@ -1,4 +1,4 @@
-"""Sequences on disk: whole files only, resumed, skipped, interrupted."""
+"""Sequences on disk: complete files only, resumed, skipped and interrupted."""
 
 import os
 import signal
@@ -37,15 +37,15 @@ def counts(tally):
 
 
 def write(shot_path, folder, **choices):
-    """Run a sequence; returns what it adds up to, and the frames it told of."""
-    tally, told = ShotTally(folder), []
+    """Run a sequence; returns its tally and the progress of its frames."""
+    tally, events = ShotTally(folder), []
 
-    def tell(event):
+    def on_event(event):
         tally.add(event)
-        told.append(event)
+        events.append(event)
 
-    write_sequence(SequencePlan(shot_path, folder, **choices), tell)
-    return tally, [event for event in told if isinstance(event, FrameProgress)]
+    write_sequence(SequencePlan(shot_path, folder, **choices), on_event)
+    return tally, [event for event in events if isinstance(event, FrameProgress)]
 
 
 def rendered_count(session):
@@ -53,11 +53,11 @@ def rendered_count(session):
 
 
 def test_scene_range_as_multilayer_exr(shot_path, folder, fake_session, read_exr):
-    report, told = write(shot_path, folder)
+    report, progress = write(shot_path, folder)
     assert names(folder) == [f"wave_{n:04d}.exr" for n in (1, 2, 3)]
     assert counts(report) == (3, 0)
     assert report.seconds_per_frame > 0
-    assert [(p.frame, p.number, p.count) for p in told] == [(1, 1, 3), (2, 2, 3), (3, 3, 3)]
+    assert [(p.frame, p.number, p.count) for p in progress] == [(1, 1, 3), (2, 2, 3), (3, 3, 3)]
     channels = read_exr(folder / "wave_0001.exr")
     assert set(channels) == {"ViewLayer.Depth.Z", *(f"ViewLayer.Combined.{c}" for c in "RGBA")}
     assert channels["ViewLayer.Depth.Z"].dtype == np.float32
@@ -80,9 +80,9 @@ def test_finished_frames_are_skipped_and_broken_ones_rendered_again(shot_path, f
     (folder / "wave_0002.exr").write_bytes(whole[: len(whole) // 2])
     (folder / "wave_0003.exr").write_bytes(b"")
     untouched = (folder / "wave_0001.exr").stat().st_mtime_ns
-    report, told = write(shot_path, folder)
+    report, progress = write(shot_path, folder)
     assert counts(report) == (2, 1)
-    assert [p.seconds is None for p in told] == [True, False, False]
+    assert [p.seconds is None for p in progress] == [True, False, False]
     assert (folder / "wave_0001.exr").stat().st_mtime_ns == untouched
     assert all(is_finished(folder / name, SIZE_PX) for name in names(folder))
 
@@ -100,12 +100,12 @@ def test_overwrite_renders_all(shot_path, folder, fake_session):
     assert counts(report) == (3, 0)
 
 
-def test_overwriting_spares_what_was_written_since_the_run_began(shot_path, folder, fake_session):
+def test_overwriting_keeps_frames_written_since_the_run_began(shot_path, folder, fake_session):
     write(shot_path, folder)
     for frame, changed_ns in ((1, 10**18 - 1), (2, 10**18), (3, 10**18 + 1)):
         os.utime(folder / f"wave_{frame:04d}.exr", ns=(changed_ns, changed_ns))
-    _, told = write(shot_path, folder, overwrite=True, began_ns=10**18)
-    assert [progress.state for progress in told] == ["written", "skipped", "skipped"]
+    _, progress = write(shot_path, folder, overwrite=True, began_ns=10**18)
+    assert [p.state for p in progress] == ["written", "skipped", "skipped"]
 
 
 def test_a_frame_that_lacks_one_format_gets_it(shot_path, folder, fake_session):
@@ -115,7 +115,7 @@ def test_a_frame_that_lacks_one_format_gets_it(shot_path, folder, fake_session):
     assert names(folder) == ["wave_0001.exr", "wave_0001.png"]
 
 
-def test_choices_reach_the_renderer_and_not_the_file(shot_path, folder, fake_session, tmp_path):
+def test_the_plans_settings_reach_the_renderer_and_not_the_file(shot_path, folder, fake_session, tmp_path):
     avatar = tmp_path / "mine.safetensors"
     avatar.write_bytes(b"avatar")
     before = shot_path.read_bytes()
@@ -126,7 +126,7 @@ def test_choices_reach_the_renderer_and_not_the_file(shot_path, folder, fake_ses
     assert shot_path.read_bytes() == before
 
 
-def test_png_depth_stays_the_scenes(hand_scene, shot_path, folder, fake_session):
+def test_png_has_the_scenes_color_depth(hand_scene, shot_path, folder, fake_session):
     hand_scene.render.image_settings.file_format, hand_scene.render.image_settings.color_depth = "PNG", "16"
     bpy.ops.wm.save_mainfile()
     write(shot_path, folder, frames=(1,), formats=("exr", "png"))
@@ -155,14 +155,14 @@ def missing_file(path):
 @pytest.mark.parametrize(
     ("spoil", "message"), [(not_a_blend, "must be a .blend file"), (missing_file, "no file at .*wave.blend")]
 )
-def test_bad_shot_files_leave_nothing(shot_path, folder, fake_session, spoil, message):
+def test_bad_shot_files_leave_no_files(shot_path, folder, fake_session, spoil, message):
     spoil(shot_path)
     with pytest.raises(LiveHandError, match=message):
         write(shot_path, folder)
     assert not folder.exists()
 
 
-def test_the_engines_error_is_raised_and_leaves_nothing(hand_scene, shot_path, folder, fake_session):
+def test_the_engines_error_is_raised_and_leaves_no_files(hand_scene, shot_path, folder, fake_session):
     hand_scene.camera = None
     bpy.ops.wm.save_mainfile()
     with pytest.raises(LiveHandError, match=r"^frame 1: .*camera"):
@@ -170,14 +170,14 @@ def test_the_engines_error_is_raised_and_leaves_nothing(hand_scene, shot_path, f
     assert not folder.exists()
 
 
-def test_stereo_is_refused(hand_scene, shot_path, folder, fake_session):
+def test_stereo_is_an_error(hand_scene, shot_path, folder, fake_session):
     hand_scene.render.use_multiview = True
     bpy.ops.wm.save_mainfile()
     with pytest.raises(LiveHandError, match="stereo"):
         write(shot_path, folder)
 
 
-def test_nan_in_the_pose_is_told(hand_scene, shot_path, folder, fake_session):
+def test_nan_in_the_pose_is_an_error(hand_scene, shot_path, folder, fake_session):
     armature = next(obj for obj in hand_scene.objects if obj.type == "ARMATURE")
     armature.pose.bones["index1.R"].rotation_quaternion = (float("nan"), 0, 0, 0)
     bpy.ops.wm.save_mainfile()
@@ -186,7 +186,7 @@ def test_nan_in_the_pose_is_told(hand_scene, shot_path, folder, fake_session):
     assert not folder.exists()
 
 
-def test_folder_that_cannot_be_made(shot_path, tmp_path, fake_session):
+def test_a_folder_that_cannot_be_made_is_an_error(shot_path, tmp_path, fake_session):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(LiveHandError, match="must be writable"):
         write(shot_path, tmp_path / "file" / "frames")
@@ -202,7 +202,7 @@ def test_a_file_that_does_not_decode_is_never_renamed(shot_path, folder, fake_se
     assert not folder.exists()
 
 
-def test_every_truncation_of_a_frame_is_noticed(shot_path, folder, fake_session):
+def test_every_truncation_of_a_frame_is_detected(shot_path, folder, fake_session):
     write(shot_path, folder, frames=(1,), formats=("exr", "png"))
     for path in (folder / "wave_0001.exr", folder / "wave_0001.png"):
         whole = path.read_bytes()
@@ -213,13 +213,13 @@ def test_every_truncation_of_a_frame_is_noticed(shot_path, folder, fake_session)
         assert is_finished(path, SIZE_PX)
 
 
-def test_a_cut_chunk_that_did_not_compress_is_noticed(shot_path, folder, fake_session):
+def test_a_truncated_uncompressed_chunk_is_detected(shot_path, folder, fake_session):
     write(shot_path, folder, frames=(1,), size_px=(48, 16))
     path = folder / "wave_0001.exr"
     data = path.read_bytes()
     parts, position = read_exr_header(data)  # Blender 5 writes a part for each pass
     assert {part.chunk_count for part in parts} == {1}
-    # What compression would not make smaller is stored as it is.
+    # A chunk that compression does not make smaller is stored uncompressed.
     last, size = int.from_bytes(data[position:][: 8 * len(parts)][-8:], "little"), parts[-1].unpacked_size(0)
     size_at = last + 4 * (1 + (len(parts) > 1))
     stored = data[:size_at] + size.to_bytes(4, "little") + bytes(size)
@@ -254,7 +254,7 @@ def wait_for_frames(program, folder, count):
     raise AssertionError(f"no {count} frames in 30 s: {program.communicate()}")
 
 
-def test_ctrl_c_ends_with_130_and_whole_files(program, folder):
+def test_ctrl_c_ends_with_130_and_complete_files(program, folder):
     wait_for_frames(program, folder, 2)
     program.send_signal(signal.SIGINT)
     out, err = program.communicate(timeout=30)

@@ -1,4 +1,4 @@
-"""Sequences whose next frame is rendered meanwhile: the same files as without, and the same ends."""
+"""Sequences with prefetched frames: the same files and the same errors as without."""
 
 import signal
 import threading
@@ -22,7 +22,7 @@ SECONDS = 10  # no test waits that long unless it fails
 
 @pytest.fixture
 def moving_scene(hand_scene):
-    """Four frames in which everything moves: fingers, armature, camera with a cut, and what only renders see."""
+    """Four frames in which everything moves: fingers, armature, camera with a cut, and a render-only modifier."""
     armature = find_hands(hand_scene)[0]
     bone = armature.pose.bones["index1.R"]
     swell = mesh_of(armature).modifiers.new("Swell", "DISPLACE")
@@ -88,7 +88,7 @@ def assert_same_files(folder, other, read_exr):
         assert all(np.array_equal(channels[name], expected[name]) for name in expected), path.name
 
 
-def test_every_frame_is_foreseen_and_comes_out_as_if_it_were_not(
+def test_every_frame_is_prefetched_and_is_the_same_as_without(
     moving_scene, save_shot, tmp_path, fake_session, read_exr
 ):
     shot_path = save_shot()
@@ -109,7 +109,7 @@ def test_the_next_frame_is_rendered_while_one_is_written(
     begun = [threading.Event() for _ in range(4)]
     render = fake_renderer.render
 
-    def tell_and_render(self, shot, should_stop):
+    def signal_and_render(self, shot, should_stop):
         begun[len(self.shots)].set()
         return render(self, shot, should_stop)
 
@@ -117,15 +117,15 @@ def test_the_next_frame_is_rendered_while_one_is_written(
 
     def wait_for_the_next_and_check(path, size_px):
         written.append(path)
-        assert begun[min(len(written), 3)].wait(SECONDS)  # without a queue it would begin after this
+        assert begun[min(len(written), 3)].wait(SECONDS)  # without prefetching it would begin after this
         check_frame(path, size_px)
 
-    monkeypatch.setattr(fake_renderer, "render", tell_and_render)
+    monkeypatch.setattr(fake_renderer, "render", signal_and_render)
     monkeypatch.setattr(frame_paths, "check_frame", wait_for_the_next_and_check)
     assert write(save_shot(), tmp_path / "out").number_of("written") == 4
 
 
-def test_wrong_guesses_never_show(moving_scene, save_shot, tmp_path, fake_session, read_exr, monkeypatch):
+def test_wrong_guesses_are_never_written(moving_scene, save_shot, tmp_path, fake_session, read_exr, monkeypatch):
     prefetch = LiveHandRender._prefetch
 
     def prefetch_another(self, depsgraph, queue, frame):
@@ -224,7 +224,7 @@ def test_a_scene_that_fails_later_fails_at_that_frame(moving_scene, save_shot, t
     assert names(tmp_path / "out") == ["wave_0001.exr", "wave_0002.exr"]
 
 
-def test_finished_frames_are_not_foreseen(moving_scene, save_shot, tmp_path, fake_session):
+def test_finished_frames_are_not_prefetched(moving_scene, save_shot, tmp_path, fake_session):
     shot_path = save_shot()
     write(shot_path, tmp_path / "out", frames=(2, 4))
     report = write(shot_path, tmp_path / "out")
@@ -250,7 +250,7 @@ def test_view_layers_share_a_render_and_may_lack_the_hand(moving_scene, save_sho
         assert alpha["Without"].max() == 0
 
 
-def test_after_a_run_renders_are_direct_again(moving_scene, save_shot, tmp_path, fake_session):
+def test_after_a_run_renders_need_no_queue(moving_scene, save_shot, tmp_path, fake_session):
     write(save_shot(), tmp_path / "out")
     assert fake_session.queue is None
     assert [thread.name for thread in threading.enumerate() if thread.name.startswith("livehand-queue")] == []
@@ -259,6 +259,6 @@ def test_after_a_run_renders_are_direct_again(moving_scene, save_shot, tmp_path,
 
 
 @pytest.mark.parametrize("name", ["{blend_name}", "a{b", "shot ##", "100%"])
-def test_folders_are_taken_by_their_very_names(hand_scene, save_shot, tmp_path, fake_session, name):
+def test_folder_names_are_literal(hand_scene, save_shot, tmp_path, fake_session, name):
     write(save_shot(), tmp_path / name, frames=(1,), formats=("exr", "png"))
     assert names(tmp_path / name) == ["wave_0001.exr", "wave_0001.png"]

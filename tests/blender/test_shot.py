@@ -1,17 +1,14 @@
-"""Depsgraph -> Shot: what the renderer is told about the hand."""
-
-from pathlib import Path
+"""Depsgraph -> Shot: the hand as the renderer gets it."""
 
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.avatars.library import SKINS, avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import hand_source, read_shot, visible_hands
+from livehand.livehand_blender.scene.shot import read_shot, visible_hands
 
 VERTEX_COUNT = len(load_default_hand().v_template)
 
@@ -43,7 +40,7 @@ def test_vertices_are_in_the_world_with_the_armatures_transform(armature):
     assert np.abs(shot_now(armature).vertices - expected).max() < 1e-6
 
 
-def test_modifiers_reach_the_shot(armature):
+def test_modifiers_change_the_shot(armature):
     cast = mesh_of(armature).modifiers.new("Wave", "DISPLACE")
     cast.strength = 0.01
     bpy.context.view_layer.update()
@@ -51,14 +48,14 @@ def test_modifiers_reach_the_shot(armature):
     assert moved.min() > 1e-3
 
 
-def test_a_modifier_that_adds_vertices_is_named(armature):
+def test_a_modifier_that_adds_vertices_is_an_error(armature):
     mesh_of(armature).modifiers.new("Subdivision", "SUBSURF").levels = 1
     bpy.context.view_layer.update()
     with pytest.raises(LiveHandError, match=rf"must keep its hand model's {VERTEX_COUNT} vertices, it has \d+ after"):
         shot_now(armature)
 
 
-def test_a_hidden_mesh_is_no_hand_but_a_hidden_armature_is(armature):
+def test_a_hand_is_visible_if_its_mesh_is_even_with_a_hidden_armature(armature):
     armature.hide_viewport = True
     bpy.context.view_layer.update()
     assert visible_hands(bpy.context.evaluated_depsgraph_get())[0].name == armature.name
@@ -76,24 +73,7 @@ def test_all_visible_hands_are_found(armature):
     assert [hand.name for hand in visible_hands(bpy.context.evaluated_depsgraph_get())] == ["Other"]
 
 
-def test_paths_are_resolved_against_the_blend(armature, tmp_path):
-    armature.livehand.avatar_path = "//looks/mine.safetensors"
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
-    source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0])
-    assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
-    assert source.model_path is None
-
-
-@pytest.mark.parametrize("skin", SKINS)
-def test_a_hand_wears_the_skin_that_is_chosen_and_its_own_file_before_that(armature, skin):
-    armature.livehand.skin = skin
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == avatar_path(skin)
-    armature.livehand.avatar_path = "/looks/mine.safetensors"
-    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == Path("/looks/mine.safetensors")
-
-
-def test_nan_in_the_pose_is_named(armature):
+def test_nan_in_the_pose_is_an_error(armature):
     armature.livehand.id_data.pose.bones["index1.R"].rotation_quaternion = (float("nan"), 0, 0, 0)
     armature.pose.bones["index1.R"].rotation_mode = "QUATERNION"
     bpy.context.view_layer.update()

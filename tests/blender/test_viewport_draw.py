@@ -1,4 +1,4 @@
-"""What is drawn, read back from an off-screen buffer: place, orientation, blending, messages, and the whole road."""
+"""Drawing into 3D views, read back from an off-screen buffer: place, orientation, blending, messages, and updates."""
 
 import time
 from types import SimpleNamespace
@@ -8,9 +8,9 @@ import gpu
 import numpy as np
 import pytest
 from livehand.livehand_blender.render.viewport import viewport as viewport_module
-from livehand.livehand_blender.render.viewport.draw import PictureTexture, draw_message
-from livehand.livehand_blender.render.viewport.picture import ViewportImage
-from livehand.livehand_blender.render.viewport.studio import ViewportShared
+from livehand.livehand_blender.render.viewport.draw import ImageTexture, draw_message
+from livehand.livehand_blender.render.viewport.image import ViewportImage
+from livehand.livehand_blender.render.viewport.shared import ViewportShared
 from livehand.livehand_blender.render.viewport.view import Rectangle
 from livehand.livehand_blender.render.viewport.viewport import Viewport
 from livehand.livehand_blender.rig.hand import find_hands
@@ -31,7 +31,7 @@ def gpu_context(registered):
 
 
 def forget_the_last_drawing():
-    """In Blender 4.2 without a window the state of whatever was drawn before would hide all."""
+    """In Blender 4.2 without a window, the state of an earlier drawing would hide everything."""
     gpu.state.depth_test_set("NONE")
     gpu.state.face_culling_set("NONE")
     gpu.state.color_mask_set(True, True, True, True)
@@ -64,11 +64,11 @@ def drawn():
     return of
 
 
-def test_a_picture_lies_in_its_box_upright_over_what_was_there(drawn):
+def test_an_image_is_drawn_upright_in_its_box_over_the_view(drawn):
     rgba = np.zeros((2, 3, 4), np.float32)
     rgba[0] = (0.5, 0, 0, 0.5)  # the bottom row
     rgba[1] = (0, 1, 0, 1)
-    texture = PictureTexture(ViewportImage(rgba, (10.0, 20.0, 13.0, 22.0)))
+    texture = ImageTexture(ViewportImage(rgba, (10.0, 20.0, 13.0, 22.0)))
     pixels = drawn(lambda: texture.draw(Rectangle(40, 30, 140, 110), SIZE_PX[1]))
     assert pixels[50, 50:53, :3] == pytest.approx(np.array([[0, 1, 0]] * 3), abs=1e-3)
     assert pixels[51, 50:53, :3] == pytest.approx(np.array([[0.5 + GROUND / 2, GROUND / 2, GROUND / 2]] * 3), abs=1e-3)
@@ -95,7 +95,7 @@ class Engine:
 
 
 @pytest.fixture
-def studio(fake_session):
+def shared(fake_session):
     made = ViewportShared(fake_session)
     yield made
     made.close()
@@ -122,25 +122,25 @@ def context(hand_scene):
     )
 
 
-def wait(studio, view):
+def wait(shared, view):
     end = time.monotonic() + 10
-    while studio.preview.is_busy(view):
+    while shared.preview.is_busy(view):
         assert time.monotonic() < end
         time.sleep(0.001)
 
 
-def show(viewport, engine, context, studio):
+def show(viewport, engine, context, shared):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     viewport.update(context, depsgraph)
     viewport.draw(engine, context, depsgraph)
-    wait(studio, viewport)
-    studio.timer._callback()
+    wait(shared, viewport)
+    shared.timer._callback()
     viewport.draw(engine, context, depsgraph)
 
 
-def test_the_hand_is_drawn_where_it_is_and_only_asked_for_when_something_changes(drawn, context, studio, fake_session):
-    viewport, engine = Viewport(studio), Engine()
-    drawn(lambda: show(viewport, engine, context, studio))
+def test_the_hand_is_drawn_in_place_and_rendered_only_when_something_changes(drawn, context, shared, fake_session):
+    viewport, engine = Viewport(shared), Engine()
+    drawn(lambda: show(viewport, engine, context, shared))
     assert engine.redraws == 1
     pixels = drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
     (renderer,) = fake_session.made
@@ -149,23 +149,23 @@ def test_the_hand_is_drawn_where_it_is_and_only_asked_for_when_something_changes
     assert frame.alpha.max() == 1
     assert pixels[..., :3] == pytest.approx(expected, abs=2e-3)  # half floats
     assert [shot.camera.size_px for shot in renderer.shots[:2]] == [(80, 60), SIZE_PX]
-    asked = len(renderer.shots)
-    drawn(lambda: show(viewport, engine, context, studio))
-    assert len(renderer.shots) == asked
+    count = len(renderer.shots)
+    drawn(lambda: show(viewport, engine, context, shared))
+    assert len(renderer.shots) == count
     find_hands(context.scene)[0].location.x += 0.02
-    drawn(lambda: show(viewport, engine, context, studio))
-    assert len(renderer.shots) == asked + 2
+    drawn(lambda: show(viewport, engine, context, shared))
+    assert len(renderer.shots) == count + 2
     moved = renderer.shots[-1].vertices - renderer.shots[0].vertices
     assert moved[:, 0] == pytest.approx(0.02, abs=1e-6)
 
 
-def test_while_an_animation_plays_only_coarse_pictures_are_asked_for(drawn, context, studio, fake_session):
+def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, context, shared, fake_session):
     context.screen.is_animation_playing = True
-    viewport, engine = Viewport(studio), Engine()
-    drawn(lambda: show(viewport, engine, context, studio))
+    viewport, engine = Viewport(shared), Engine()
+    drawn(lambda: show(viewport, engine, context, shared))
     assert [shot.camera.size_px for shot in fake_session.made[0].shots] == [(80, 60)]
     context.screen.is_animation_playing = False
-    drawn(lambda: show(viewport, engine, context, studio))
+    drawn(lambda: show(viewport, engine, context, shared))
     assert fake_session.made[0].shots[-1].camera.size_px == SIZE_PX
 
 
@@ -186,27 +186,27 @@ def broken_hand(context):
     ("spoil", "words"),
     [(missing_avatar, "no file at"), (orthographic, "orthographic"), (broken_hand, "must keep its bones' names")],
 )
-def test_what_cannot_be_shown_is_said_in_the_view(drawn, context, studio, monkeypatch, spoil, words):
-    told = []
-    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px, scale: told.append(text))
+def test_errors_are_shown_in_the_view(drawn, context, shared, monkeypatch, spoil, words):
+    messages = []
+    monkeypatch.setattr(viewport_module, "draw_message", lambda text, width_px, scale: messages.append(text))
     spoil(context)
-    pixels = drawn(lambda: show(Viewport(studio), Engine(), context, studio))
-    assert words in told[-1]
+    pixels = drawn(lambda: show(Viewport(shared), Engine(), context, shared))
+    assert words in messages[-1]
     assert np.all(pixels[..., :3] == GROUND)
 
 
-def test_the_timer_runs_while_pictures_are_awaited_and_forgets_closed_views(studio):
+def test_the_timer_runs_while_images_are_awaited_and_forgets_closed_views(shared):
     engine, is_open = Engine(), [True]
-    studio.preview.ask("view", [lambda stop: time.sleep(0.001) if is_open else None, stay_until(is_open)])
-    studio.timer.watch("view", engine)
-    assert bpy.app.timers.is_registered(studio.timer._callback)
-    assert studio.timer._callback() is not None
+    shared.preview.submit("view", [lambda stop: time.sleep(0.001) if is_open else None, stay_until(is_open)])
+    shared.timer.watch("view", engine)
+    assert bpy.app.timers.is_registered(shared.timer._callback)
+    assert shared.timer._callback() is not None
     del engine
-    assert studio.timer._callback() is None
-    assert not studio.preview.is_busy("view")
+    assert shared.timer._callback() is None
+    assert not shared.preview.is_busy("view")
     is_open.clear()
-    studio.timer.stop()
-    assert not bpy.app.timers.is_registered(studio.timer._callback)
+    shared.timer.stop()
+    assert not bpy.app.timers.is_registered(shared.timer._callback)
 
 
 def stay_until(is_open):

@@ -57,7 +57,7 @@ def points_before(camera):
     return local @ np.array(camera.matrix_world)[:3, :3].T + np.array(camera.matrix_world)[:3, 3]
 
 
-def test_points_fall_where_blender_draws_them(camera):
+def test_points_are_projected_where_blender_draws_them(camera):
     view = camera_view(camera)
     points = points_before(camera)
     pixels, depth = region_camera(view, REGION_PX).project(points)
@@ -93,7 +93,7 @@ def test_a_border_in_the_camera_view_cuts_the_region(camera):
     assert seen.camera.size_px == seen.rectangle.size_px
 
 
-def test_a_border_in_a_free_view_is_the_views_own(camera):
+def test_a_free_view_has_its_own_border(camera):
     bpy.context.scene.render.use_border = True  # counts in camera views only
     view = camera_view(camera, "PERSP")
     borders = {"render_border_min_x": 0.1, "render_border_max_x": 0.5} | {
@@ -115,7 +115,7 @@ def test_a_border_outside_the_region_shows_nothing(camera):
 
 
 @pytest.mark.parametrize(("perspective", "remedy"), [("CAMERA", "lens type to Perspective"), ("ORTHO", "Numpad 5")])
-def test_an_orthographic_view_is_refused(camera, perspective, remedy):
+def test_an_orthographic_view_is_an_error(camera, perspective, remedy):
     camera.data.type = "ORTHO"
     with pytest.raises(LiveHandError, match=remedy):
         region_camera(camera_view(camera, perspective), REGION_PX)

@@ -1,6 +1,6 @@
-"""Pictures and messages drawn into a 3D view, in the pixels of its region.
+"""Draws images and messages into a 3D view, in pixels of its region.
 
-An engine draws scene-linear colours; Blender's own view transform comes after it, for the whole view.
+An engine draws scene-linear colours; Blender applies the view transform to the whole view afterwards.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import blf
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from .picture import ViewportImage
+from .image import ViewportImage
 from .view import Rectangle
 
 _FONT = 0
@@ -21,17 +21,17 @@ _TRIANGLES = ((0, 1, 2), (0, 2, 3))
 _WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 
 
-class PictureTexture:
-    """A picture on the GPU. Made and drawn where Blender draws."""
+class ImageTexture:
+    """An image on the GPU; created and drawn only in Blender's drawing callbacks."""
 
-    def __init__(self, picture: ViewportImage):
-        height, width, _ = picture.rgba.shape
-        pixels = gpu.types.Buffer("FLOAT", picture.rgba.size, picture.rgba.ravel())
+    def __init__(self, image: ViewportImage):
+        height, width, _ = image.rgba.shape
+        pixels = gpu.types.Buffer("FLOAT", image.rgba.size, image.rgba.ravel())
         self._texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=pixels)
-        self._box = picture.box
+        self._box = image.box
 
     def draw(self, rectangle: Rectangle, region_height_px: int) -> None:
-        """Lay it over the rectangle of a region."""
+        """Draw the image over a rectangle of the region."""
         left, top, right, bottom = self._box
         left, right = rectangle.left + left, rectangle.left + right
         top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
@@ -45,7 +45,7 @@ class PictureTexture:
 
 
 def draw_message(text: str, width_px: int, scale: float) -> None:
-    """Text on a dark ground in the lower left of a region, wrapped to its width; `scale` is the interface's."""
+    """Draw text on a dark box in the lower left of a region, wrapped to its width; `scale` is the interface's."""
     blf.size(_FONT, _TEXT_PT * scale)
     letter_px, line_px = blf.dimensions(_FONT, "n")[0], 1.6 * _TEXT_PT * scale
     margin_px = _MARGIN_PX * scale

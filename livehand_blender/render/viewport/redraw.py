@@ -1,4 +1,4 @@
-"""Redraws views whose pictures have come: a timer of Blender's that runs only while some are awaited."""
+"""Redraws views when their images are ready, by a Blender timer that runs only while images are awaited."""
 
 from __future__ import annotations
 
@@ -12,36 +12,37 @@ _INTERVAL_S = 0.01
 
 
 class RedrawTimer:
-    """Only Blender's thread may tag a view, so it looks every hundredth of a second for what the other has done."""
+    """Polls the rendering thread from Blender's thread, the only one that may tag a view for redraw."""
 
     def __init__(self, preview: PreviewScheduler):
         self._preview = preview
-        # Weakly: Cycles ends an engine's session when Python lets go of it, which must not be later than Blender does.
+        # Weak: Cycles ends its session when Python frees the engine, which must not be later than Blender does.
         self._engines: dict[object, weakref.ref[bpy.types.RenderEngine]] = {}
-        self._callback = self._tick  # Blender knows a timer by the function object, and a bound method is new each time
+        # Blender identifies a timer by its function object, and every access to a bound method makes a new one.
+        self._callback = self._tick
 
     def watch(self, view: object, engine: bpy.types.RenderEngine) -> None:
-        """Redraw the engine's view when pictures come, until none is awaited."""
+        """Redraw the engine's view whenever an image is ready, until none is awaited."""
         self._engines[view] = weakref.ref(engine)
         if not bpy.app.timers.is_registered(self._callback):
             bpy.app.timers.register(self._callback, first_interval=_INTERVAL_S)
 
     def stop(self) -> None:
-        """Leave no timer behind."""
+        """Remove the timer."""
         self._engines.clear()
         if bpy.app.timers.is_registered(self._callback):
             bpy.app.timers.unregister(self._callback)
 
     def _tick(self) -> float | None:
         for view, reference in list(self._engines.items()):
-            self._look_after(view, reference())
+            self._check(view, reference())
         return _INTERVAL_S if self._engines else None
 
-    def _look_after(self, view: object, engine: bpy.types.RenderEngine | None) -> None:
-        if engine is None:  # the view is closed, or shaded otherwise
+    def _check(self, view: object, engine: bpy.types.RenderEngine | None) -> None:
+        if engine is None:  # the view was closed, or its shading changed
             self._preview.forget(view)
-        is_busy = self._preview.is_busy(view)  # asked first: what ends after this question is news at the next tick
-        if engine is not None and self._preview.has_news(view):
+        is_busy = self._preview.is_busy(view)  # first: what ends after this line is an outcome at the next tick
+        if engine is not None and self._preview.has_outcome(view):
             engine.tag_redraw()
         if not is_busy:
             del self._engines[view]

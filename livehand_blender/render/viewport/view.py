@@ -1,6 +1,6 @@
-"""A 3D view -> the backend `Camera` of what it shows, in free perspective views and through a camera alike.
+"""Reads the backend `Camera` of a 3D view, be it a free perspective view or one through a camera.
 
-Blender's `window_matrix` is the projection of the whole region; it holds zoom, offset and lens shift of a camera view.
+Blender's `window_matrix` is the projection of the whole region, including a camera view's zoom, offset and lens shift.
 Blender counts a region's rows from the bottom, as OpenGL does.
 """
 
@@ -19,7 +19,7 @@ _OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class Rectangle(NamedTuple):
-    """Part of a region, px, rows counted from the top: columns left to right, rows top to bottom, ends excluded."""
+    """Part of a region, px, rows counted from the top; right and bottom are excluded."""
 
     left: int
     top: int
@@ -33,14 +33,14 @@ class Rectangle(NamedTuple):
 
 
 class RegionView(NamedTuple):
-    """What a 3D view shows: the camera of a rectangle of its region, px."""
+    """What a 3D view shows: a rectangle of its region, px, and the rectangle's camera."""
 
     camera: Camera
     rectangle: Rectangle
 
 
 def read_view(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> RegionView | None:
-    """The view of the context's region, cut to the render border; None where the border lies outside.
+    """The view of the context's region, cropped to the render border; None if the border lies outside.
 
     Raises:
         LiveHandError: the view is orthographic.
@@ -83,7 +83,7 @@ def _has_border(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) ->
 
 
 def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: Camera) -> Rectangle:
-    """The render border, cut to the region."""
+    """The render border, cropped to the region."""
     space = context.space_data
     width, height = camera.size_px
     if space.region_3d.view_perspective == "CAMERA":
@@ -98,7 +98,7 @@ def _border(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, camera: 
 def _camera_border(
     space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, camera: Camera
 ) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of the render border, px of a region that shows a camera's image somewhere in it."""
+    """Left, top, right and bottom of the render border, px of a region that shows a camera's image."""
     scene = depsgraph.scene
     seen_through = space.camera if space.use_local_camera else scene.camera
     image = read_camera(seen_through.evaluated_get(depsgraph), scene.render).K

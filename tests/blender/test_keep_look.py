@@ -1,12 +1,12 @@
-"""Keep look: colours pass through AgX and Filmic into an 8-bit PNG, and come out as Standard shows them."""
+"""Keep Look: colours saved through AgX and Filmic to an 8-bit PNG look as Standard shows them."""
 
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Frame
-from livehand.livehand_blender.scene import look
-from livehand.livehand_blender.scene.look import frame_with_kept_look, kept_look
+from livehand.livehand_blender.render import keep_look
+from livehand.livehand_blender.render.keep_look import frame_with_kept_look, kept_look
 from PIL import Image
 
 # sRGB levels between deep shade and highlight of skin, nails and palms, light to deep.
@@ -57,7 +57,7 @@ def test_skin_is_shown_as_in_standard(skin, tmp_path, view, least_change):
     assert np.abs(shown(kept_look(skin, scene), scene, tmp_path / "kept.png") - expected).max() <= 1
 
 
-def test_black_and_white_stay(tmp_path):
+def test_black_and_white_do_not_change(tmp_path):
     ends = np.array([[[0, 0, 0], [1, 1, 1], [2, 2, 2], [-1, -1, -1]]], np.float64)
     for transform in ("AgX", "Filmic"):
         scene = in_view(transform)
@@ -75,11 +75,11 @@ def test_a_frame_keeps_its_look_through_soft_edges(skin):
     assert kept.rgb.dtype == np.float32
 
 
-def test_standard_costs_nothing(skin):
+def test_standard_returns_the_same_colours(skin):
     assert kept_look(skin, in_view("Standard")) is skin
 
 
-def test_exposure_still_acts(skin):
+def test_exposure_is_not_inverted(skin):
     scene = in_view("AgX")
     kept = kept_look(skin, scene)
     scene.view_settings.exposure = -1
@@ -92,9 +92,9 @@ def test_type_and_shape_are_kept(skin):
     assert kept.shape == (32, 3)
 
 
-def test_the_open_file_is_left_alone(skin):
+def test_the_open_file_does_not_change(skin):
     before = [(kind, len(getattr(bpy.data, kind))) for kind in ("images", "scenes", "worlds", "node_groups")]
-    look._inverse.cache_clear()
+    keep_look._inverse.cache_clear()
     kept_look(skin, in_view("AgX"))
     assert [(kind, len(getattr(bpy.data, kind))) for kind in ("images", "scenes", "worlds", "node_groups")] == before
 
@@ -102,20 +102,10 @@ def test_the_open_file_is_left_alone(skin):
 def test_a_view_is_solved_once(skin, monkeypatch):
     scene = in_view("AgX")
     kept_look(skin, scene)
-    monkeypatch.setattr(look, "_solve", None)
+    monkeypatch.setattr(keep_look, "_shown", None)
     kept_look(skin, scene)
 
 
-def test_a_view_that_cannot_be_undone_is_refused(skin):
+def test_a_view_without_an_inverse_is_an_error(skin):
     with pytest.raises(LiveHandError, match=r"'False Color' is .* choose Standard, AgX or Filmic"):
         kept_look(skin, in_view("False Color"))
-
-
-def test_interpolation_is_exact_for_what_is_linear_in_each_axis():
-    ticks = np.linspace(0, 1, look._GRID_SIZE)
-    r, g, b = np.meshgrid(ticks, ticks, ticks, indexing="ij")
-    axis = np.random.default_rng(1).uniform(0, 1, (100, 3))
-    axis[:4] = [[0, 0, 0], [1, 1, 1], [1, 0, 0.5], [0.25, 1, 0]]
-    got = look._interpolated(np.stack([r, 2 * g - r, r * g * b], -1), axis)
-    expected = np.stack([axis[:, 0], 2 * axis[:, 1] - axis[:, 0], axis.prod(-1)], -1)
-    np.testing.assert_allclose(got, expected, atol=1e-12)

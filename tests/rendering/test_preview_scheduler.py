@@ -1,4 +1,4 @@
-"""The thread of the 3D views: newest first, coarse before fine, nothing shown that is older than what was."""
+"""The preview scheduler: newest first, coarse before fine, and never an image older than the last."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ def preview():
 
 
 class Gate:
-    """A step that says that it has begun, and ends when it is opened or told to stop."""
+    """A step that records that it has begun, and ends when it is opened or stopped."""
 
     def __init__(self, value):
         self.value = value
@@ -36,67 +36,67 @@ class Gate:
 def wait_for(condition):
     end = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < end, "has not come"
+        assert time.monotonic() < end, "the condition was not met in time"
         time.sleep(0.001)
 
 
-def taken(preview, view):
-    wait_for(lambda: preview.has_news(view))
-    return preview.take(view)
+def outcome(preview, view):
+    wait_for(lambda: preview.has_outcome(view))
+    return preview.pop_outcome(view)
 
 
-def test_steps_come_one_after_the_other(preview):
+def test_steps_run_one_after_the_other(preview):
     fine = Gate("fine")
-    preview.ask("view", [lambda stop: "coarse", fine])
-    assert taken(preview, "view").value == "coarse"
+    preview.submit("view", [lambda stop: "coarse", fine])
+    assert outcome(preview, "view").value == "coarse"
     assert fine.begun.wait(PATIENCE_S)
     assert preview.is_busy("view")
-    assert preview.take("view") is None
+    assert preview.pop_outcome("view") is None
     fine.opened.set()
-    assert taken(preview, "view").value == "fine"
+    assert outcome(preview, "view").value == "fine"
     wait_for(lambda: not preview.is_busy("view"))
 
 
-def test_a_first_step_is_never_stopped_and_what_waited_is_replaced(preview):
+def test_a_first_step_is_never_stopped_and_waiting_steps_are_replaced(preview):
     first, second, third = Gate(1), Gate(2), Gate(3)
-    preview.ask("view", [first, lambda stop: "fine 1"])
+    preview.submit("view", [first, lambda stop: "fine 1"])
     assert first.begun.wait(PATIENCE_S)
-    preview.ask("view", [second])
-    preview.ask("view", [third])
+    preview.submit("view", [second])
+    preview.submit("view", [third])
     first.opened.set()
-    assert taken(preview, "view").value == 1
+    assert outcome(preview, "view").value == 1
     third.opened.set()
-    assert taken(preview, "view").value == 3
+    assert outcome(preview, "view").value == 3
     wait_for(lambda: not preview.is_busy("view"))
     assert not second.begun.is_set()
-    assert preview.take("view") is None
+    assert preview.pop_outcome("view") is None
 
 
 def test_a_finer_step_stops_for_something_newer(preview):
     fine, newer = Gate("old fine"), Gate("new")
-    preview.ask("view", [lambda stop: "old", fine])
+    preview.submit("view", [lambda stop: "old", fine])
     assert fine.begun.wait(PATIENCE_S)
-    assert preview.take("view").value == "old"
-    preview.ask("view", [newer])
+    assert preview.pop_outcome("view").value == "old"
+    preview.submit("view", [newer])
     assert newer.begun.wait(PATIENCE_S)
     assert fine.was_stopped
     newer.opened.set()
-    assert taken(preview, "view").value == "new"
+    assert outcome(preview, "view").value == "new"
     wait_for(lambda: not preview.is_busy("view"))
 
 
-def test_a_view_outrun_by_another_is_taken_up_again(preview):
+def test_a_preempted_view_is_continued(preview):
     fine, other = Gate("fine"), Gate("other")
-    preview.ask("view", [lambda stop: "coarse", fine])
+    preview.submit("view", [lambda stop: "coarse", fine])
     assert fine.begun.wait(PATIENCE_S)
-    preview.ask("other", [other])
+    preview.submit("other", [other])
     assert other.begun.wait(PATIENCE_S)
     assert fine.was_stopped
     fine.opened.set()
     other.opened.set()
-    assert taken(preview, "other").value == "other"
+    assert outcome(preview, "other").value == "other"
     wait_for(lambda: not preview.is_busy("view"))
-    assert preview.take("view").value == "fine"
+    assert preview.pop_outcome("view").value == "fine"
 
 
 def test_an_error_is_an_outcome_and_ends_the_steps(preview):
@@ -104,29 +104,29 @@ def test_an_error_is_an_outcome_and_ends_the_steps(preview):
         raise ValueError("no avatar")
 
     never = Gate("fine")
-    preview.ask("view", [fail, never])
-    assert str(taken(preview, "view").error) == "no avatar"
+    preview.submit("view", [fail, never])
+    assert str(outcome(preview, "view").error) == "no avatar"
     assert not preview.is_busy("view")
     assert not never.begun.is_set()
-    preview.ask("view", [lambda stop: "again"])
-    assert taken(preview, "view").value == "again"
+    preview.submit("view", [lambda stop: "again"])
+    assert outcome(preview, "view").value == "again"
 
 
 def test_a_forgotten_view_is_stopped_and_leaves_nothing(preview):
     gate = Gate("coarse")
-    preview.ask("view", [gate, lambda stop: "fine"])
+    preview.submit("view", [gate, lambda stop: "fine"])
     assert gate.begun.wait(PATIENCE_S)
     preview.forget("view")
     assert not preview.is_busy("view")
-    preview.ask("other", [lambda stop: "other"])
-    assert taken(preview, "other").value == "other"
+    preview.submit("other", [lambda stop: "other"])
+    assert outcome(preview, "other").value == "other"
     assert gate.was_stopped
-    assert preview.take("view") is None
+    assert preview.pop_outcome("view") is None
 
 
 def test_close_stops_what_runs():
     preview, gate = PreviewScheduler(), Gate("coarse")
-    preview.ask("view", [gate])
+    preview.submit("view", [gate])
     assert gate.begun.wait(PATIENCE_S)
     preview.close()
     assert gate.was_stopped

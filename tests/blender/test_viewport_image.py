@@ -1,4 +1,4 @@
-"""Pictures of views: composed, cropped, at any scale in the same place."""
+"""Images of views: composed, cropped, and at any scale in the same place."""
 
 import bpy
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 from livehand.backend.avatars.session import Session
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.shot import empty_frame
-from livehand.livehand_blender.render.viewport.picture import ViewportRequest, picture_of
-from livehand.livehand_blender.render.viewport.subject import read_viewport_hands
+from livehand.livehand_blender.render.viewport.image import ViewportRequest, viewport_image
+from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 
@@ -18,54 +18,54 @@ def view_space():
     return next(area.spaces.active for area in areas if area.type == "VIEW_3D")
 
 
-def test_a_picture_is_cropped_turned_over_and_in_the_working_space():
+def test_an_image_is_cropped_flipped_and_in_the_working_space():
     frame = empty_frame((8, 6))
     frame.alpha[1:3, 4:7] = 1
     frame.rgb[1, 4:7] = (0.5, 0, 0)
     frame.rgb[2, 4:7] = (0, 0.25, 0)
     swap = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1]], np.float32)
-    picture = picture_of(frame, 0.5, swap)
-    assert picture.box == (8, 2, 14, 6)
-    assert picture.rgba.shape == (2, 3, 4)
-    assert picture.rgba[0, 0] == pytest.approx([0.25, 0, 0, 1])
-    assert picture.rgba[1, 2] == pytest.approx([0, 0.5, 0, 1])
+    image = viewport_image(frame, 0.5, swap)
+    assert image.box == (8, 2, 14, 6)
+    assert image.rgba.shape == (2, 3, 4)
+    assert image.rgba[0, 0] == pytest.approx([0.25, 0, 0, 1])
+    assert image.rgba[1, 2] == pytest.approx([0, 0.5, 0, 1])
 
 
-def test_of_an_empty_frame_there_is_no_picture():
-    assert picture_of(empty_frame((8, 6)), 1.0, np.eye(3)) is None
+def test_an_empty_frame_has_no_image():
+    assert viewport_image(empty_frame((8, 6)), 1.0, np.eye(3)) is None
 
 
 @pytest.fixture
-def subjects(hand_scene):
+def hands(hand_scene):
     return read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
 
 
-def test_a_coarse_picture_lies_where_the_full_one_does(hand_scene, subjects, fake_renderer):
+def test_a_coarse_image_lies_where_the_full_one_does(hand_scene, hands, fake_renderer):
     hand_scene.render.resolution_x, hand_scene.render.resolution_y = 240, 320
     camera = read_camera(hand_scene.camera, hand_scene.render)
-    order, session = ViewportRequest(subjects, camera, np.eye(3, dtype=np.float32)), Session(fake_renderer)
-    full, coarse = (order.render(session, scale, lambda: False) for scale in (1.0, 0.25))
+    request, session = ViewportRequest(hands, camera, np.eye(3, dtype=np.float32)), Session(fake_renderer)
+    full, coarse = (request.render(session, scale, lambda: False) for scale in (1.0, 0.25))
     assert coarse.rgba.shape[0] < full.rgba.shape[0] / 3
     assert coarse.box == pytest.approx(full.box, abs=4)
     assert coarse.rgba.mean((0, 1)) == pytest.approx(full.rgba.mean((0, 1)), abs=0.02)
     assert coarse.rgba[0].mean(0) == pytest.approx(full.rgba[:4].mean((0, 1)), abs=0.05)
 
 
-def test_two_hands_are_two_subjects_and_one_picture(hand_scene, subjects, fake_renderer):
+def test_two_hands_are_in_one_image(hand_scene, hands, fake_renderer):
     bpy.ops.livehand.add_hand(side="left")
     bpy.context.object.location = (-0.06, 0.06, -0.1)
     both = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
-    assert len(subjects) == 1
-    assert [subject.pose.side for subject in both] == ["right", "left"]
+    assert len(hands) == 1
+    assert [hand.pose.side for hand in both] == ["right", "left"]
     camera = read_camera(hand_scene.camera, hand_scene.render)
     one, two = (
         ViewportRequest(some, camera, np.eye(3, dtype=np.float32)).render(Session(fake_renderer), 1.0, lambda: False)
-        for some in (subjects, both)
+        for some in (hands, both)
     )
     assert two.rgba[..., 3].sum() > one.rgba[..., 3].sum()
 
 
-def test_a_hidden_hand_is_no_subject_and_none_gives_no_picture(hand_scene, fake_renderer):
+def test_a_hidden_hand_is_not_read_and_no_hand_gives_no_image(hand_scene, fake_renderer):
     mesh_of(find_hands(hand_scene)[0]).hide_set(True)
     none = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
     assert none == ()

@@ -1,4 +1,4 @@
-"""The queue of a sequence: the next frame is rendered meanwhile, only taken where it fits, and one at a time."""
+"""The frame queue: prefetched frames are rendered in advance, used only if they fit, and one at a time."""
 
 import threading
 from dataclasses import replace
@@ -9,13 +9,15 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose, Shot, empty_frame
 from livehand.backend.rendering.frame_queue import FrameQueue
-from livehand.backend.rendering.frame_task import HandTask
+from livehand.backend.rendering.frame_task import FrameTask, HandTask
 
 SECONDS = 10  # no test waits that long unless it fails
 
 
 class Recorder:
-    """Renders empty frames; tells when it begins one, and holds those it is told to hold."""
+    """Renders empty frames; records when it begins one, and waits in those that `hold` names."""
+
+    avatar = hand = None
 
     def __init__(self):
         self.begun = {}
@@ -28,7 +30,7 @@ class Recorder:
 
     def hold(self, shot):
         self.begun[id(shot)], self.held[id(shot)] = threading.Event(), threading.Event()
-        self.kept.append(shot)  # or its id would be another's
+        self.kept.append(shot)  # so that its id stays unique
         return shot
 
     def has_begun(self, shot):
@@ -76,32 +78,37 @@ def shot_of(x):
     return Shot(HandPose.rest(), np.full((5, 3), float(x)), camera)
 
 
-def test_the_next_frame_is_rendered_before_it_is_asked_for(queue, renderer):
-    one, two = HandTask(renderer, shot_of(1)), HandTask(renderer, renderer.hold(shot_of(2)))
+def task_of(renderer, shot):
+    """One hand in a sharp frame."""
+    return FrameTask(((HandTask(renderer, shot),),))
+
+
+def test_the_next_frame_is_rendered_before_it_is_submitted(queue, renderer):
+    held = renderer.hold(shot_of(2))
     queue.begin(1, 2)
-    first = queue.ask(one)
-    queue.prefetch(two)
+    first = queue.submit(task_of(renderer, shot_of(1)))
+    queue.prefetch(task_of(renderer, held))
     first.result(SECONDS)
-    assert renderer.has_begun(two.shot)  # while the caller still has frame 1 in hand
+    assert renderer.has_begun(held)  # while frame 1 is still the current one
     queue.begin(2, None)
-    second = queue.ask(HandTask(renderer, shot_of(2)))
-    renderer.release(two.shot)
+    second = queue.submit(task_of(renderer, shot_of(2)))
+    renderer.release(held)
     second.result(SECONDS)
     assert len(renderer.threads) == 2
     assert threading.current_thread() not in renderer.threads
 
 
-def test_frames_come_one_at_a_time_and_in_order(queue, renderer):
-    one, two = HandTask(renderer, renderer.hold(shot_of(1))), HandTask(renderer, renderer.hold(shot_of(2)))
+def test_frames_are_rendered_one_at_a_time_and_in_order(queue, renderer):
+    one, two = renderer.hold(shot_of(1)), renderer.hold(shot_of(2))
     queue.begin(1, 2)
-    first = queue.ask(one)
-    queue.prefetch(two)
-    assert renderer.has_begun(one.shot)
-    assert not renderer.begun[id(two.shot)].is_set()
-    renderer.release(one.shot)
+    first = queue.submit(task_of(renderer, one))
+    queue.prefetch(task_of(renderer, two))
+    assert renderer.has_begun(one)
+    assert not renderer.begun[id(two)].is_set()
+    renderer.release(one)
     first.result(SECONDS)
-    assert renderer.has_begun(two.shot)
-    renderer.release(two.shot)
+    assert renderer.has_begun(two)
+    renderer.release(two)
     assert len(set(renderer.threads)) == 1
 
 
@@ -133,36 +140,36 @@ def other_camera(shot, **values):
         lambda shot: replace(shot, vertices=nudged(shot.vertices)),
     ],
 )
-def test_a_guess_that_differs_in_one_number_is_not_taken(queue, renderer, change):
-    asked = HandTask(renderer, shot_of(2))
+def test_a_guess_that_differs_in_one_number_is_not_used(queue, renderer, change):
+    task = task_of(renderer, shot_of(2))
     queue.begin(1, 2)
-    queue.prefetch(HandTask(renderer, change(shot_of(2))))
+    queue.prefetch(task_of(renderer, change(shot_of(2))))
     queue.begin(2, None)
-    frame = queue.ask(asked).result(SECONDS)
+    ((frame,),) = queue.submit(task).result(SECONDS)
     assert frame.alpha.shape == (3, 4)
     assert len(renderer.threads) == 2
 
 
-def test_an_equal_shot_of_another_renderer_is_not_taken(queue, renderer):
+def test_an_equal_shot_of_another_renderer_is_not_used(queue, renderer):
     other = Recorder()
     queue.begin(1, 2)
-    queue.prefetch(HandTask(other, shot_of(2)))
+    queue.prefetch(task_of(other, shot_of(2)))
     queue.begin(2, None)
-    queue.ask(HandTask(renderer, shot_of(2))).result(SECONDS)
+    queue.submit(task_of(renderer, shot_of(2))).result(SECONDS)
     assert len(renderer.threads) == 1
 
 
-def test_a_frame_that_is_asked_for_twice_is_rendered_once(queue, renderer):
+def test_a_task_that_is_submitted_twice_is_rendered_once(queue, renderer):
     queue.begin(1, None)
-    results = [queue.ask(HandTask(renderer, shot_of(1))).result(SECONDS) for _ in range(2)]
+    results = [queue.submit(task_of(renderer, shot_of(1))).result(SECONDS) for _ in range(2)]
     assert results[0] is results[1]
     assert len(renderer.threads) == 1
 
 
-def test_equal_frames_are_each_rendered(queue, renderer):
+def test_equal_tasks_of_two_frames_are_each_rendered(queue, renderer):
     for frame in (1, 2):
         queue.begin(frame, None)
-        queue.ask(HandTask(renderer, shot_of(1))).result(SECONDS)
+        queue.submit(task_of(renderer, shot_of(1))).result(SECONDS)
     assert len(renderer.threads) == 2
 
 
@@ -170,43 +177,43 @@ def test_an_error_belongs_to_its_own_frame(queue, renderer):
     broken = shot_of(2)
     renderer.broken.add(id(broken))
     queue.begin(1, 2)
-    first = queue.ask(HandTask(renderer, shot_of(1)))
-    queue.prefetch(HandTask(renderer, broken))
+    first = queue.submit(task_of(renderer, shot_of(1)))
+    queue.prefetch(task_of(renderer, broken))
     assert first.result(SECONDS)
     queue.begin(2, None)
     with pytest.raises(LiveHandError, match="another hand"):
-        queue.ask(HandTask(renderer, broken)).result(SECONDS)
+        queue.submit(task_of(renderer, broken)).result(SECONDS)
 
 
-def test_two_wrong_guesses_running_end_the_guessing(queue, renderer):
+def test_two_wrong_guesses_in_a_row_end_the_prefetching(queue, renderer):
     def pass_frame(number, is_right):
         queue.begin(number, number + 1)
-        queue.ask(HandTask(renderer, shot_of(number))).result(SECONDS)
-        queue.prefetch(HandTask(renderer, shot_of(number + 1 if is_right else 0)))
+        queue.submit(task_of(renderer, shot_of(number))).result(SECONDS)
+        queue.prefetch(task_of(renderer, shot_of(number + 1 if is_right else 0)))
         return queue.prefetchable_frame
 
-    told = [pass_frame(n, is_right) for n, is_right in enumerate((False, True, False, False), 1)]
-    assert told == [2, 3, 4, 5]
+    frames = [pass_frame(n, is_right) for n, is_right in enumerate((False, True, False, False), 1)]
+    assert frames == [2, 3, 4, 5]
     assert pass_frame(5, is_right=True) is None
 
 
-def test_what_is_foreseen_and_never_asked_for_is_dropped(queue, renderer):
+def test_a_prefetched_frame_that_is_never_submitted_is_dropped(queue, renderer):
     running, waiting = renderer.hold(shot_of(2)), renderer.hold(shot_of(3))
     queue.begin(1, 2)
-    queue.prefetch(HandTask(renderer, running))
-    queue.prefetch(HandTask(renderer, waiting))
+    queue.prefetch(task_of(renderer, running))
+    queue.prefetch(task_of(renderer, waiting))
     assert renderer.has_begun(running)
-    queue.begin(7, None)  # stops the one, and the other never begins
-    assert queue.ask(HandTask(renderer, shot_of(7))).result(SECONDS)
+    queue.begin(7, None)  # stops the running one; the waiting one never begins
+    assert queue.submit(task_of(renderer, shot_of(7))).result(SECONDS)
     assert renderer.stopped == [running]
     assert not renderer.begun[id(waiting)].is_set()
 
 
-def test_the_end_stops_what_runs_and_leaves_no_thread(renderer):
+def test_leaving_the_queue_stops_the_running_render_and_leaves_no_thread(renderer):
     held = renderer.hold(shot_of(1))
     with FrameQueue() as queue:
         queue.begin(1, None)
-        queue.ask(HandTask(renderer, held))
+        queue.submit(task_of(renderer, held))
         assert renderer.has_begun(held)
     assert not renderer.threads[0].is_alive()
     assert renderer.stopped == [held]

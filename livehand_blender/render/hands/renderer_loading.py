@@ -1,4 +1,4 @@
-"""Loads an avatar's renderer in Blender, and says how to install what Blender's Python lacks."""
+"""Loads an avatar's renderer in Blender, and says how to install packages that Blender's Python lacks."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.avatars.session import Device, load_renderer
-from ...backend.hand.model import HandModel
-from ...backend.records.errors import LiveHandError
-from ...backend.rendering.frame_task import HandRenderer
-from ...backend.runtime.dependencies import install_command, missing_requirements
+from ....backend.avatars.session import Device, load_renderer
+from ....backend.hand.model import HandModel
+from ....backend.records.errors import LiveHandError
+from ....backend.rendering.frame_task import HandRenderer
+from ....backend.runtime.dependencies import install_command, missing_requirements
 
 
 def load_renderer_in_blender(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
-    """The backend's renderer of one avatar.
+    """Load the backend's renderer of one avatar.
 
     Raises:
-        LiveHandError: a package is missing, or the avatar is unreadable or of another hand.
+        LiveHandError: a package is missing, or the avatar cannot be read or belongs to another hand model.
     """
     try:
         return load_renderer(avatar_path, hand, device)
@@ -26,9 +26,9 @@ def load_renderer_in_blender(avatar_path: Path | None, hand: HandModel, device: 
 
 
 def packages_folder() -> Path | None:
-    """Where the Blender program looks for packages of the user's; None where Blender is a module of another Python.
+    """The folder in which the Blender program looks for the user's packages; None if Blender is a Python module.
 
-    The program puts the user's `scripts/modules` folder on the path when it starts, if the folder exists.
+    When it starts, the program adds the user's `scripts/modules` folder to the path, if the folder exists.
     """
     if not bpy.app.binary_path:  # bpy.app.module does not exist in 4.2
         return None

@@ -1,4 +1,4 @@
-"""What all 3D views share."""
+"""The objects that all 3D views share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .redraw import RedrawTimer
 
 
 class ViewportShared:
-    """The session's avatars, one thread and one timer. It belongs to the registered render engine."""
+    """The session with its avatars, one thread and one timer. The registered render engine owns it."""
 
     def __init__(self, session: Session):
         self.session = session
@@ -16,6 +16,6 @@ class ViewportShared:
         self.timer = RedrawTimer(self.preview)
 
     def close(self) -> None:
-        """End the thread and the timer."""
+        """Stop the thread and the timer."""
         self.timer.stop()
         self.preview.close()

@@ -1,4 +1,4 @@
-"""Hands and a camera -> the picture that is laid over a 3D view. Runs in the preview's thread, without bpy."""
+"""Renders the image of hands that is drawn over a 3D view, in the preview's thread and without bpy."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ....backend.avatars.session import Session
 from ....backend.records.camera import Camera
 from ....backend.records.shot import Frame
 from ....backend.rendering.composition import joined, visible_parts
+from ....backend.rendering.grade import graded
 from ....backend.runtime.thread_limits import thread_limit
-from ...scene.grade import graded
-from .subject import ViewportHand
+from .viewport_hand import ViewportHand
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
-# cores a picture takes twice as long with two threads as with one.
+# cores an image takes twice as long with two threads as with one.
 _THREADS = max(1, (os.cpu_count() or 1) // 4)
 
 
 class ViewportImage(NamedTuple):
-    """What is drawn over a view.
+    """An image that is drawn over a view.
 
     Attributes:
         rgba: [h, w, 4] float32, bottom row first, in the scene's working space, premultiplied.
-        box: left, top, right, bottom of it in the view's rectangle, px from the upper left.
+        box: its left, top, right and bottom edges in the view's rectangle, px from the upper left.
     """
 
     rgba: np.ndarray
@@ -36,37 +36,37 @@ class ViewportImage(NamedTuple):
 
 @dataclass(frozen=True)
 class ViewportRequest:
-    """A picture that is asked for.
+    """What to render for a view.
 
     Attributes:
-        subjects: the hands in it.
+        hands: that the view shows.
         camera: of the view at full size.
         to_working_space: [3, 3], from linear Rec.709 (`rec709_to_working_space`).
     """
 
-    subjects: tuple[ViewportHand, ...]
+    hands: tuple[ViewportHand, ...]
     camera: Camera
     to_working_space: np.ndarray
 
     def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> ViewportImage | None:
-        """The picture at `scale` times the view's resolution; None where no hand is in view.
+        """The image at `scale` times the view's resolution; None if no hand is in view.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [subject.task(session, camera) for subject in self.subjects]
+            tasks = [hand.task(session, camera) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:
             return None
-        looks = [graded(frame, subject.grade) for frame, subject in zip(frames, self.subjects, strict=True)]
-        return picture_of(joined(visible_parts(looks)), scale, self.to_working_space)
+        graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
+        return viewport_image(joined(visible_parts(graded_frames)), scale, self.to_working_space)
 
 
-def picture_of(frame: Frame, scale: float, to_working_space: np.ndarray) -> ViewportImage | None:
-    """Cut a frame of `scale` times a view's resolution to what is in it; None where nothing is."""
+def viewport_image(frame: Frame, scale: float, to_working_space: np.ndarray) -> ViewportImage | None:
+    """Crop a frame of `scale` times a view's resolution to the hands in it; None if it is empty."""
     rows, columns = (np.flatnonzero(frame.alpha.any(axis)) for axis in (1, 0))
     if not len(rows):
         return None

@@ -1,0 +1,50 @@
+"""The properties of a hand that choose its look: the files of its model and avatar, the device, the grade."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ....backend.avatars.library import shipped_avatar_path
+from ....backend.avatars.session import Device, Session
+from ....backend.rendering.frame_task import HandRenderer
+from ....backend.rendering.grade import Grade
+
+
+@dataclass(frozen=True)
+class HandSource:
+    """The files of a hand's model and avatar; a model path of None stands for the built-in hand."""
+
+    model_path: Path | None
+    avatar_path: Path
+
+    def renderer(self, session: Session, device: Device) -> HandRenderer:
+        """The hand's renderer; loading it may take seconds.
+
+        Raises:
+            LiveHandError: a file or a package is missing, or they do not fit together.
+        """
+        return session.renderer(self.avatar_path, session.hand(self.model_path), device)
+
+
+def hand_source(armature: bpy.types.Object) -> HandSource:
+    """The files that a hand names, with Blender's `//` resolved against the .blend that owns the hand."""
+    owner, hand = armature.original, armature.original.livehand
+    model_path, avatar_path = (
+        Path(bpy.path.abspath(path, library=owner.library)) if path else None
+        for path in (hand.model_path, hand.avatar_path)
+    )
+    return HandSource(model_path, avatar_path or shipped_avatar_path(hand.skin))
+
+
+def read_device(scene: bpy.types.Scene) -> Device:
+    """The scene's device and precision."""
+    return Device(scene.livehand.device, scene.livehand.precision)
+
+
+def read_grade(armature: bpy.types.Object) -> Grade:
+    """The *Match Plate* settings of an evaluated armature, which holds the animated values of its frame."""
+    hand = armature.livehand
+    return Grade(hand.exposure, tuple(hand.gain), tuple(hand.bias))

@@ -1,0 +1,52 @@
+"""Names of frames and of their temporary files, and leftovers of killed runs."""
+
+import pytest
+from livehand.backend.batch.frame_paths import FrameParts, FramePaths, frames_with_leftovers
+from livehand.backend.records.errors import LiveHandError
+from PIL import Image
+
+
+@pytest.fixture
+def paths(tmp_path):
+    return FramePaths(tmp_path, "wave", 7)
+
+
+def names(paths):
+    return sorted(path.name for path in paths.folder.iterdir())
+
+
+def test_published_parts_have_the_frames_name_and_others_are_removed(paths):
+    with FrameParts(paths, "0a1b") as parts:
+        part = parts.path("png")
+        assert part.name == ".wave_0007.0a1b.part.png"
+        Image.new("RGBA", (3, 2)).save(part)
+        parts.check(part, (3, 2))
+        parts.publish()
+        parts.path("exr").touch()
+    assert names(paths) == ["wave_0007.png"]
+    assert paths.missing(("exr", "png"), (3, 2), 0) == ["exr"]
+    assert paths.missing(("png",), (3, 3), 0) == ["png"]
+    assert paths.missing(("png",), (3, 2), paths.path("png").stat().st_mtime_ns + 1) == ["png"]
+
+
+def test_a_part_that_does_not_decode_is_an_error(paths):
+    with FrameParts(paths, "0a1b") as parts:
+        part = parts.path("png")
+        part.touch()
+        with pytest.raises(LiveHandError, match=r"wave_0007\.png could not be written"):
+            parts.check(part, (3, 2))
+    assert names(paths) == []
+
+
+def test_leftovers_are_leases_and_parts_of_this_shot(tmp_path):
+    mine = {".wave_0001.claim": 1, ".wave_-004.claim.2": -4, ".wave_0002.part.exr": 2, ".wave_0009.0a1b.part.png": 9}
+    for name in (*mine, "wave_0003.exr", ".other_0005.claim", ".wave_b_0006.part.exr", ".wave_0007.claims"):
+        (tmp_path / name).touch()
+    assert frames_with_leftovers(tmp_path, "wave") == sorted(mine.values())
+
+
+def test_parts_of_other_frames_are_kept(paths):
+    for name in (".wave_0007.0a1b.part.exr", ".wave_0007.part.png", ".wave_0008.0a1b.part.exr"):
+        (paths.folder / name).touch()
+    paths.remove_parts()
+    assert names(paths) == [".wave_0008.0a1b.part.exr"]

@@ -1,0 +1,51 @@
+"""The files, grade and device of a hand, read from its properties."""
+
+from pathlib import Path
+
+import bpy
+import pytest
+from livehand.backend.avatars.library import SKINS, avatar_path
+from livehand.backend.rendering.grade import Grade
+from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade
+from livehand.livehand_blender.rig.hand import find_hands
+from livehand.livehand_blender.scene.shot import visible_hands
+
+
+@pytest.fixture
+def armature(hand_scene):
+    return find_hands(hand_scene)[0]
+
+
+def test_paths_are_resolved_against_the_blend(armature, tmp_path):
+    armature.livehand.avatar_path = "//looks/mine.safetensors"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0])
+    assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
+    assert source.model_path is None
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_a_hand_has_the_avatar_of_its_skin_unless_it_names_a_file(armature, skin):
+    armature.livehand.skin = skin
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == avatar_path(skin)
+    armature.livehand.avatar_path = "/looks/mine.safetensors"
+    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == Path("/looks/mine.safetensors")
+
+
+def test_a_new_hand_has_a_neutral_grade(hand_scene):
+    assert read_grade(find_hands(hand_scene)[0]) == Grade()
+
+
+def test_animated_settings_are_read_from_the_evaluated_hand(hand_scene):
+    (hand,) = find_hands(hand_scene)
+    for frame, stops in ((1, 0.0), (11, 2.0)):
+        hand.livehand.exposure, hand.livehand.gain[1], hand.livehand.bias[2] = stops, 1 + stops, stops / 20
+        for name in ("exposure", "gain", "bias"):
+            hand.livehand.keyframe_insert(name, frame=frame)
+    hand_scene.frame_set(6)
+    evaluated = hand.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    grade = read_grade(evaluated)
+    assert grade.exposure_stops == pytest.approx(1)
+    assert grade.gain == pytest.approx((1, 2, 1))
+    assert grade.bias == pytest.approx((0, 0, 0.05))
