@@ -212,7 +212,7 @@ def spoil_fit(data_set, key, value):
     ("spoil", "message"),
     [
         (lambda d: spoil_fit(d, "pose", [0.0] * 45), r"MANO_NeuralAnnot\.json: capture 0, frame 103: "),
-        (lambda d: spoil_fit(d, "trans", [0, float("nan"), 0]), "frame 103: transl must be finite"),
+        (lambda d: spoil_fit(d, "trans", [0, float("nan"), 0]), r"NeuralAnnot\.json must be whole, well-formed JSON"),
         (lambda d: spoil_fit(d, "shape", [0.0] * 9), r"frame 103: beta must be \[10\]"),
         (lambda d: d.fits.update({"x": {}}), r"MANO_NeuralAnnot\.json: capture 0 must hold"),
         (lambda d: d.cameras.pop("focal"), r"camera\.json: capture 0 must hold campos, camrot, focal"),
@@ -220,7 +220,10 @@ def spoil_fit(data_set, key, value):
         (lambda d: d.cameras["campos"].pop(COLOUR), "camera 400262 must be calibrated"),
         (lambda d: d.cameras["camrot"].update({COLOUR: np.diag([1, 1, -1.0]).tolist()}), r"image100\.jpg: .*rotation"),
         (lambda d: d.cameras["princpt"].update({COLOUR: [0, 0]}), "principal point must lie near the middle"),
-        (lambda d: d.cameras["focal"].update({COLOUR: [1, float("inf")]}), "camera matrices must be finite"),
+        (
+            lambda d: d.cameras["focal"].update({COLOUR: [1, float("inf")]}),
+            r"camera\.json must be whole, well-formed JSON",
+        ),
         (lambda d: d.images[0].update(file_name="../../secret.jpg"), "must lie inside the data set"),
         (lambda d: d.images[0].update(file_name="/etc/passwd"), "must lie inside the data set"),
         (lambda d: d.images[0].pop("camera"), r"data\.json: an entry of images is malformed"),
