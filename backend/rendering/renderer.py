@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..fast.fused_render import Marcher
 
 Precision = Literal["fp32", "bf16"]
-Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode_frame"]
+Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode"]
 OnStage = Callable[[Stage], None]
 
 
@@ -106,7 +106,7 @@ class Renderer:
         on_stage("superres")
         with self._autocast():
             image, depth = image_of(self.avatar.superres, seen.composite, seen.pixel, view.size_px)
-        on_stage("decode_frame")
+        on_stage("decode")
         profile = depth_profile(seen, window, shot.camera.size_px)
         return replace(decode_frame(image.float(), depth, window, shot.camera.size_px), profile=profile)
 
