@@ -2,7 +2,7 @@
 
 import json
 from argparse import ArgumentParser
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import bpy
@@ -22,7 +22,7 @@ from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
-from livehand.livehand_blender.capture.render import is_whole, render_capture
+from livehand.livehand_blender.capture.render import is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SKIN_TONES
 from livehand.livehand_blender.capture.surface import SkinSurface
@@ -33,11 +33,16 @@ SMALL = CapturePlan(poses=23, cameras=11, cameras_per_pose=4, size_px=(24, 32), 
 
 
 @pytest.fixture(scope="module")
-def made(hand, tmp_path_factory):
-    return SMALL.make(tmp_path_factory.mktemp("plan"), hand, {"made_by": "test"})
+def right_hand():
+    return load_default_hand()
 
 
-def test_tones_differ_where_skins_do():
+@pytest.fixture(scope="module")
+def made(right_hand, tmp_path_factory):
+    return SMALL.make(tmp_path_factory.mktemp("plan"), right_hand, {"made_by": "test"})
+
+
+def test_tones_differ_like_skins():
     light, deep = SKIN_TONES["light"], SKIN_TONES["deep"]
     luminance = np.array([0.2126, 0.7152, 0.0722])
     assert luminance @ deep.dorsal < 0.35 * (luminance @ light.dorsal)
@@ -46,7 +51,7 @@ def test_tones_differ_where_skins_do():
 
 
 @pytest.mark.parametrize("size_px", [(24, 32), (167, 256), (300, 200)])
-def test_blenders_camera_sees_what_the_record_says(size_px):
+def test_blenders_camera_matches_the_record(size_px):
     scene = bpy.context.scene
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(scene.camera)
@@ -61,7 +66,7 @@ def test_blenders_camera_sees_what_the_record_says(size_px):
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
 
 
-def test_every_planned_camera_comes_back(made):
+def test_every_planned_camera_survives_a_round_trip(made):
     scene = capture_scene()
     cameras = {view.camera_index: view.camera for view in made.views}
     points = np.random.default_rng(1).normal(0, 0.05, (20, 3))
@@ -80,13 +85,13 @@ def test_the_scene_writes_straight_srgb_without_dither():
 
 
 @pytest.fixture(scope="module")
-def coarse_surface(hand):
-    return detailed_surface(hand, levels=1)
+def coarse_surface(right_hand):
+    return detailed_surface(right_hand, levels=1)
 
 
-def test_the_surface_follows_the_hand(coarse_surface, hand, made):
+def test_the_surface_follows_the_hand(coarse_surface, right_hand, made):
     capture_scene()
-    surface = SkinSurface.create(hand, coarse_surface)
+    surface = SkinSurface.create(right_hand, coarse_surface)
     pose = made.poses[0]
     surface.set_pose(pose)
     posed = surface.posed_vertices(pose)
@@ -94,7 +99,7 @@ def test_the_surface_follows_the_hand(coarse_surface, hand, made):
     surface.object.data.vertices.foreach_get("co", mesh)
     np.testing.assert_allclose(mesh.reshape(-1, 3), posed, atol=1e-6)
     # Subdivision, relaxation and details move it by little from the template's own skin.
-    template = posed_vertices(hand, pose)
+    template = posed_vertices(right_hand, pose)
     near = np.linalg.norm(template[:, None] - posed[None], axis=-1).min(1)
     assert np.median(near) < 0.0025
     assert near.max() < 0.008
@@ -102,20 +107,20 @@ def test_the_surface_follows_the_hand(coarse_surface, hand, made):
     np.testing.assert_allclose(surface.posed_vertices(still), coarse_surface.vertices_m, atol=1e-9)
 
 
-def test_shape_and_place_reach_the_surface(coarse_surface, hand):
+def test_shape_and_translation_move_the_surface(coarse_surface, right_hand):
     capture_scene()
-    surface = SkinSurface.create(hand, coarse_surface)
+    surface = SkinSurface.create(right_hand, coarse_surface)
     rest = surface.posed_vertices(HandPose.rest())
     moved = surface.posed_vertices(replace(HandPose.rest(), transl=np.array([0.1, -0.2, 0.3])))
     np.testing.assert_allclose(moved - rest, np.broadcast_to([0.1, -0.2, 0.3], rest.shape), atol=1e-9)
     beta = np.eye(10)[0]
     grown = surface.posed_vertices(replace(HandPose.rest(), beta=beta))
-    np.testing.assert_allclose(grown - rest, coarse_surface.subdivision @ (hand.shapedirs @ beta), atol=1e-9)
+    np.testing.assert_allclose(grown - rest, coarse_surface.subdivision @ (right_hand.shapedirs @ beta), atol=1e-9)
 
 
-def test_bending_a_finger_is_told_to_its_skin_only(coarse_surface, hand):
+def test_bending_a_finger_changes_flex_only_at_its_joint(coarse_surface, right_hand):
     capture_scene()
-    surface = SkinSurface.create(hand, coarse_surface)
+    surface = SkinSurface.create(right_hand, coarse_surface)
     theta = np.zeros((16, 3))
     theta[5] = coarse_surface.flex_axis[5] * np.deg2rad(65)  # the middle finger's middle joint
     flex = surface._flex(theta)
@@ -143,19 +148,21 @@ def tiny(coarse_surface, tmp_path_factory):
 @pytest.fixture
 def no_renders(monkeypatch, coarse_surface):
     """The files that would be rendered, none of which is."""
-    asked = []
+    requested = []
     monkeypatch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
-    monkeypatch.setattr(capture_render, "render_views", lambda capture, views, *_: asked.extend(v.file for v in views))
-    return asked
+    monkeypatch.setattr(
+        capture_render, "render_views", lambda capture, views, *_: requested.extend(v.file for v in views)
+    )
+    return requested
 
 
-def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, hand):
+def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, right_hand):
     capture = load_capture(tiny)
     assert len(capture.views) == 2
     for view in capture.views:
         image = capture.read_image(view)
-        positions_px, depth = view.camera.project(posed_vertices(hand, capture.poses[0]))
-        mesh = (torch.as_tensor(value) for value in (positions_px, depth, hand.f))
+        positions_px, depth = view.camera.project(posed_vertices(right_hand, capture.poses[0]))
+        mesh = (torch.as_tensor(value) for value in (positions_px, depth, right_hand.f))
         covered = torch.zeros(32 * 24)
         covered[rasterise(*mesh, view.camera.size_px).pixel] = 1
         assert alpha_iou(torch.as_tensor(image[..., 3]), covered.reshape(32, 24)) > 0.85
@@ -167,12 +174,12 @@ def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, hand):
     assert not list(tiny.glob("images/partial*"))
 
 
-def test_a_whole_capture_is_not_rendered_again(tiny, no_renders):
+def test_a_complete_capture_is_not_rendered_again(tiny, no_renders):
     render_capture(tiny, TINY, {"made_by": "test"})
     assert no_renders == []
 
 
-def test_what_is_missing_or_cut_short_is_rendered_again(tiny, no_renders):
+def test_missing_and_truncated_images_are_rendered_again(tiny, no_renders):
     first, second = sorted((tiny / "images").iterdir())
     kept = first.read_bytes(), second.read_bytes()
     try:
@@ -188,7 +195,7 @@ def test_what_is_missing_or_cut_short_is_rendered_again(tiny, no_renders):
 
 
 @pytest.mark.parametrize("plan", [replace(TINY, seed=1), replace(TINY, size_px=(32, 32)), replace(TINY, poses=2)])
-def test_the_folder_of_another_capture_is_left_alone(tiny, no_renders, plan):
+def test_the_folder_of_another_capture_is_not_changed(tiny, no_renders, plan):
     before = (tiny / "transforms.json").read_bytes(), (tiny / "poses.npz").read_bytes()
     with pytest.raises(LiveHandError, match="holds another capture"):
         render_capture(tiny, plan, {"made_by": "test"})
@@ -196,13 +203,13 @@ def test_the_folder_of_another_capture_is_left_alone(tiny, no_renders, plan):
     assert no_renders == []
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path, no_renders):
+def test_an_unwritable_folder_is_an_error(tmp_path, no_renders):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(LiveHandError, match="must be writable"):
         render_capture(tmp_path / "file", TINY, {"made_by": "test"})
 
 
-def test_the_same_seed_renders_the_same_picture(tiny, coarse_surface, tmp_path, monkeypatch):
+def test_the_same_seed_renders_the_same_image(tiny, coarse_surface, tmp_path, monkeypatch):
     monkeypatch.setattr(capture_render, "detailed_surface", lambda model: coarse_surface)
     monkeypatch.setattr(
         capture_render, "bake_skin", lambda surface, folder, tone: bake_skin(surface, tiny / "skin", tone)
@@ -213,19 +220,19 @@ def test_the_same_seed_renders_the_same_picture(tiny, coarse_surface, tmp_path, 
             np.testing.assert_allclose(np.asarray(other, int), np.asarray(one, int), atol=1)
 
 
-def test_is_whole(tmp_path, made):
+def test_is_complete(tmp_path, made):
     view = made.views[0]
     path = tmp_path / "image.png"
-    assert not is_whole(path, view)
+    assert not is_complete(path, view)
     Image.new("RGBA", (24, 32)).save(path)
-    assert is_whole(path, view)
+    assert is_complete(path, view)
     Image.new("RGBA", (32, 24)).save(path)
-    assert not is_whole(path, view)
+    assert not is_complete(path, view)
     path.write_bytes(b"")
-    assert not is_whole(path, view)
+    assert not is_complete(path, view)
 
 
-def test_the_command_passes_its_arguments_on(monkeypatch, tmp_path):
+def test_the_command_passes_its_arguments_to_the_plan(monkeypatch, tmp_path):
     parser = ArgumentParser()
     command.add_arguments(parser)
     seen = {}
@@ -242,22 +249,8 @@ def test_the_command_passes_its_arguments_on(monkeypatch, tmp_path):
     assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
     assert json.loads(json.dumps(result))["poses"] == 12
     assert result["train"] == 8 * 3
-    assert CapturePlan() == replace(
-        CapturePlan(),
-        **{
-            name: getattr(parser.parse_args(["-o", "x"]), name)
-            for name in (
-                "seed",
-                "poses",
-                "cameras",
-                "cameras_per_pose",
-                "tone",
-                "samples",
-                "eval_samples",
-                "eval_views",
-            )
-        },
-    )
+    defaults = parser.parse_args(["-o", "x"])
+    assert CapturePlan(**{field.name: getattr(defaults, field.name) for field in fields(CapturePlan)}) == CapturePlan()
 
 
 @pytest.mark.parametrize("size", ["24", "axb", "8x64", "24x32x3"])
