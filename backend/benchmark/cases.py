@@ -16,8 +16,8 @@ from ..hand.model import HandModel
 from ..nerf.avatar import PRESETS, Avatar, new_avatar
 from ..records.errors import LiveHandError
 from ..records.shot import Frame, Shot
+from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Precision, Renderer, Stage
-from ..rendering.srgb import linear_to_srgb
 from .published import PublishedRenderer
 from .stopwatch import Cost, Stages, Stopwatch, total
 
@@ -106,10 +106,7 @@ def timed_write(frame: Frame, stopwatch: Stopwatch) -> Cost:
 
 def write_png(frame: Frame, path: Path) -> None:
     """8 bits, sRGB-encoded, straight alpha, through Pillow."""
-    alpha = torch.as_tensor(frame.alpha)[..., None]
-    straight = torch.as_tensor(frame.rgb) / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
-    encoded = torch.cat([linear_to_srgb(straight.clamp(0, 1)), alpha], -1)
-    Image.fromarray((encoded * 255 + 0.5).numpy().astype(np.uint8), "RGBA").save(path)
+    Image.fromarray((straight_srgb(frame) * 255 + 0.5).astype(np.uint8), "RGBA").save(path)
 
 
 def frame_cost(stages: Stages) -> Cost:

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from .metrics import Similarity
+from .metrics import Similarity, mask_box
 from .perceptual.lpips import load_lpips
 from .perceptual.vgg import load_vgg_distance
 
@@ -50,14 +50,6 @@ def distance_of(
 ) -> Similarity:
     """Distance of the whole image, and of the hand's bounding box with a margin of 16 px, within the image."""
     a, b = (x.permute(2, 0, 1)[None].float().to(distance.device) for x in (image, truth))
-    box = _hand_box(hand)
+    box = mask_box(hand, _MARGIN_PX)
+    assert box is not None, "views without the hand are skipped"
     return Similarity(float(distance.between(a, b)), float(distance.between(a[..., *box], b[..., *box])))
-
-
-def _hand_box(hand: Bool[Tensor, "H W"]) -> tuple[slice, slice]:
-    rows, columns = (hand.any(axis).nonzero() for axis in (1, 0))
-    return _around(rows), _around(columns)
-
-
-def _around(places: Tensor) -> slice:
-    return slice(max(int(places[0]) - _MARGIN_PX, 0), int(places[-1]) + 1 + _MARGIN_PX)

@@ -111,12 +111,16 @@ def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Compariso
 
 def difference_box(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"], margin_px: int) -> tuple[slice, slice] | None:
     """(rows, columns) of the box around all pixels that differ, with a margin; None if the images are equal."""
-    differs = (a != b).any(0)
+    return mask_box((a != b).any(0), margin_px)
+
+
+def mask_box(mask: Bool[Tensor, "H W"], margin_px: int) -> tuple[slice, slice] | None:
+    """(rows, columns) of the box around a mask, with a margin within the image; None if the mask is empty."""
+    if not mask.any():
+        return None
     sides = []
-    for axis, limit in ((1, differs.shape[0]), (0, differs.shape[1])):
-        places = differs.any(axis).nonzero()
-        if not len(places):
-            return None
+    for axis, limit in ((1, mask.shape[0]), (0, mask.shape[1])):
+        places = mask.any(axis).nonzero()
         sides.append(slice(max(int(places[0]) - margin_px, 0), min(int(places[-1]) + 1 + margin_px, limit)))
     return sides[0], sides[1]
 
