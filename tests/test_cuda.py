@@ -31,7 +31,7 @@ def frame_on(device, shot, precision="fp32"):
 @pytest.fixture(scope="module")
 def shot():
     motion = MovingHand(load_default_hand(), (167, 256))
-    return motion.shot(motion.moments(3)[1])
+    return motion.shot(motion.frames(3)[1])
 
 
 def test_a_frame_is_the_cpus(shot):

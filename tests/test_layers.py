@@ -35,16 +35,12 @@ ROWS = (
     (
         "backend.rendering",
         "backend.retarget",
-        *(f"livehand_blender.{name}" for name in ("motion", "capture", "compositing")),
+        "livehand_blender.capture",
+        "livehand_blender.compositing",
+        "livehand_blender.motion",
     ),
     ("backend.avatars", "livehand_blender.retarget"),
-    (
-        "backend.evaluation",
-        "backend.benchmark",
-        "backend.commands",
-        "livehand_blender.capture",
-        "livehand_blender.render",
-    ),
+    ("backend.evaluation", "backend.benchmark", "backend.commands", "livehand_blender.render"),
     ("backend.training", "livehand_blender.benchmark", "livehand_blender.ui"),
     ("livehand_blender",),
 )

@@ -1,10 +1,11 @@
-"""The nearest face of every sample by trying them all, as the published CUDA kernel does.
+"""The nearest face of every sample by testing all faces, as the published CUDA kernel does.
 
-On a CPU with numba it is a compiled loop (0.5 ns a pair of sample and face on one core with AVX-512; the authors'
-renderer took 4 ns on another), elsewhere dense torch (12 ns). Both are far faster than `closest_on_triangles` over all
-faces would be (300 ns and more): what is compared against must not be slow for want of care.
+On a CPU with numba this is a compiled loop (0.5 ns per pair of sample and face on one core with AVX-512; the authors'
+renderer took 4 ns on another), elsewhere dense torch (12 ns). `closest_on_triangles` over all faces would take 300 ns
+or more, and a baseline must not be slow only because it is badly written.
 
-Triangle test: the least of the distances to the three edges, or to the plane where the sample projects into the face.
+The distance to a triangle is the least of the distances to its edges, or the height over its plane where the sample
+projects into the face.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from torch import Tensor
 
 from ..rendering.backends import has_numba
 
-_BLOCK = 64  # samples of the compiled loop that share a face's numbers
-_CHUNK = 128  # samples of the dense search: 9 tables of [128, F] stay in a CPU's cache
+_BLOCK = 64  # samples that the compiled loop tests against one face at a time
+_CHUNK = 128  # samples of the dense search; 9 tables of [128, F] fit into a CPU's cache
 _GPU_CHUNK = 4096
 _FAR_M2 = np.float32(1e30)
-_TINY = 1e-24  # guards quotients over degenerate faces, m^2 squared
+_TINY = 1e-24  # m^4, keeps the quotients of degenerate faces finite
 
 
 class FaceTable(NamedTuple):
-    """What the search needs of each face.
+    """The constants of each face.
 
     Attributes:
         corners: [F, 3, 3] m.
         edges: [F, 3, 3] to the next corner, m.
-        inverse: [F, 3] 1 / squared length of the edges.
-        plane: [F, 3, 3] rows that, multiplied by the offset from corner 0, give the barycentrics of corners 1 and 2 and
+        inverse: [F, 3] 1 / squared length of the edges, 1/m^2.
+        plane: [F, 3, 3] rows whose products with the offset from corner 0 are the barycentrics of corners 1 and 2 and
             the height over the plane.
     """
 
@@ -47,7 +48,7 @@ class FaceTable(NamedTuple):
 
     @classmethod
     def of(cls, triangles: Float[Tensor, "F 3 3"]) -> FaceTable:
-        """The table of a posed mesh's faces."""
+        """The table of a mesh's faces."""
         a, b, c = triangles.unbind(1)
         edges = torch.stack([b - a, c - b, a - c], 1)
         ab, ac = b - a, c - a
@@ -61,7 +62,7 @@ class FaceTable(NamedTuple):
 
 
 def nearest_faces(points: Float[Tensor, "S 3"], triangles: Float[Tensor, "F 3 3"]) -> Int[Tensor, " S"]:
-    """The nearest face of each sample; among equally near ones, any."""
+    """The nearest face of each sample; any of them where several are equally near."""
     table = FaceTable.of(triangles)
     if points.device.type == "cpu" and has_numba():
         return _compiled_search(points, table)
@@ -70,9 +71,9 @@ def nearest_faces(points: Float[Tensor, "S 3"], triangles: Float[Tensor, "F 3 3"
 
 
 def dense_search(points: Float[Tensor, "S 3"], table: FaceTable) -> Int[Tensor, " S"]:
-    """By matrix products: every quantity of the test is linear in (p, 1, |p|^2).
+    """The search as matrix products: every quantity of the test is linear in (p, 1, |p|^2).
 
-    Positions are taken from the samples' mean, so that single precision cancels little: exact to 0.01 mm.
+    Positions are relative to the samples' mean, so that single precision is exact to 0.01 mm.
     """
     centre = points.mean(0)
     moved, corners = points - centre, table.corners - centre
@@ -90,14 +91,14 @@ def dense_search(points: Float[Tensor, "S 3"], table: FaceTable) -> Int[Tensor, 
 
 
 def _affine(extended: Tensor, rows: Float[Tensor, "F 3 3"], origin: Float[Tensor, "F 3 3"]) -> Float[Tensor, "3 S F"]:
-    """Products of three rows a face with the offset p - origin, of every sample and face."""
+    """Products of each face's three rows with the offset p - origin, for every sample and face."""
     offset = -(rows * origin).sum(-1, keepdim=True)
     table = torch.cat([rows, offset, torch.zeros_like(offset)], -1)  # [F, 3, 5]
     return extended @ table.permute(1, 2, 0)
 
 
 def _compiled_search(points: Tensor, table: FaceTable) -> Tensor:
-    """One part of the samples for each of torch's threads: the loop holds no lock."""
+    """The compiled loop on as many threads as torch uses; it releases Python's lock."""
     arrays = [np.ascontiguousarray(values.numpy()) for values in table]
     parts = np.array_split(np.ascontiguousarray(points.numpy()), torch.get_num_threads())
     search = _compiled()
@@ -110,12 +111,12 @@ def _compiled_search(points: Tensor, table: FaceTable) -> Tensor:
 def _compiled() -> Callable[..., np.ndarray]:
     import numba
 
-    relaxed = {"contract", "reassoc", "nsz"}  # of fast maths, what leaves comparisons alone
-    return numba.njit(fastmath=relaxed, nogil=True, cache=True)(unwrap(_search))  # unwrap: tests check its types
+    relaxed = {"contract", "reassoc", "nsz"}  # the part of fast maths that does not affect comparisons
+    return numba.njit(fastmath=relaxed, nogil=True, cache=True)(unwrap(_search))  # tests wrap functions to check types
 
 
 def _search(points, corners, edges, inverse, plane):
-    """The loop that numba compiles: face by face over blocks of samples, so that the innermost loops are vectorised."""
+    """The loop that numba compiles; its innermost loops run over a block of samples, so that they are vectorised."""
     one, zero = np.float32(1), np.float32(0)
     found = np.zeros(len(points), np.int64)
     block, face = np.zeros((3, _BLOCK), np.float32), np.empty(_BLOCK, np.int32)

@@ -1,4 +1,4 @@
-"""What is compared: the avatar in both precisions, the paper's in both, and the paper's renderer as published."""
+"""What is compared: the avatar and the paper's networks, each in both precisions, and the paper as published."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..nerf.avatar import PRESETS, Avatar, new_avatar
 from ..nerf.backend import Precision, Stage
 from ..records.errors import LiveHandError
 from ..records.shot import Frame, Shot
+from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
-from ..rendering.srgb import linear_to_srgb
 from .published import PublishedRenderer
 from .stopwatch import Cost, Stages, Stopwatch, total
 
@@ -36,9 +36,9 @@ class Configuration:
 
     Attributes:
         name: `default_bf16`, `default_fp32`, `paper_bf16`, `paper_fp32` or `published`.
-        avatar: whose networks run.
+        avatar: the networks.
         precision: of the networks.
-        render: shot and `on_stage` -> frame.
+        render: (shot, `on_stage`) -> frame.
     """
 
     name: str
@@ -48,29 +48,35 @@ class Configuration:
 
     @property
     def is_paper(self) -> bool:
-        """Whether it is one of the paper's."""
+        """Whether the networks are the paper's."""
         return not self.name.startswith("default")
 
 
 def load_configurations(
     hand: HandModel, device: torch.device, avatar: Path | None, paper_avatar: Path | None
 ) -> list[Configuration]:
-    """All of them, each with networks of its own; an avatar of None is the shipped one, or an untrained paper one.
+    """All configurations, each with its own networks.
+
+    Args:
+        hand: of the avatars.
+        device: to render on.
+        avatar: its file; None: the shipped avatar.
+        paper_avatar: an avatar with the paper's networks; None: an untrained one.
 
     Raises:
-        LiveHandError: an avatar cannot be read, is of another hand, or the paper's is not of the paper's networks.
+        LiveHandError: an avatar cannot be read, is of another hand, or `paper_avatar` has other networks.
     """
-    found = [_of_renderer(f"default_{p}", load_avatar(avatar), hand, device, p) for p in PRECISIONS]
-    found += [_of_renderer(f"paper_{p}", load_paper_avatar(hand, paper_avatar), hand, device, p) for p in PRECISIONS]
+    ours = [_configuration(f"default_{p}", load_avatar(avatar), hand, device, p) for p in PRECISIONS]
+    paper = [_configuration(f"paper_{p}", load_paper_avatar(hand, paper_avatar), hand, device, p) for p in PRECISIONS]
     published = PublishedRenderer(load_paper_avatar(hand, paper_avatar), hand, device)
-    return [*found, Configuration(PUBLISHED, published.avatar, "fp32", published.render)]
+    return [*ours, *paper, Configuration(PUBLISHED, published.avatar, "fp32", published.render)]
 
 
 def load_paper_avatar(hand: HandModel, path: Path | None) -> Avatar:
-    """A trained avatar of the `paper` configuration, or an untrained one: the time is the same.
+    """A trained avatar of the `paper` configuration, or an untrained one, which takes the same time.
 
     Raises:
-        LiveHandError: it is of another configuration.
+        LiveHandError: the avatar is of another configuration.
     """
     if path is None:
         return new_avatar("untrained", hand.name, hand.sha256, PRESETS["paper"])
@@ -85,14 +91,14 @@ def load_paper_avatar(hand: HandModel, path: Path | None) -> Avatar:
 
 
 def timed_frame(shot_of: Callable[[], Shot], render: Render, stopwatch: Stopwatch) -> tuple[Stages, Frame]:
-    """Pose and render one frame; what each stage took."""
+    """Pose and render one frame; returns the cost of each stage."""
     stopwatch.begin("pose")
     frame = render(shot_of(), stopwatch.begin)
     return stopwatch.stop(), frame
 
 
 def timed_write(frame: Frame, stopwatch: Stopwatch) -> Cost:
-    """Encode and save one frame as PNG."""
+    """Encode one frame as PNG and save it."""
     with tempfile.TemporaryDirectory() as folder:
         stopwatch.begin(WRITE)
         write_png(frame, Path(folder) / "frame.png")
@@ -101,18 +107,15 @@ def timed_write(frame: Frame, stopwatch: Stopwatch) -> Cost:
 
 def write_png(frame: Frame, path: Path) -> None:
     """8 bits, sRGB-encoded, straight alpha, through Pillow."""
-    alpha = torch.as_tensor(frame.alpha)[..., None]
-    straight = torch.as_tensor(frame.rgb) / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
-    encoded = torch.cat([linear_to_srgb(straight.clamp(0, 1)), alpha], -1)
-    Image.fromarray((encoded * 255 + 0.5).numpy().astype(np.uint8), "RGBA").save(path)
+    Image.fromarray((straight_srgb(frame) * 255 + 0.5).astype(np.uint8), "RGBA").save(path)
 
 
 def frame_cost(stages: Stages) -> Cost:
-    """Pose to RGBA: all stages but the file's writing and what Cycles needs to synchronise with its scene."""
+    """From pose to RGBA: all stages except writing the file and the synchronisation of Cycles with its scene."""
     return total({stage: cost for stage, cost in stages.items() if stage not in (WRITE, SYNC)})
 
 
-def _of_renderer(
+def _configuration(
     name: str, avatar: Avatar, hand: HandModel, device: torch.device, precision: Precision
 ) -> Configuration:
     renderer = Renderer(avatar, hand, device.type, precision)

@@ -1,4 +1,4 @@
-"""`livehand benchmark`: arguments, and the call. What needs torch is imported when it runs, so that --help is quick."""
+"""`livehand benchmark`: its arguments and its run. Torch is imported only when it runs, so that --help is quick."""
 
 from __future__ import annotations
 
@@ -12,67 +12,66 @@ from ..records.errors import LiveHandError
 from ..runtime.command import Command, parse_size_px, say
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .machine import Peaks
     from .measure import Bench, BenchmarkPlan, CyclesRender, Size, SizeResult
 
 _NAMED_SIZES = {"1080p": (1920, 1080), "2160p": (3840, 2160)}
 _SMALLEST_PX = 16
 _REFERENCE_PX = (334, 512)
-_HELP = "measure where a frame's time goes, beside the machine's floor, the paper's renderer and Cycles"
+_HELP = "measure the time of each stage of a frame against the machine's limits, the paper's renderer and Cycles"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--avatar", type=avatar_path, metavar="NAME|FILE", help=AVATAR_HELP)
-    parser.add_argument("--paper-avatar", type=Path, metavar="FILE", help="of --config paper (default: untrained)")
-    parser.add_argument(
-        "--sizes", type=parse_sizes, default="167x256,334x512,1080p,2160p", help="(default: %(default)s)"
-    )
-    parser.add_argument(
-        "--paper-sizes", type=parse_sizes, default="167x256,334x512,1080p", help="where the paper runs too"
-    )
-    parser.add_argument("--cycles-sizes", type=parse_sizes, default="334x512", help="where Cycles does (%(default)s)")
-    parser.add_argument(
-        "--frames", type=int, default=24, help="of the moving hand, at each size (default: %(default)s)"
-    )
-    parser.add_argument("--coverage", type=float, help="the hand's share of the image, 0 to 1 (default: the example's)")
-    parser.add_argument(
-        "--budget", type=float, default=60.0, metavar="SECONDS", help="of one configuration at one size"
-    )
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
-    parser.add_argument("--threads", type=int, help="of torch, numba and Cycles (default: their own choice)")
-    parser.add_argument("--no-cycles", action="store_true", help="leave Cycles out")
-    parser.add_argument("--cycles-samples", type=parse_counts, default="16,64", help="per pixel (default: %(default)s)")
-    parser.add_argument("--cycles-frames", type=int, default=4, help="that Cycles renders (default: %(default)s)")
-    parser.add_argument("--cycles-skin", type=Path, metavar="DIR", help="baked maps of a capture (default: bake them)")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw cost over coverage, size and hands")
+    add = parser.add_argument
+    add("--avatar", type=avatar_path, metavar="NAME|FILE", help=AVATAR_HELP)
+    add("--paper-avatar", type=Path, metavar="FILE", help="trained with --config paper (default: untrained)")
+    add("--sizes", type=parse_sizes, default="167x256,334x512,1080p,2160p", help="(default: %(default)s)")
+    add("--paper-sizes", type=parse_sizes, default="167x256,334x512,1080p", help="also for the paper (%(default)s)")
+    add("--cycles-sizes", type=parse_sizes, default="334x512", help="also for Cycles (default: %(default)s)")
+    add("--frames", type=int, default=24, help="of the moving hand, at each size (default: %(default)s)")
+    add("--coverage", type=float, help="the hand's share of the image, 0 to 1 (default: the example's)")
+    add("--budget", type=float, default=60.0, metavar="SECONDS", help="limit for one configuration at one size")
+    add("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    add("--threads", type=int, help="of torch, numba and Cycles (default: their own choice)")
+    add("--no-cycles", action="store_true", help="do not run Cycles")
+    add("--cycles-samples", type=parse_counts, default="16,64", help="per pixel (default: %(default)s)")
+    add("--cycles-frames", type=int, default=4, help="that Cycles renders (default: %(default)s)")
+    add("--cycles-skin", type=Path, metavar="DIR", help="baked maps of a capture (default: bake them)")
+    add("--plot", type=Path, metavar="FILE.png", help="plot cost against coverage, size and hands (needs matplotlib)")
 
 
 def run(
     args: argparse.Namespace, make_cycles: Callable[[argparse.Namespace], CyclesRender] | None = None
 ) -> dict[str, Any]:
-    """Measure; returns the figures. `make_cycles` gives the renderer that needs Blender, None where there is none."""
+    """Measure and return the figures; `make_cycles` makes the renderer that needs Blender (None: without Cycles)."""
     from ..hand.model_file import load_default_hand
     from ..rendering.device import torch_device
     from .cases import load_configurations
     from .machine import describe, set_threads
     from .measure import Bench
+    from .plot import new_figure
 
     plan = plan_of(args)
+    figure = (
+        new_figure() if args.plot else None
+    )  # before minutes of measurements: new_figure raises where matplotlib is missing
     set_threads(args.threads)
     device, hand = torch_device(args.device), load_default_hand()
     configurations = load_configurations(hand, device, args.avatar, args.paper_avatar)
     bench = Bench(configurations, hand, device, make_cycles(args) if make_cycles else None)
-    sizes, peaks = bench.run(plan, lambda what: say(f"measuring {what}"))
-    growth = _growth(bench, plan, sizes, args.plot) if args.plot else {}
+    sizes, peaks = bench.run(plan, lambda part: say(f"measuring {part}"))
+    growth = _growth(bench, plan, sizes, figure, args.plot) if figure else {}
     return _result(describe(device), peaks, sizes, growth)
 
 
 def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
-    """The arguments as a plan.
+    """The plan that the arguments describe.
 
     Raises:
-        LiveHandError: a number is out of its range, or the plot is no PNG.
+        LiveHandError: a number is out of range, or the plot is not a .png file.
     """
     from .measure import BenchmarkPlan
 
@@ -97,7 +96,7 @@ def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
 
 
 def parse_sizes(text: str) -> tuple[Size, ...]:
-    """`167x256,1080p` -> sizes in px, each once.
+    """`167x256,1080p` -> sizes in px, without duplicates.
 
     Raises:
         argparse.ArgumentTypeError: malformed, or too small.
@@ -107,7 +106,7 @@ def parse_sizes(text: str) -> tuple[Size, ...]:
 
 
 def parse_counts(text: str) -> tuple[int, ...]:
-    """`16,64` -> numbers above 0, each once.
+    """`16,64` -> positive numbers, without duplicates.
 
     Raises:
         argparse.ArgumentTypeError: malformed.
@@ -129,18 +128,18 @@ def _result(machine: dict[str, Any], peaks: Peaks, sizes: list[SizeResult], grow
     return {"machine": machine | {"peaks": measured}, "sizes": documents, **growth, "summary": "\n".join(lines)}
 
 
-def _growth(bench: Bench, plan: BenchmarkPlan, sizes: list[SizeResult], path: Path) -> dict[str, Any]:
-    """Measure the curves, draw them; the curves as JSON."""
+def _growth(bench: Bench, plan: BenchmarkPlan, sizes: list[SizeResult], figure: Figure, path: Path) -> dict[str, Any]:
+    """Measure the curves and plot them; returns them as JSON."""
     from .growth import grow_with_coverage, grow_with_hands
-    from .growth_plot import growth_panels
-    from .plot import save_plot
+    from .plot import draw_growth, save_plot
     from .report import growth_document
 
     size_px = _REFERENCE_PX if _REFERENCE_PX in plan.sizes_px else plan.sizes_px[0]
     say("measuring how cost grows")
     coverage = grow_with_coverage(bench, plan, size_px)
     hands = grow_with_hands(bench, plan, size_px)
-    save_plot(growth_panels(coverage, sizes, hands, _size_name(size_px)), path)
+    draw_growth(figure, coverage, sizes, hands, _size_name(size_px))
+    save_plot(figure, path)
     curves = {"coverage": growth_document(coverage, "coverage"), "hands": growth_document(hands, "hands")}
     return {"growth": curves | {"size": _size_name(size_px)}, "plot": str(path)}
 

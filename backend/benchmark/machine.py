@@ -1,7 +1,7 @@
-"""The machine a benchmark ran on: what it is, and what it can do at best, measured.
+"""The machine that a benchmark runs on: its description and its measured peaks.
 
-The peaks are the roof of every floor: the fastest of several large matrix products, a convolution and copies through
-torch, on as many threads as the benchmark uses.
+The peaks are those of the fastest of several large matrix products, a convolution and copies in torch, on as many
+threads as the benchmark uses.
 """
 
 from __future__ import annotations
@@ -18,12 +18,29 @@ from torch.nn.functional import conv2d
 
 from ..rendering.backends import has_numba
 
-# Large, and as tall and narrow as a small network over a chunk of samples: CPUs run the one or the other faster.
-_PRODUCTS = {"cpu": ((2048, 2048, 2048), (4096, 256, 256)), "cuda": ((8192, 8192, 8192),)}
-# 3 x 3, (channels, side px): on some processors torch's convolutions use wider registers than its products do.
-_CONVOLUTION = {"cpu": (64, 160), "cuda": (256, 512)}
-_COPY_MB = {"cpu": 256, "cuda": 2048}
 _REPEATS = 7
+
+
+class Loads(NamedTuple):
+    """What is timed for the peaks.
+
+    Attributes:
+        products: (m, k, n) of matrix products: large and square, and tall and narrow like a small network over many
+            samples; CPUs differ in which is faster.
+        convolution: (channels, side in px) of a 3 x 3 convolution: on some processors torch's convolutions use wider
+            registers than its products.
+        copy_mb: size of the copy, MiB.
+    """
+
+    products: tuple[tuple[int, int, int], ...]
+    convolution: tuple[int, int]
+    copy_mb: int
+
+
+LOADS = {
+    "cpu": Loads(((2048, 2048, 2048), (4096, 256, 256)), (64, 160), 256),
+    "cuda": Loads(((8192, 8192, 8192),), (256, 512), 2048),
+}
 
 
 class Peaks(NamedTuple):
@@ -34,12 +51,12 @@ class Peaks(NamedTuple):
     bytes_per_s: float
 
     def or_better(self, other: Peaks) -> Peaks:
-        """The higher of each: a busy machine only ever lowers a peak."""
+        """The higher of each, since other load on the machine can only lower a peak."""
         return Peaks(*(max(pair) for pair in zip(self, other, strict=True)))
 
 
 def set_threads(count: int | None) -> None:
-    """Let torch, and numba where it is there, use this many threads; None leaves them alone."""
+    """Set the threads of torch and, where it is installed, numba; None keeps their own choice."""
     if count is None:
         return
     torch.set_num_threads(count)
@@ -50,7 +67,7 @@ def set_threads(count: int | None) -> None:
 
 
 def describe(device: torch.device) -> dict[str, str | int | bool | None]:
-    """What a reader must know to judge the figures; `amx` and `avx512_bf16` are None where the system does not say."""
+    """Hardware and software that the figures depend on; `amx` and `avx512_bf16` are None where they are not known."""
     flags = _cpu_flags()
     return {
         "cpu": _cpu_name(),
@@ -67,8 +84,11 @@ def describe(device: torch.device) -> dict[str, str | int | bool | None]:
 
 
 @torch.inference_mode()
-def measure_peaks(device: torch.device, wall_s: Callable[[], float] = time.perf_counter) -> Peaks:
-    """A second or so of products, convolutions and copies."""
+def measure_peaks(
+    device: torch.device, wall_s: Callable[[], float] = time.perf_counter, loads: Loads | None = None
+) -> Peaks:
+    """Time products, convolutions and copies, for about a second; `loads` of None are those of the device."""
+    products, convolution, copy_mb = loads or LOADS[device.type]
 
     def fastest(work: Callable[[], object]) -> float:
         return min(_took_s(work, device, wall_s) for _ in range(_REPEATS))
@@ -84,10 +104,9 @@ def measure_peaks(device: torch.device, wall_s: Callable[[], float] = time.perf_
         return 2 * 9 * (channels * side_px) ** 2 / fastest(lambda: conv2d(maps, weight, padding=1))
 
     def peak_flops(dtype: torch.dtype) -> float:
-        products = (product_flops(dtype, *shape) for shape in _PRODUCTS[device.type])
-        return max(*products, convolution_flops(dtype, *_CONVOLUTION[device.type]))
+        return max(*(product_flops(dtype, *shape) for shape in products), convolution_flops(dtype, *convolution))
 
-    source = torch.zeros(_COPY_MB[device.type] * 2**18, device=device)
+    source = torch.zeros(copy_mb * 2**18, device=device)
     target = torch.zeros_like(source)
     copied = 2 * source.numel() * source.element_size()
     bytes_per_s = copied / fastest(lambda: target.copy_(source))

@@ -1,4 +1,4 @@
-"""The benchmark itself: memory first, then every size in rounds over the moving hand."""
+"""The benchmark: memory first, then every size in rounds over the moving hand."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ from .stopwatch import Stages, Stopwatch, stopwatch_of
 
 Size = tuple[int, int]
 CyclesRender = Callable[[MotionFrame, int], Stages]
-"""Renders a moment with so many samples; what its stages took."""
+"""(frame of the motion, samples per pixel) -> the cost of each stage."""
 
-# Moments over which coverage and floors are averaged.
-_PROBES = 4
+_COUNTED_FRAMES = 4  # over which coverage and floors are averaged
 _NUMBER_BYTES = {"fp32": 4, "bf16": 2}
 
 
@@ -35,13 +34,13 @@ class BenchmarkPlan:
 
     Attributes:
         sizes_px: (width, height) of the frames.
-        paper_sizes_px: those of them at which the paper's configurations run too.
-        cycles_sizes_px: those at which Cycles does.
-        frames: of the moving hand, for each configuration and size.
-        cycles_samples: per pixel.
+        paper_sizes_px: sizes at which the paper's configurations run too.
+        cycles_sizes_px: sizes at which Cycles runs too.
+        frames: frames of the moving hand for each configuration and size.
+        cycles_samples: samples per pixel.
         cycles_frames: how many of the frames Cycles renders.
         coverage: the hand's share of the image; None keeps the example's framing.
-        budget_s: a configuration that has used this up at a size takes no further frames there (but two at least).
+        budget_s: time after which a configuration renders no further frames at a size; it renders at least two.
     """
 
     sizes_px: tuple[Size, ...] = ((167, 256), (334, 512), (1920, 1080), (3840, 2160))
@@ -55,14 +54,14 @@ class BenchmarkPlan:
 
 
 class SizeResult(NamedTuple):
-    """All that was measured at one size.
+    """All measurements at one size.
 
     Attributes:
         size_px: (width, height).
         coverage: the hand's mean share of the image.
         taken: the costs, per case and round.
-        works: per configuration that a floor is told of, the work of the stages at a few moments.
-        peak_mb: per configuration; None where the system does not say.
+        works: per configuration with a floor, the work of the stages in a few frames.
+        peak_mb: peak memory per configuration; None where the system does not report it.
     """
 
     size_px: Size
@@ -72,19 +71,19 @@ class SizeResult(NamedTuple):
     peak_mb: dict[str, float | None]
 
     def floors_ms(self, peaks: Peaks) -> dict[str, dict[str, float]]:
-        """Per configuration and stage that it told: the mean over the moments."""
+        """Per configuration and reported stage: the mean over the counted frames."""
         return {name: self._floors_ms(name, peaks) for name in self.works}
 
     def _floors_ms(self, name: str, peaks: Peaks) -> dict[str, float]:
-        told = [stage for stage in next(iter(self.taken[name].values())) if stage != WRITE]
+        reported = [stage for stage in next(iter(self.taken[name].values())) if stage != WRITE]
         precision = name.rpartition("_")[2]
-        of_moments = [floors_ms(works, peaks, precision, told) for works in self.works[name]]
-        return {stage: float(np.mean([floors[stage] for floors in of_moments])) for stage in told}
+        of_frames = [floors_ms(works, peaks, precision, reported) for works in self.works[name]]
+        return {stage: float(np.mean([floors[stage] for floors in of_frames])) for stage in reported}
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What stays the same over a benchmark."""
+    """The configurations, hand and device of a benchmark; `cycles` is None where Cycles does not run."""
 
     configurations: Sequence[Configuration]
     hand: HandModel
@@ -94,7 +93,7 @@ class Bench:
     def run(
         self, plan: BenchmarkPlan, on_begin: Callable[[str], None] = lambda text: None
     ) -> tuple[list[SizeResult], Peaks]:
-        """Measure every size, and the machine's peaks before and after each; `on_begin` is told what begins."""
+        """Measure every size, and the machine's peaks before and after each; `on_begin` receives each part's name."""
         on_begin("memory")
         memory = self.measure_memory(plan)
         peaks, results = measure_peaks(self.device), []
@@ -105,7 +104,7 @@ class Bench:
         return results, peaks
 
     def measure_memory(self, plan: BenchmarkPlan) -> dict[Size, dict[str, float | None]]:
-        """Peak MB over the loaded models, the avatar's own configurations first: nothing else has run by then."""
+        """Peak MB above the loaded models. The avatar's own configurations come first, before anything else has run."""
         loaded = memory_mb(self.device)
         peaks: dict[Size, dict[str, float | None]] = {size_px: {} for size_px in plan.sizes_px}
         for configuration in self.configurations:
@@ -114,28 +113,28 @@ class Bench:
         return peaks
 
     def measure_size(self, plan: BenchmarkPlan, size_px: Size, peaks_mb: dict[str, float | None]) -> SizeResult:
-        """Warm up once, then go round."""
+        """Render one frame with every case to warm up, then measure all rounds."""
         motion = MovingHand(self.hand, size_px, plan.coverage)
-        moments = motion.moments(plan.frames)
+        frames = motion.frames(plan.frames)
         chosen = [c for c in self.configurations if size_px in self._sizes(plan, c)]
         cases = [self.case_of(c, motion, plan.budget_s) for c in chosen]
         cycles_cases = self._cycles_cases(plan, size_px)
         for case in cases:
-            case.measure(moments[0])
+            case.measure(frames[0])
         if cycles_cases and self.cycles:
-            self.cycles(moments[0], 1)
-        taken = measure_rounds([*cases, *cycles_cases], moments)
-        probes = motion.moments(min(_PROBES, plan.frames))
-        works = {c.name: [self._works(c, motion, moment) for moment in probes] for c in chosen if c.name != PUBLISHED}
-        coverage = float(np.mean([motion.covered(moment) for moment in probes]))
+            self.cycles(frames[0], 1)
+        taken = measure_rounds([*cases, *cycles_cases], frames)
+        counted = motion.frames(min(_COUNTED_FRAMES, plan.frames))
+        works = {c.name: [self._works(c, motion, frame) for frame in counted] for c in chosen if c.name != PUBLISHED}
+        coverage = float(np.mean([motion.covered(frame) for frame in counted]))
         return SizeResult(size_px, coverage, taken, works, peaks_mb)
 
     def case_of(self, configuration: Configuration, motion: MovingHand, budget_s: float) -> Case:
-        """A configuration as something to be measured; the avatar's own also write their frames."""
+        """A case that renders a configuration; the avatar's own configurations also write their frames."""
         stopwatch = stopwatch_of(self.device)
 
-        def measure(moment: MotionFrame) -> Stages:
-            stages, frame = timed_frame(partial(motion.shot, moment), configuration.render, stopwatch)
+        def measure(motion_frame: MotionFrame) -> Stages:
+            stages, frame = timed_frame(partial(motion.shot, motion_frame), configuration.render, stopwatch)
             return stages if configuration.is_paper else stages | {WRITE: timed_write(frame, Stopwatch())}
 
         return Case(configuration.name, measure, budget_s=budget_s)
@@ -147,7 +146,7 @@ class Bench:
 
         def case(samples: int) -> Case:
             name = f"cycles_{samples}"
-            return Case(name, lambda moment: render(moment, samples), plan.cycles_frames, is_foreign=True)
+            return Case(name, lambda frame: render(frame, samples), plan.cycles_frames, evicts_caches=True)
 
         return [case(samples) for samples in plan.cycles_samples]
 
@@ -158,13 +157,13 @@ class Bench:
         self, plan: BenchmarkPlan, configuration: Configuration, size_px: Size, loaded_mb: float | None
     ) -> float | None:
         motion = MovingHand(self.hand, size_px, plan.coverage)
-        moment = motion.moments(1)[0]
+        frame = motion.frames(1)[0]
         reset_peak(self.device)
-        timed_frame(partial(motion.shot, moment), configuration.render, Stopwatch())
+        timed_frame(partial(motion.shot, frame), configuration.render, Stopwatch())
         peak = peak_mb(self.device)
         return None if peak is None or loaded_mb is None else peak - loaded_mb
 
-    def _works(self, configuration: Configuration, motion: MovingHand, moment: MotionFrame) -> dict[str, Work]:
+    def _works(self, configuration: Configuration, motion: MovingHand, frame: MotionFrame) -> dict[str, Work]:
         avatar = configuration.avatar
-        counts = counts_of(motion.shot(moment), self.hand, avatar.config.sampler)
+        counts = counts_of(motion.shot(frame), self.hand, avatar.config.sampler)
         return stage_work(counts, avatar, _NUMBER_BYTES[configuration.precision])

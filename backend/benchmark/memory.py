@@ -1,8 +1,7 @@
-"""Peak memory over the loaded model.
+"""Memory of the process, now and at its peak.
 
-On the CPU it is the process's resident memory: the highest since the last reset, less what there was when the models
-had been loaded. What other configurations left behind in the allocator counts, so the figure is an upper bound. On
-CUDA it is what torch has allocated.
+On the CPU this is the process's resident memory, which includes what earlier configurations left in the allocator: a
+peak is an upper bound. On CUDA it is the memory that torch has allocated.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ _RESET_PEAK = "5"  # see proc(5)
 
 
 def memory_mb(device: torch.device) -> float | None:
-    """In use now; None where the system does not say."""
+    """Memory in use now; None where the system does not report it."""
     if device.type == "cuda":
         return torch.cuda.memory_allocated(device) / 1e6
     return _status_mb("VmRSS")
 
 
 def reset_peak(device: torch.device) -> None:
-    """Forget the highest so far."""
+    """Forget the peak so far."""
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
         return
@@ -34,14 +33,14 @@ def reset_peak(device: torch.device) -> None:
 
 
 def peak_mb(device: torch.device) -> float | None:
-    """The highest since the last reset; None where the system does not say."""
+    """The peak since the last reset; None where the system does not report it."""
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device) / 1e6
     return _status_mb("VmHWM")
 
 
 def _status_mb(name: str) -> float | None:
-    """One of the process's own figures, as Linux keeps them."""
+    """An entry of /proc/self/status, which only Linux has."""
     if not _STATUS.is_file():
         return None
     lines = [line for line in _STATUS.read_text().splitlines() if line.startswith(f"{name}:")]

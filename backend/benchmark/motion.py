@@ -1,7 +1,7 @@
-"""The benchmark's moving hand: a closed loop of poses and views, after the motion and framing of `examples/wave.blend`.
+"""The benchmark's moving hand: a closed loop of poses and cameras, framed like `examples/wave.blend`.
 
-World: Z up, metres; the hand stands upright with its back to the front (-Y), the camera turns about it on an arm. The
-hand fills the image's height as it does in the example, so its share of a wide image is smaller.
+World: Z up, metres. The hand stands upright with its back to the front (-Y), and the camera orbits it. The hand fills
+the image's height as in the example, so its share of a wide image is smaller.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ..hand.model import UPRIGHT, HandModel
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose, Shot
 
-# One turn of the loop, evenly in time.
+# The keys of the loop, evenly in time.
 _GESTURES = ("open", "pinch", "point", "fist")
-# How the wrist nods, leans and turns there: deg about X, Y and Z of the upright hand.
+# Rotation of the wrist at each key: degrees about X, Y and Z of the upright hand.
 _WRIST_DEG = np.array([[5.0, -4, -6], [-5, 4, 14], [5, 3, 10], [-4, 1, 24]])
-# The camera's arm there: target x, y, z and distance, m; yaw and pitch, deg.
-_ARM = np.array(
+# Orbit of the camera at each key: target x, y, z and distance in m; yaw and pitch in degrees.
+_ORBIT = np.array(
     [
         [-0.020, 0.0, -0.027, 0.77, -16, 3],
         [-0.018, 0.0, -0.031, 0.76, -22, 5],
@@ -35,14 +35,13 @@ _ARM = np.array(
         [-0.012, 0.0, -0.052, 0.69, -40, 11],
     ]
 )
-_FIELD_OF_VIEW_M = 0.272  # height of the image, this far away:
+_FIELD_OF_VIEW_M = 0.272  # height of the image at this distance:
 _FIELD_DISTANCE_M = 0.75
-# Moments of the loop over which the natural coverage is taken.
-_PROBES = 8
+_COVERAGE_FRAMES = 8  # of the loop, over which the natural coverage is averaged
 
 
 class MotionFrame(NamedTuple):
-    """One moment of the motion: the pose and the view, before anything is posed."""
+    """One frame of the motion: pose and camera, before the mesh is posed."""
 
     pose: HandPose
     camera: Camera
@@ -55,27 +54,27 @@ class MovingHand:
     Attributes:
         hand: the model.
         size_px: (width, height).
-        coverage: the share of the image that the hand shall cover, on average; None keeps the example's framing.
+        coverage: mean share of the image that the hand is to cover; None keeps the example's framing.
     """
 
     hand: HandModel
     size_px: tuple[int, int]
     coverage: float | None = None
 
-    def moments(self, count: int) -> list[MotionFrame]:
-        """`count` moments, evenly over the loop."""
+    def frames(self, count: int) -> list[MotionFrame]:
+        """`count` frames, evenly over the loop."""
         zoom = 1.0 if self.coverage is None else sqrt(self.coverage / self._natural_coverage)
-        return [self._moment(k / count, zoom) for k in range(count)]
+        return [self._frame(k / count, zoom) for k in range(count)]
 
-    def shot(self, moment: MotionFrame) -> Shot:
-        """The posed shot: what the stage `pose` begins with."""
-        pose = moment.pose
+    def shot(self, frame: MotionFrame) -> Shot:
+        """The shot with the posed mesh; part of the stage `pose`."""
+        pose = frame.pose
         parameters = (torch.as_tensor(v, dtype=torch.float32) for v in (pose.theta, pose.beta, pose.transl))
-        return Shot(pose, pose_hand(self._skin, *parameters).vertices.numpy(), moment.camera)
+        return Shot(pose, pose_hand(self._skin, *parameters).vertices.numpy(), frame.camera)
 
-    def covered(self, moment: MotionFrame) -> float:
+    def covered(self, frame: MotionFrame) -> float:
         """The share of the image that the mesh covers."""
-        shot = self.shot(moment)
+        shot = self.shot(frame)
         return silhouette_px(shot.vertices, self.hand.f, shot.camera) / (self.size_px[0] * self.size_px[1])
 
     @cached_property
@@ -88,30 +87,28 @@ class MovingHand:
 
     @cached_property
     def _natural_coverage(self) -> float:
-        return float(np.mean([self.covered(self._moment(k / _PROBES, 1.0)) for k in range(_PROBES)]))
+        return float(np.mean([self.covered(self._frame(k / _COVERAGE_FRAMES, 1.0)) for k in range(_COVERAGE_FRAMES)]))
 
-    def _moment(self, phase: float, zoom: float) -> MotionFrame:
+    def _frame(self, phase: float, zoom: float) -> MotionFrame:
         angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])
-        nod, lean, turn = np.deg2rad(_eased(phase, _WRIST_DEG))
-        x, y, z = np.eye(3)
-        root = axis_angle_to_matrix(turn * z) @ axis_angle_to_matrix(lean * y) @ axis_angle_to_matrix(nod * x) @ UPRIGHT
-        theta = theta_of(_eased(phase, angles), self._axes, matrix_to_axis_angle(root))
+        about_x, about_y, about_z = map(axis_angle_to_matrix, np.diag(np.deg2rad(_eased(phase, _WRIST_DEG))))
+        theta = theta_of(_eased(phase, angles), self._axes, matrix_to_axis_angle(about_z @ about_y @ about_x @ UPRIGHT))
         joints = self.hand.joints
         knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
         return MotionFrame(HandPose(theta, np.zeros(10), -knuckles, self.hand.side), self._camera(phase, zoom))
 
     def _camera(self, phase: float, zoom: float) -> Camera:
-        arm = _eased(phase, _ARM)
-        yaw, pitch = np.deg2rad(arm[4:])
+        orbit = _eased(phase, _ORBIT)
+        yaw, pitch = np.deg2rad(orbit[4:])
         towards = np.array([np.sin(yaw) * np.cos(pitch), -np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
         width, height = self.size_px
         focal_px = zoom * height * _FIELD_DISTANCE_M / _FIELD_OF_VIEW_M
         K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
-        return Camera(K, look_at(arm[:3] + arm[3] * towards, arm[:3], np.array([0, 0, 1.0])), self.size_px)
+        return Camera(K, look_at(orbit[:3] + orbit[3] * towards, orbit[:3], np.array([0, 0, 1.0])), self.size_px)
 
 
 def silhouette_px(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> int:
-    """Pixels of the image that the mesh covers; all of it must lie in front of the camera."""
+    """Number of pixels that the mesh covers; all of it must lie in front of the camera."""
     positions_px, _ = camera.project(vertices)
     image = Image.new("1", camera.size_px)
     draw = ImageDraw.Draw(image)
@@ -121,7 +118,7 @@ def silhouette_px(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> in
 
 
 def _eased(phase: float, values: np.ndarray) -> np.ndarray:
-    """Between the keys' values, starting and stopping gently (minimum jerk); the last key leads back to the first."""
+    """Minimum-jerk interpolation between the keys' values; the last key leads back to the first."""
     first = int(phase * len(values)) % len(values)
     share = phase * len(values) % 1
     share = share**3 * (10 - 15 * share + 6 * share**2)

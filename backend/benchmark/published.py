@@ -1,17 +1,16 @@
-"""The paper's renderer as published, put together from the backend's parts: what `livehand benchmark` compares against.
+"""The paper's renderer as published, built from the backend's parts: the baseline of `livehand benchmark`.
 
-The whole frame at half resolution, no crop; every ray one interval, from the first to the last surface of the inflated
-mesh; 16 samples; the nearest of all faces for each; 4 x 128 MLP; super-resolution of the whole frame, in the plain
-layout (NCHW) and single precision. It is kinder to the paper than its code in three places: the nearest faces are
-searched by a better loop (`brute_force.py`), the MLP runs in chunks that stay in the cache, and the convolutions'
-constant modulation is folded in.
+It renders the whole frame at half resolution without a crop. Every ray has one interval, from the first to the last
+surface of the inflated mesh, with 16 samples, each of which searches all faces for the nearest; a 4 x 128 MLP follows,
+then super-resolution of the whole frame in the plain layout (NCHW) and single precision. It is faster than the
+authors' code in three places: the nearest faces are found by a better loop (`brute_force.py`), the MLP runs in chunks
+that stay in the cache, and the constant modulation of the convolutions is folded in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
-from ..hand.topology import topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Stage
 from ..nerf.conditions import FieldInputs
@@ -40,7 +38,7 @@ _RAYS_AT_ONCE = 1024
 
 
 class WholeRays(NamedTuple):
-    """R rays: pixel [R], directions [R, 3] of depth 1, sample depths t [R, N] m, their step dt [R] m."""
+    """R rays: pixel [R], directions [R, 3] of depth 1, depths t [R, N] of the samples in m, their step dt [R] in m."""
 
     pixel: Tensor
     directions: Tensor
@@ -48,27 +46,23 @@ class WholeRays(NamedTuple):
     dt: Tensor
 
 
-@dataclass(frozen=True)
 class PublishedRenderer:
-    """One avatar of the `paper` configuration, rendered as its authors do; takes the hand's own side only.
+    """Renders an avatar of the `paper` configuration as its authors do, for the hand's own side only.
 
-    Attributes:
-        avatar: the look.
+    Args:
+        avatar: the avatar; its networks are copied, the caller's are neither moved nor changed.
         hand: its hand model.
-        device: where.
+        device: to render on.
     """
 
-    avatar: Avatar
-    hand: HandModel
-    device: torch.device
-
-    def __post_init__(self):
-        for network in (self.avatar.field, self.avatar.superres):
-            network.to(self.device).eval()
+    def __init__(self, avatar: Avatar, hand: HandModel, device: torch.device):
+        self.avatar, self.device = avatar, device
+        self._topology = Topology.of(hand, device)
+        self._field, self._superres = (deepcopy(n).to(device).eval() for n in (avatar.field, avatar.superres))
 
     @torch.inference_mode()
     def render(self, shot: Shot, on_stage: Callable[[Stage], None] = lambda stage: None) -> Frame:
-        """Render one frame of the shot's size; `on_stage` as in `Renderer.render`."""
+        """Render one frame of the shot's size; `on_stage` receives the name of each stage as it begins."""
         on_stage("pose")
         vertices = torch.as_tensor(np.ascontiguousarray(shot.vertices), dtype=torch.float32, device=self.device)
         mesh = posed_mesh(self._topology, vertices)
@@ -82,21 +76,17 @@ class PublishedRenderer:
         low = self._shade(rays, samples, torch.as_tensor(shot.pose.theta, dtype=torch.float32), mesh.scale)
         on_stage("superres")
         maps, depth = low_resolution_maps(low, rays.pixel, view.size_px)
-        image = self.avatar.superres(maps[None].contiguous())[0]
+        image = self._superres(maps[None].contiguous())[0]
         on_stage("decode")
         depth = depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
         return decode_frame(image, depth, Crop(0, 0, *low_camera.size_px), shot.camera.size_px)
-
-    @cached_property
-    def _topology(self) -> Topology:
-        return topology_of(self.hand, self.device)
 
     @property
     def _samples_per_ray(self) -> int:
         return self.avatar.config.sampler.samples_per_ray
 
     def _shade(self, rays: WholeRays, samples: SurfaceSamples, theta: Tensor, scale: Tensor) -> Composite:
-        """The MLP at all samples, composited."""
+        """The MLP at all samples, composited along each ray."""
         count = self._samples_per_ray
         length = rays.directions.norm(dim=-1)
         height = samples.height_m / self.avatar.config.sampler.shell_m
@@ -107,14 +97,14 @@ class PublishedRenderer:
         by_sample = (values.split(_RAYS_AT_ONCE * count) for values in of_samples)
         by_ray = (values.split(_RAYS_AT_ONCE) for values in of_rays)
         parts = [
-            self.avatar.field(_inputs(uv, height, view, theta), Steps(*steps))
+            self._field(_inputs(uv, height, view, theta), Steps(*steps))
             for uv, height, view, *steps in zip(*by_sample, *by_ray, strict=True)
         ]
         return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
 
 def whole_rays(mesh: PosedMesh, topology: Topology, view: CameraTensors, shell_m: float, count: int) -> WholeRays:
-    """`count` samples a ray at the centres of equal strata between the inflated mesh's first and last surface."""
+    """`count` samples per ray at the centres of equal strata, from the inflated mesh's first to its last surface."""
     positions_px, depth = project(view, mesh.vertices + shell_m * mesh.scale * mesh.normals)
     fragments = rasterise(positions_px, depth, topology.faces, view.size_px)
     empty = depth.new_full((view.size_px[0] * view.size_px[1],), torch.inf)
@@ -127,7 +117,7 @@ def whole_rays(mesh: PosedMesh, topology: Topology, view: CameraTensors, shell_m
 
 
 def nearest_samples(points: Float[Tensor, "S 3"], topology: Topology, mesh: PosedMesh) -> SurfaceSamples:
-    """(u, v, h) of every sample after a search of all faces."""
+    """The nearest surface point of every sample, found by searching all faces."""
     triangles = mesh.vertices[topology.faces]
     face = nearest_faces(points, triangles)
     barycentric, squared = closest_on_triangles(points, triangles[face])
@@ -140,6 +130,6 @@ def _points(rays: WholeRays, view: CameraTensors) -> Float[Tensor, "S 3"]:
 
 
 def _inputs(uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
-    """What the paper's field reads; the rest is empty."""
+    """The inputs that the paper's field reads; the others are empty."""
     empty = {name: height.new_zeros(0) for name in FieldInputs._fields}
     return FieldInputs(**(empty | {"uv": uv, "height": height, "view": view, "theta": theta}))

@@ -1,4 +1,4 @@
-"""What a benchmark found: as JSON for machines, as tables for people."""
+"""The results of a benchmark as JSON and as text tables."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def peaks_document(peaks: Peaks) -> dict[str, float]:
 
 
 def size_document(result: SizeResult, peaks: Peaks) -> dict[str, Any]:
-    """Everything of one size; a key is a case, and within `stages` and `floor_ms` a stage."""
+    """All results at one size, keyed by case; `stages`, `floor_ms` and `over_floor` hold stages within each case."""
     floors = result.floors_ms(peaks)
     wall, cores = ({name: frame_spread(taken)[k] for name, taken in result.taken.items()} for k in (0, 1))
     return {
@@ -47,7 +47,7 @@ def size_document(result: SizeResult, peaks: Peaks) -> dict[str, Any]:
 
 
 def growth_document(curve: Sequence[GrowthPoint], x_name: str) -> list[dict[str, Any]]:
-    """A curve's points."""
+    """The points of a curve; `x_name` is the key of their x."""
     return [
         {x_name: round(point.x, 4), "frame_ms": {name: _figures(spread) for name, spread in point.frame_ms.items()}}
         for point in curve
@@ -55,14 +55,14 @@ def growth_document(curve: Sequence[GrowthPoint], x_name: str) -> list[dict[str,
 
 
 def machine_lines(machine: Mapping[str, Any], peaks: Mapping[str, float]) -> list[str]:
-    """The machine and its peaks."""
-    told = ", ".join(f"{name} {value}" for name, value in machine.items() if value is not None)
+    """The machine and its peaks, a line each."""
+    described = ", ".join(f"{name} {value}" for name, value in machine.items() if value is not None)
     measured = ", ".join(f"{value} {name}" for name, value in peaks.items())
-    return [told, f"peaks: {measured}"]
+    return [described, f"peaks: {measured}"]
 
 
 def size_lines(size: str, document: Mapping[str, Any]) -> list[str]:
-    """One size: frames, ratios, and stages beside their floors."""
+    """One size: frames, ratios, and stages with their floors."""
     lines = [f"{size}, the hand covers {document['coverage']:.1%}", *_frame_lines(document), *_ratio_lines(document)]
     for name in (*_DEFAULTS.values(), PUBLISHED):
         lines += _stage_lines(name, document)
@@ -82,11 +82,11 @@ def _frame_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _ratio_lines(document: Mapping[str, Any]) -> list[str]:
-    told = {"published / default": document["ratio_paper"]}
-    told |= {f"Cycles {samples} / default": ratios for samples, ratios in document["ratio_cycles"].items()}
+    ratios_of = {"published / default": document["ratio_paper"]}
+    ratios_of |= {f"Cycles {samples} / default": ratios for samples, ratios in document["ratio_cycles"].items()}
     lines = [
         f"  {name}: " + ", ".join(f"{ratio:.1f} ({precision})" for precision, ratio in ratios.items())
-        for name, ratios in told.items()
+        for name, ratios in ratios_of.items()
         if ratios
     ]
     same = {p: document[f"ratio_paper_{p}"] for p in _DEFAULTS if document[f"ratio_paper_{p}"] is not None}
@@ -125,7 +125,7 @@ def _over_floor(result: SizeResult, name: str, floors: Mapping[str, float]) -> d
 
 
 def _ratios(result: SizeResult, slow: str) -> dict[str, float]:
-    """Against the default configuration in each precision."""
+    """The ratio to the default configuration in each precision."""
     ratios = {precision: _ratio(result, slow, fast) for precision, fast in _DEFAULTS.items()}
     return {precision: ratio for precision, ratio in ratios.items() if ratio is not None}
 

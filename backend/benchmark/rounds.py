@@ -1,4 +1,4 @@
-"""Configurations taken in turns, frame by frame, so that a noisy neighbour hits all of them alike."""
+"""Configurations measured in turns, frame by frame, so that other load on the machine affects all of them alike."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from .cases import frame_cost
 from .motion import MotionFrame
 from .stopwatch import Spread, Stages, spread
 
-# A configuration that has used up its time still takes this many frames: fewer say nothing of a spread.
-_LEAST_FRAMES = 2
+_MIN_FRAMES = 2
+"""Frames that a case renders even when its budget is used up: one frame has no spread."""
 
 
 @dataclass(frozen=True)
@@ -18,46 +18,46 @@ class Case:
     """One thing that is measured in every round.
 
     Attributes:
-        name: of it.
-        measure: renders a moment; what each stage took.
-        frames: in how many rounds it takes part, spread evenly; None: in all.
-        budget_s: it sits out once its frames have taken longer than this.
-        is_foreign: it drives everybody else's memory out of the caches, which no stream of frames would meet.
+        name: of the case.
+        measure: renders a frame of the motion and returns the cost of each stage.
+        frames: in how many rounds the case takes part, spread evenly; None: in all.
+        budget_s: the case sits out once its frames have taken longer than this.
+        evicts_caches: it clears the processor's caches of all other cases' data, which a stream of frames never does.
     """
 
     name: str
     measure: Callable[[MotionFrame], Stages]
     frames: int | None = None
     budget_s: float = float("inf")
-    is_foreign: bool = False
+    evicts_caches: bool = False
 
     def takes_part(self, number: int, rounds: int, taken: Sequence[Stages]) -> bool:
-        """Whether it renders in round `number` of `rounds`, having taken some frames already."""
-        if self.frames is not None and not _is_chosen(number, rounds, self.frames):
+        """Whether the case renders in round `number` of `rounds`, given the frames it has rendered so far."""
+        if self.frames is not None and number * self.frames // rounds == (number - 1) * self.frames // rounds:
             return False
         spent_s = sum(frame_cost(stages).wall_ms for stages in taken) / 1000
-        return len(taken) < _LEAST_FRAMES or spent_s < self.budget_s
+        return len(taken) < _MIN_FRAMES or spent_s < self.budget_s
 
 
 Results = dict[str, dict[int, Stages]]
 """Per case: round -> stages."""
 
 
-def measure_rounds(cases: Sequence[Case], moments: Sequence[MotionFrame]) -> Results:
-    """Every case renders each moment; who begins changes from round to round.
+def measure_rounds(cases: Sequence[Case], frames: Sequence[MotionFrame]) -> Results:
+    """Every case renders each frame; another case begins in each round.
 
-    In a round with a foreign case all others render the moment once more, before the one that counts.
+    In a round with a case that evicts caches, every other case renders the frame once more before it is timed.
     """
     results: Results = {case.name: {} for case in cases}
-    for number, moment in enumerate(moments):
+    for number, frame in enumerate(frames):
         begin = number % len(cases)
         ring = (*cases[begin:], *cases[:begin])
-        chosen = [case for case in ring if case.takes_part(number, len(moments), list(results[case.name].values()))]
-        has_foreign = any(case.is_foreign for case in chosen)
+        chosen = [case for case in ring if case.takes_part(number, len(frames), list(results[case.name].values()))]
+        is_cold = any(case.evicts_caches for case in chosen)
         for case in chosen:
-            if has_foreign and not case.is_foreign:
-                case.measure(moment)
-            results[case.name][number] = case.measure(moment)
+            if is_cold and not case.evicts_caches:
+                case.measure(frame)
+            results[case.name][number] = case.measure(frame)
     return results
 
 
@@ -78,13 +78,8 @@ def stage_spreads(taken: dict[int, Stages]) -> dict[str, tuple[Spread, Spread]]:
 
 
 def paired_ratio(slow: dict[int, Stages], fast: dict[int, Stages]) -> float | None:
-    """Median over the rounds both took part in of how many times longer `slow` took; None where there is none."""
+    """Median over the shared rounds of how many times longer `slow` took; None where they share no round."""
     both = slow.keys() & fast.keys()
     if not both:
         return None
     return spread([frame_cost(slow[k]).wall_ms / frame_cost(fast[k]).wall_ms for k in both]).median
-
-
-def _is_chosen(number: int, rounds: int, count: int) -> bool:
-    """`count` of the rounds, evenly: whether this is one."""
-    return number * count // rounds != (number - 1) * count // rounds

@@ -1,6 +1,6 @@
 """Wall time and core-seconds of the stages of a frame.
 
-Core-seconds are the processor time of all threads of the process, so on a shared machine they say more than wall time;
+Core-seconds are the processor time of all threads of the process. On a shared machine they say more than wall time, but
 threads that spin while they wait count as well.
 """
 
@@ -16,14 +16,14 @@ import torch
 
 
 class Cost(NamedTuple):
-    """What something took: wall time in ms and core-seconds."""
+    """Wall time in ms and core-seconds."""
 
     wall_ms: float
     core_s: float
 
 
 class Spread(NamedTuple):
-    """Median, and the 10th and 90th percentile, of several frames."""
+    """Median, 10th and 90th percentile over several frames."""
 
     median: float
     p10: float
@@ -35,12 +35,12 @@ Stages = dict[str, Cost]
 
 @dataclass
 class Stopwatch:
-    """Sums the time of each stage; a stage ends when the next begins.
+    """Sums the time of each stage; a stage ends when the next one begins.
 
     Attributes:
         wall_s: the clock.
         core_s: the process's processor time.
-        synchronise: waits until the device has done what it was asked; called before a clock is read.
+        synchronise: waits until the device has finished; called before a clock is read.
     """
 
     wall_s: Callable[[], float] = time.perf_counter
@@ -50,14 +50,14 @@ class Stopwatch:
     _running: tuple[str, float, float] | None = None
 
     def begin(self, stage: str) -> None:
-        """End the stage that runs, if any, and begin this one; a stage that comes again goes on."""
+        """End the current stage, if any, and begin this one; time adds up over repeated stages."""
         self.synchronise()
         now = self.wall_s(), self.core_s()
         self._end(*now)
         self._running = (stage, *now)
 
     def stop(self) -> Stages:
-        """End the last stage; what every stage took since the last stop, in order of its first beginning."""
+        """End the last stage; returns the cost of every stage since the last stop, in order of first use."""
         self.synchronise()
         self._end(self.wall_s(), self.core_s())
         stages, self._stages, self._running = self._stages, {}, None
@@ -68,23 +68,21 @@ class Stopwatch:
             return
         stage, began_wall_s, began_core_s = self._running
         before = self._stages.get(stage, Cost(0.0, 0.0))
-        took_ms = 1000 * (wall_s - began_wall_s)
-        self._stages[stage] = Cost(before.wall_ms + took_ms, before.core_s + core_s - began_core_s)
+        wall_ms = before.wall_ms + 1000 * (wall_s - began_wall_s)
+        self._stages[stage] = Cost(wall_ms, before.core_s + core_s - began_core_s)
 
 
 def stopwatch_of(device: torch.device) -> Stopwatch:
     """A stopwatch that waits for the device."""
-    if device.type == "cuda":
-        return Stopwatch(synchronise=torch.cuda.synchronize)
-    return Stopwatch()
+    return Stopwatch(synchronise=torch.cuda.synchronize) if device.type == "cuda" else Stopwatch()
 
 
 def total(stages: Stages) -> Cost:
-    """All stages together."""
+    """The sum over all stages."""
     return Cost(sum(cost.wall_ms for cost in stages.values()), sum(cost.core_s for cost in stages.values()))
 
 
 def spread(values: list[float]) -> Spread:
-    """Median and percentiles; at least one value."""
+    """Median and percentiles of at least one value."""
     low, middle, high = np.percentile(values, (10, 50, 90))
     return Spread(float(middle), float(low), float(high))

@@ -1,1 +1,1 @@
-"""Multi-view captures: the on-disk format, its checks, and what a synthetic capture holds."""
+"""Multi-view captures: the file format, its checks, importers, masks, and the plan of a synthetic capture."""

@@ -1,13 +1,13 @@
-"""The one on-disk multi-view format, written by `livehand capture`, by importers, and by users.
+"""The multi-view file format, written by `livehand capture`, by importers and by users.
 
-A folder with
-- `transforms.json`: provenance, and per image its file, K (px), cam2world (OpenCV axes, m), size, camera index, pose
-  index, split, and its mask's file where it has one;
+A capture is a folder with
+- `transforms.json`: provenance, and for each image its file, K (px), cam2world (OpenCV axes, m), size, camera index,
+  pose index, split and, if it has one, the file of its mask;
 - `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side;
-- images: RGBA, sRGB-encoded, straight (not premultiplied) alpha, as any PNG; or any picture, and beside it a mask:
-  a grey picture of its size, white where the hand is.
+- images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or images without alpha and for each a mask, a grey
+  image of the same size that is white on the hand.
 
-docs/capture.md says the same for those who write one.
+docs/capture.md documents the format for users.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ FORMAT = "livehand-capture"
 VERSION = 1
 
 Split = Literal["train", "novel_pose", "novel_camera", "test"]
-"""Held-out pose seen by a training camera, training pose seen by a held-out camera, `test`: both held out."""
+"""`novel_pose` has a held-out pose and a training camera, `novel_camera` the opposite; in `test` both are held out."""
 
 
 @dataclass(frozen=True)
 class CaptureView:
-    """One image of a capture; `mask` is the file of its alpha, None where the image carries its own."""
+    """One image of a capture; `mask` is the file of its alpha, None if the image has an alpha channel."""
 
     file: str
     camera: Camera
@@ -48,7 +48,7 @@ class CaptureView:
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture folder, read and checked; images stay on disk until asked for."""
+    """The index and poses of a capture folder; images are read on request."""
 
     folder: Path
     hand_sha256: str
@@ -70,10 +70,10 @@ class Capture:
         return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
 
     def read_pixels(self, view: CaptureView) -> np.ndarray:
-        """[H, W, 4] uint8: sRGB-encoded colour as it was photographed, and alpha.
+        """[H, W, 4] uint8: straight sRGB-encoded colour, and alpha.
 
         Raises:
-            LiveHandError: as `read_image`, of the image or of its mask.
+            LiveHandError: as `read_image`, for the image or its mask.
         """
         mode, pixels = read_picture(self.folder / view.file, "RGBA", view.camera.size_px)
         if view.mask is not None:
@@ -85,10 +85,10 @@ class Capture:
 
 
 def load_capture(folder: Path | str) -> Capture:
-    """Read and check a capture folder's index and poses; `capture_check` looks at the images too.
+    """Read and check a capture folder's index and poses; `check_capture` checks the images too.
 
     Raises:
-        LiveHandError: naming the file and its faults.
+        LiveHandError: with the file and its faults.
     """
     folder = Path(folder)
     document = _read_json(folder / "transforms.json")
@@ -101,12 +101,12 @@ def load_capture(folder: Path | str) -> Capture:
     frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
     if not isinstance(frames, list) or not isinstance(hand_sha256, str):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
-    views = _all_of(folder, ((_read_view, entry, len(poses)) for entry in frames))
+    views = read_all(folder, ((_read_view, entry, len(poses)) for entry in frames))
     return Capture(folder, hand_sha256, document.get("provenance", {}), poses, views)
 
 
 def save_capture_index(capture: Capture) -> None:
-    """Write `poses.npz` and `transforms.json`, each whole or not at all; the images are the writer's own business."""
+    """Write `poses.npz` and `transforms.json`, each under a temporary name first; the caller writes the images."""
     arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
     partial = capture.folder / "poses.partial"
     with partial.open("wb") as file:
@@ -118,7 +118,7 @@ def save_capture_index(capture: Capture) -> None:
 
 
 def index_document(capture: Capture) -> str:
-    """What `transforms.json` says of the capture."""
+    """The text of the capture's `transforms.json`."""
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -143,20 +143,20 @@ def _view_entry(view: CaptureView) -> dict:
     }
 
 
-def _all_of(subject: Path, readings: Iterable[tuple]) -> tuple:
-    """What each (function, *arguments) returns.
+def read_all(path: Path, calls: Iterable[tuple]) -> tuple:
+    """The results of all calls (function, *arguments), which read parts of the file.
 
     Raises:
-        LiveHandError: with all of their faults.
+        LiveHandError: with the faults of all calls.
     """
     results, faults = [], []
-    for function, *arguments in readings:
+    for function, *arguments in calls:
         try:
             results.append(function(*arguments))
         except LiveHandError as error:
             faults.append(str(error))
     if faults:
-        raise LiveHandError.of_faults(str(subject), faults)
+        raise LiveHandError.of_faults(str(path), faults)
     return tuple(results)
 
 
@@ -188,10 +188,15 @@ def _read_poses(path: Path) -> tuple[HandPose, ...]:
         rows = list(zip(*columns, strict=True))
     except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
-    return _all_of(path, ((_read_pose, index, *row) for index, row in enumerate(rows)))
+    return read_all(path, ((read_pose, index, *row) for index, row in enumerate(rows)))
 
 
-def _read_pose(index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object) -> HandPose:
+def read_pose(index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object) -> HandPose:
+    """The pose of a file's row.
+
+    Raises:
+        LiveHandError: with the row's index and its fault.
+    """
     try:
         return HandPose(theta, beta, transl, _side(str(side)))
     except (LiveHandError, TypeError) as error:

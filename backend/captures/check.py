@@ -1,6 +1,6 @@
-"""Whether a capture can be trained on: everything that would spoil hours of training, found in the first minute.
+"""Checks that a capture can be trained on, so that its faults appear in the first minute instead of after hours.
 
-The index and the poses alone are checked by `load_capture`; here they meet the hand and the images.
+`load_capture` checks the index and the poses by themselves; this module checks them against the hand and the images.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from ..records.errors import LiveHandError
 from .capture import Capture, CaptureView
 from .picture import ALPHA_MODES, no_alpha, read_header, wrong_size
 
-# A hand is in an image that this share of its vertices is projected into; of less, all may be hidden or cut off.
+# A hand counts as visible if this share of its vertices projects into the image; fewer may all be hidden or cut off.
 _SHARE_IN_IMAGE = 0.1
 _HAND_ALPHA = 128  # of 255
 
 
 def check_capture(capture: Capture, hand: HandModel, decode: bool = True) -> None:
-    """Look at all that training will read: index, poses, every image's header and, with `decode`, its pixels.
+    """Check everything that training reads: index, poses, every image's header and, with `decode`, its pixels.
 
-    Poses and headers cost 0.3 ms an image, decoding 4 ms of one core at 334x512, spread over all cores.
+    Poses and headers take 0.3 ms per image, decoding 4 ms of one core at 334x512, on all cores at once.
 
     Raises:
-        LiveHandError: with the first ten faults, each naming its file, and their count.
+        LiveHandError: with the first ten faults, each with its file, and their count.
     """
-    faults = [*_of_the_whole(capture, hand), *_of_poses(capture, hand)]
-    faults += [fault for view in capture.views for fault in _of_camera(view)]
+    faults = [*_index_faults(capture, hand), *_pose_faults(capture, hand)]
+    faults += [fault for view in capture.views for fault in _camera_faults(view)]
     if not faults:
-        faults = _of_images(capture, hand, decode)
+        faults = _image_faults(capture, hand, decode)
     if faults:
         raise LiveHandError.of_faults(f"capture {capture.folder}", faults)
 
 
-def _of_the_whole(capture: Capture, hand: HandModel) -> Iterable[str]:
+def _index_faults(capture: Capture, hand: HandModel) -> Iterable[str]:
     if capture.hand_sha256 != hand.sha256:
-        yield f"it must be of hand '{hand.name}', got one of hand {capture.hand_sha256[:12]}...; give its --hand"
+        yield f"it must be of hand '{hand.name}', got one of hand {capture.hand_sha256[:12]}...; pass its --hand"
     if not capture.views:
         yield "it must have images, got none"
     for file, count in Counter(view.file for view in capture.views).items():
@@ -54,14 +54,14 @@ def _of_the_whole(capture: Capture, hand: HandModel) -> Iterable[str]:
             yield f"camera {camera} must have one image of pose {pose}, got {count}"
 
 
-def _of_poses(capture: Capture, hand: HandModel) -> Iterable[str]:
+def _pose_faults(capture: Capture, hand: HandModel) -> Iterable[str]:
     for index in sorted({view.pose_index for view in capture.views}):
         side = capture.poses[index].side
         if side != hand.side:
             yield f"poses.npz: pose {index} must be of the {hand.side} hand, got a {side} one"
 
 
-def _of_camera(view: CaptureView) -> Iterable[str]:
+def _camera_faults(view: CaptureView) -> Iterable[str]:
     K, last_row = view.camera.K, view.camera.cam2world[3]
     if K[0, 0] <= 0 or K[1, 1] <= 0 or K[1, 0] != 0 or (K[2] != (0, 0, 1)).any():
         yield f"{view.file}: K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] px, fx and fy above 0, got {K.tolist()}"
@@ -69,20 +69,20 @@ def _of_camera(view: CaptureView) -> Iterable[str]:
         yield f"{view.file}: the last row of cam2world must be 0 0 0 1, got {last_row.tolist()}; is it transposed?"
 
 
-def _of_images(capture: Capture, hand: HandModel, decode: bool) -> list[str]:
+def _image_faults(capture: Capture, hand: HandModel, decode: bool) -> list[str]:
     posed = {index: posed_vertices(hand, capture.poses[index]) for index in {view.pose_index for view in capture.views}}
     boxes = [hand_box(posed[view.pose_index], view.camera) for view in capture.views]
     if all(box is None for box in boxes):
         return ["no camera sees the hand; cam2world must have OpenCV's axes (x right, y down, z forward) and metres"]
     with ThreadPoolExecutor(os.cpu_count()) as workers:
-        found = list(workers.map(lambda view: _of_files(capture, view), capture.views))
+        found = list(workers.map(lambda view: _header_fault(capture, view), capture.views))
         if decode and not any(found):
-            found = list(workers.map(lambda view, box: _of_pixels(capture, view, box), capture.views, boxes))
+            found = list(workers.map(lambda view, box: _pixel_fault(capture, view, box), capture.views, boxes))
     return [fault for fault in found if fault]
 
 
 def hand_box(vertices: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """[2, 2] first and last px (x, y) of the hand in the image; None where too little of it is in there."""
+    """[2, 2] the smallest and largest (x, y) px of the hand in the image; None if too little of it is in the image."""
     positions_px, depth = camera.project(vertices)
     is_inside = (depth > NEAR_M) & (positions_px >= 0).all(1) & (positions_px < camera.size_px).all(1)
     if is_inside.mean() < _SHARE_IN_IMAGE:
@@ -90,8 +90,8 @@ def hand_box(vertices: np.ndarray, camera: Camera) -> np.ndarray | None:
     return np.stack([positions_px[is_inside].min(0), positions_px[is_inside].max(0)])
 
 
-def _of_files(capture: Capture, view: CaptureView) -> str | None:
-    """What the headers of the image and of its mask tell."""
+def _header_fault(capture: Capture, view: CaptureView) -> str | None:
+    """The fault in the headers of the image and its mask, if any."""
     try:
         for file in (view.file, view.mask):
             if file is None:
@@ -106,8 +106,8 @@ def _of_files(capture: Capture, view: CaptureView) -> str | None:
     return None
 
 
-def _of_pixels(capture: Capture, view: CaptureView, box: np.ndarray | None) -> str | None:
-    """Whether all pixels can be read, and alpha is where the hand is."""
+def _pixel_fault(capture: Capture, view: CaptureView, box: np.ndarray | None) -> str | None:
+    """The fault in the pixels, if any: unreadable, or with alpha where the hand is not."""
     try:
         is_hand = capture.read_pixels(view)[..., 3] >= _HAND_ALPHA
     except LiveHandError as error:
@@ -122,7 +122,7 @@ def _of_pixels(capture: Capture, view: CaptureView, box: np.ndarray | None) -> s
     if (first > box[1]).any() or (last < box[0]).any():
         return (
             f"{file} must show the hand where its pose and camera put it, {_px(box)} px, got {_px((first, last))} px; "
-            "is the pose another frame's, or cam2world not OpenCV's?"
+            "is it the pose of another frame, or is cam2world not in OpenCV's axes?"
         )
     return None
 

@@ -1,4 +1,4 @@
-"""Pictures on disk: read whole or by their header, checked against what they should be."""
+"""Image files: reads pixels or headers, and checks mode and size."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from PIL import Image
 from ..records.errors import LiveHandError
 
 ALPHA_MODES = ("RGBA", "LA")
-"""What Pillow calls pictures that carry alpha."""
-# What Pillow raises of files that are missing, cut short, damaged, or larger than any photograph.
+"""Pillow's modes of images with alpha."""
+# Raised by Pillow for files that are missing, truncated, damaged or far too large.
 _PICTURE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 
 def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, np.ndarray]:
-    """A picture's own mode, and its pixels [H, W, ...] uint8 in the asked one.
+    """An image's own mode, and its pixels [H, W, ...] uint8 in the requested mode.
 
     Raises:
         LiveHandError: missing, unreadable, or not of the given size.
@@ -33,7 +33,7 @@ def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, 
 
 
 def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
-    """[H, W] uint8: a mask's alpha where it has one, else its brightness.
+    """[H, W] uint8: a mask's alpha if it has any, else its brightness.
 
     Raises:
         LiveHandError: missing, unreadable, or not of the given size.
@@ -45,10 +45,10 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
 
 
 def read_header(path: Path) -> tuple[str, tuple[int, int]]:
-    """A picture's mode and (width, height), without decoding it.
+    """An image's mode and (width, height), without decoding its pixels.
 
     Raises:
-        LiveHandError: missing, or no picture.
+        LiveHandError: missing, or not an image.
     """
     try:
         with Image.open(path) as image:
@@ -58,15 +58,15 @@ def read_header(path: Path) -> tuple[str, tuple[int, int]]:
 
 
 def no_alpha(path: Path, mode: str) -> str:
-    """What is wrong with an image that shows more than the hand."""
-    return f"{path} must carry alpha (RGBA) or be given a mask, got mode {mode}; `livehand mask` makes masks"
+    """The message for an image without alpha or mask."""
+    return f"{path} must have alpha (RGBA) or a mask, got mode {mode}; `livehand mask` makes masks"
 
 
 def wrong_size(path: Path, expected: tuple[int, int], size: tuple[int, int]) -> str:
-    """What is wrong with an image that its camera did not take."""
-    return f"{path} must be {tuple(expected)} px as its camera says, got {size}"
+    """The message for an image whose size differs from its camera's."""
+    return f"{path} must be {tuple(expected)} px like its camera, got {size}"
 
 
 def unreadable(path: Path, error: Exception) -> str:
-    """What is wrong with a file that Pillow does not read."""
-    return f"{path} must be a readable picture ({error})"
+    """The message for a file that Pillow cannot read."""
+    return f"{path} must be a readable image ({error})"

@@ -1,6 +1,6 @@
-"""What a capture will hold: poses, cameras and splits, all drawn from one seed, before anything is rendered.
+"""The plan of a synthetic capture: poses, cameras and splits, all drawn from one seed.
 
-World: Blender's, Z up; the light's front is -Y. Metres.
+World: Blender's, Z up, metres; the front of the light is -Y.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from ..hand.model_file import load_default_hand
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split
+from .importers.split import split_of
 
 DISTANCE_M = 0.75
-# Lengths at the built-in hand; another's are larger or smaller as it is.
-WHOLE_HAND_M = 0.25  # height of the field of view at the hand: the whole of it, in any pose
+# Lengths for the built-in hand; they scale with the size of another hand.
+WHOLE_HAND_M = 0.25  # height of the field of view at the hand: holds the whole hand in any pose
 CLOSE_UP_M = 0.14
 CLOSE_UP_JITTER_M = 0.02
 TILT_DEG = 25.0
@@ -32,21 +33,19 @@ _KNUCKLES = (1, 4, 7, 10)
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """The size of a capture. The same plan gives the same poses, cameras and light.
+    """The size of a capture. Equal plans give the same poses, cameras and light.
 
     Attributes:
         seed: of every random choice.
-        poses: how many; every 11th, counted from the 6th, is held out.
-        cameras: how many; every 5th, counted from the 4th, is held out, every 3rd, counted from the 3rd, is a close-up.
-        cameras_per_pose: how many of the training cameras, drawn anew for each pose, see it: more poses for the same
-            number of images.
+        poses: number of poses; every 11th, from the 6th, is held out.
+        cameras: number of cameras; every 5th, from the 4th, is held out, and every 3rd, from the 3rd, is a close-up.
+        cameras_per_pose: number of training cameras that see each pose, drawn anew for each.
         tone: of the skin, a name in `skin.SKIN_TONES`.
         size_px: (width, height) of an image.
         samples: Cycles samples per pixel of training views.
-        eval_samples: of held-out views, high enough that render noise does not hide progress.
-        eval_views: how many views each held-out split gets at most.
-        first_poses: only these many of the poses are rendered; None: all. What is there stays the same when more of the
-            same plan are rendered another day.
+        eval_samples: Cycles samples per pixel of held-out views, enough that noise does not hide progress.
+        eval_views: largest number of views in each held-out split.
+        first_poses: render only this many of the poses (None: all); the rest of the plan can be rendered later.
     """
 
     seed: int = 0
@@ -78,12 +77,12 @@ class CapturePlan:
 
 
 def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tuple[HandPose, ...]:
-    """Poses whose middle (the knuckle of the middle finger) lies near the world's origin."""
+    """Poses whose middle knuckle lies near the world's origin."""
     right = model.for_side("right")
     axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
     poses = []
     for angles in sample_angles_deg(rng, count):
-        angles[:, :2] += offset  # gestures count from the built-in hand's rest pose
+        angles[:, :2] += offset  # gestures are relative to the built-in hand's rest pose
         root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
@@ -92,11 +91,11 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tup
 
 
 def _rest_deg(right: HandModel) -> np.ndarray:
-    """[15, 2] flexion and abduction in which a right hand's fingers rest; the thumb's abduction counts as none."""
+    """[15, 2] flexion and abduction of a right hand's fingers at rest; the thumb's abduction is taken as 0."""
     abduction = np.zeros(15)
     for first in _KNUCKLES:
         along = right.joints[first + 1] - right.joints[first]
-        abduction[first - 1] = np.rad2deg(np.arctan2(along[2], -along[0]))  # of fingers -X towards the thumb, +Z
+        abduction[first - 1] = np.rad2deg(np.arctan2(along[2], -along[0]))  # fingers point to -X; the thumb is at +Z
     return np.stack([rest_flexion_deg(right), abduction], -1)
 
 
@@ -105,7 +104,7 @@ def _mirrored(pose: HandPose) -> HandPose:
 
 
 def _relative_size(model: HandModel) -> float:
-    """How far a hand reaches from the knuckle of its middle finger, the built-in hand's reach being 1."""
+    """The hand's reach from its middle knuckle, relative to the built-in hand's."""
     reach, builtin = (
         float(np.linalg.norm(hand.v_template - hand.joints[4], axis=1).max()) for hand in (model, load_default_hand())
     )
@@ -117,7 +116,7 @@ def _random_tilt(rng: np.random.Generator) -> np.ndarray:
 
 
 def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float) -> list[Camera]:
-    """Cameras all around that look at a hand of relative size, every third one close up on a part of it."""
+    """Cameras all around a hand of this relative size; every third one is a close-up."""
     width, height = plan.size_px
     cameras = []
     for index, direction in enumerate(_camera_directions(rng, plan)):
@@ -156,12 +155,12 @@ def _fibonacci_sphere(count: int) -> np.ndarray:
 
 
 def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView, ...]:
-    """Every training pose from some training cameras; of each held-out split, `eval_views` spread evenly."""
+    """Every training pose from some training cameras, and `eval_views` evenly spread views of each held-out split."""
     by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
     for pose in range(plan.poses):
         seen_by = _cameras_of_pose(plan, pose)
         for index, camera in enumerate(cameras):
-            split = _split(plan.is_held_out_pose(pose), plan.is_held_out_camera(index))
+            split = split_of(plan.is_held_out_pose(pose), plan.is_held_out_camera(index))
             if split != "train" or index in seen_by:
                 view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
                 by_split[split].append(view)
@@ -171,19 +170,13 @@ def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView
 
 
 def _cameras_of_pose(plan: CapturePlan, pose: int) -> set[int]:
-    """The training cameras that see a training pose, drawn from (seed, pose)."""
+    """The training cameras that see a training pose, drawn with the seed (plan.seed, pose)."""
     training = [index for index in range(plan.cameras) if not plan.is_held_out_camera(index)]
     return set(np.random.default_rng((plan.seed, pose)).permutation(training)[: plan.cameras_per_pose].tolist())
 
 
-def _split(pose_held_out: bool, camera_held_out: bool) -> Split:
-    if pose_held_out:
-        return "test" if camera_held_out else "novel_pose"
-    return "novel_camera" if camera_held_out else "train"
-
-
 def _spread(views: list[CaptureView], count: int) -> list[CaptureView]:
-    """At most `count` of the views; a stride prime to the number of cameras spreads them over poses and cameras."""
+    """At most `count` of the views, evenly spaced."""
     if len(views) <= count:
         return views
     return [views[k] for k in np.linspace(0, len(views) - 1, count).round().astype(int)]

@@ -1,14 +1,14 @@
-"""Where a picture's squared error lies: at the silhouette, at inner edges, in contact, or in the skin between.
+"""Breakdown of an image's squared error by cause: silhouette, occlusion edges, contact, and the skin between.
 
-Every pixel belongs to one region, the first that claims it:
+Every pixel belongs to the first region that it matches:
 
-- silhouette: within 3 px of the ground truth's outline, outside the hand, or where ours has a hole;
+- silhouette: within 3 px of the ground truth's outline, outside the hand, or where the render has a hole;
 - occlusion: within 3 px of a depth step between two parts of the posed mesh (a finger over the palm);
 - contact: the mesh there sees less than half of the sky it faces (between fingers, in a fist);
-- interior: the rest of the hand. Its error is halved by frequency: `shading` is what a Gaussian of 8 px leaves of the
-  signed error, `texture` what it takes away.
+- interior: the rest of the hand. Its signed error is split by frequency: `shading` is the part that a Gaussian of 8 px
+  keeps, `texture` the part that it removes.
 
-Pixels are those of a 334x512 image; other sizes scale them by the root of their area.
+Lengths in pixels are for a 334x512 image; other sizes scale them by the square root of the area.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from .seen_surface import SeenSurface
 
 _REFERENCE_PIXELS = 334 * 512
 _BAND_PX, _SHADING_SIGMA_PX, _FILL_SIGMA_PX = 3.0, 8.0, 3.0
-# A finger that lies on the palm stands out by half its thickness, 6 to 8 mm; skin seen at 78 degrees falls by 5 pixels'
-# widths from one pixel to the next.
+# A finger on the palm stands out by half its thickness, 6 to 8 mm. Skin seen at an angle of 78 degrees recedes by the
+# width of 5 pixels from one pixel to the next.
 _STEP_M, _STEP_FOOTPRINTS = 0.003, 5.0
 _CONTACT_OPENNESS = 0.5
-_LEAST_ALPHA = 1 / 255  # fainter colour, divided by its alpha, is noise
+_MIN_ALPHA = 1 / 255  # at lower alpha, straight colour is noise
 
 CAUSES = ("silhouette", "occlusion", "contact", "shading", "texture")
 
 
 class ErrorRegions(NamedTuple):
-    """[H, W] each; together every pixel once. `silhouette` holds the background too."""
+    """[H, W] each; every pixel lies in exactly one. `silhouette` includes the background."""
 
     silhouette: Tensor
     occlusion: Tensor
@@ -48,12 +48,12 @@ REGIONS = ErrorRegions._fields
 
 
 class Breakdown(NamedTuple):
-    """Shares of one image's squared error by cause (they add up to 1), and of the hand's pixels by region.
+    """Shares of one image's squared error by cause, which add up to 1, and of the hand's pixels by region.
 
     Attributes:
-        share: of `CAUSES`; zeros where the pictures are equal.
-        area: of `REGIONS` (of the silhouette, the hand's side of the band).
-        psnr_true_alpha: dB, full image: our colours with the ground truth's alpha.
+        share: of each cause in `CAUSES`; zeros where the images are equal.
+        area: of each region in `REGIONS`; of the silhouette, the part inside the hand.
+        psnr_true_alpha: dB, of the full image with the render's colours and the ground truth's alpha.
     """
 
     share: dict[str, float]
@@ -62,7 +62,7 @@ class Breakdown(NamedTuple):
 
 
 def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"], surface: SeenSurface) -> Breakdown:
-    """Break one image's error down; encoded colour times alpha, and alpha."""
+    """The breakdown of one image's error; images hold encoded colour times alpha, and alpha."""
     regions = regions_of(image[..., 3], truth[..., 3], surface)
     difference = (image - truth)[..., :3]
     squared = (difference**2).sum(-1).double()
@@ -74,7 +74,7 @@ def error_breakdown(image: Float[Tensor, "H W 4"], truth: Float[Tensor, "H W 4"]
     return Breakdown(
         share={name: errors[name] / total if total else 0.0 for name in CAUSES},
         area={name: float((region & hand).sum() / hand.sum()) for name, region in regions._asdict().items()},
-        psnr_true_alpha=psnr_db(with_alpha(image, truth[..., 3]), truth[..., :3]),
+        psnr_true_alpha=psnr_db(with_other_alpha(image, truth[..., 3]), truth[..., :3]),
     )
 
 
@@ -88,7 +88,7 @@ def regions_of(alpha: Float[Tensor, "H W"], true_alpha: Float[Tensor, "H W"], su
 
 
 def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
-    """Both pixels of every neighbouring pair that see parts of the mesh at clearly different depths."""
+    """Both pixels of every neighbouring pair whose depths on the mesh differ clearly."""
     depth, is_mesh = surface.depth, surface.depth.isfinite()
     far_enough = torch.maximum(_STEP_M * surface.scale, _STEP_FOOTPRINTS * surface.footprint)
 
@@ -100,32 +100,32 @@ def depth_steps(surface: SeenSurface) -> Bool[Tensor, "H W"]:
 
 
 def low_frequency_share(difference: Float[Tensor, "H W 3"], region: Bool[Tensor, "H W"], sigma_px: float) -> float:
-    """Of the squared error in a region, the part that a Gaussian blur within the region leaves; 1 where all is zero.
+    """The share of a region's squared error that a Gaussian blur within the region keeps; 1 if the error is zero.
 
-    The blur and what it takes away are not quite orthogonal: what they add to neither is shared out in proportion.
+    The kept and removed parts are not quite orthogonal; their cross term is divided in proportion.
     """
     signed = difference.permute(2, 0, 1)
     low, _ = masked_blur(signed, region.to(signed.dtype), sigma_px)
-    kept, taken = (float((x**2)[:, region].double().sum()) for x in (low, signed - low))
-    return kept / (kept + taken) if kept + taken else 1.0
+    kept, removed = (float((x**2)[:, region].double().sum()) for x in (low, signed - low))
+    return kept / (kept + removed) if kept + removed else 1.0
 
 
-def with_alpha(image: Float[Tensor, "H W 4"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, "H W 3"]:
-    """Our straight colours times another alpha; where we have none, those of the 3 px around."""
+def with_other_alpha(image: Float[Tensor, "H W 4"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, "H W 3"]:
+    """The image's straight colours times another alpha; transparent pixels take the colour of the 3 px around them."""
     colour, own = image[..., :3].permute(2, 0, 1), image[..., 3]
-    straight = (colour / own.clamp(min=_LEAST_ALPHA)).clamp(max=1)
-    is_known = own >= _LEAST_ALPHA
+    straight = (colour / own.clamp(min=_MIN_ALPHA)).clamp(max=1)
+    is_known = own >= _MIN_ALPHA
     around, _ = masked_blur(straight, own * is_known, _scaled(_FILL_SIGMA_PX, own))
     return (torch.where(is_known, straight, around) * alpha).permute(1, 2, 0)
 
 
 def _outline(hand: Bool[Tensor, "H W"]) -> Bool[Tensor, "H W"]:
-    """Pixels with a neighbour on the other side."""
+    """Pixels with a neighbour on the other side of the outline."""
     return _pairs(lambda here, there: hand[here] != hand[there], hand.shape)
 
 
 def _pairs(differ, shape: tuple[int, ...]) -> Bool[Tensor, "H W"]:
-    """Both pixels of every pair of neighbours, below and beside, of which `differ(here, there)` says so."""
+    """Both pixels of every vertical or horizontal pair of neighbours for which `differ(here, there)` holds."""
     marked = torch.zeros(shape, dtype=torch.bool)
     everything, first, last = slice(None), slice(None, -1), slice(1, None)
     for here, there in (((first, everything), (last, everything)), ((everything, first), (everything, last))):
@@ -136,7 +136,7 @@ def _pairs(differ, shape: tuple[int, ...]) -> Bool[Tensor, "H W"]:
 
 
 def _near(edge: Bool[Tensor, "H W"], band_px: float) -> Bool[Tensor, "H W"]:
-    """Pixels within the band; the edge itself runs half a pixel beside the centres of those it is marked by."""
+    """Pixels within the band; the edge itself runs half a pixel beside the centres of its marked pixels."""
     return distance_px(edge, max(band_px - 0.5, 0.0)).isfinite()
 
 

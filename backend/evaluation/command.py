@@ -1,4 +1,4 @@
-"""`livehand evaluate`: arguments, and the call. What needs torch is imported when it runs, so that --help is quick."""
+"""`livehand evaluate`: its arguments and its run. Torch is imported only when it runs, so that --help is quick."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from .summary import Summary
 
 _SHEET_VIEWS = 24
-_SEVERAL = ("held_out", "all")  # names for several splits together
-_NO_FLIP = 'FLIP is left out: it needs the package flip-evaluator; pip install "livehand[metrics]"'
+_SEVERAL = ("held_out", "all")  # names of several splits together
+_NO_FLIP = 'FLIP was not measured: it needs the package flip-evaluator; pip install "livehand[metrics]"'
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,32 +35,38 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--split",
         choices=("test", "novel_pose", "novel_camera", "train", *_SEVERAL),
         default="test",
-        help="test: held-out poses from held-out cameras (default); held_out: all but train; a figure for each",
+        help="test: held-out poses from held-out cameras (default); held_out: each split except train; all: each split",
     )
     parser.add_argument(
+        "--max-train-view-angle",
         "--max-camera-gap",
         type=_degrees,
         metavar="DEG",
-        help="only views whose camera, seen from the hand, is at most so many degrees from a training camera",
-    )
-    parser.add_argument("--max-images", type=parse_count, metavar="N", help="only N views of each split, evenly spaced")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="folder for scores.csv, the summary, and sheets of pictures"
+        help="only views whose camera, seen from the hand, is within this angle of a training camera",
     )
     parser.add_argument(
-        "--worst", type=parse_count, default=8, metavar="K", help="views in worst.png (default: %(default)s)"
+        "--max-images", type=parse_count, metavar="N", help="at most N views of each split, evenly spaced"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder for scores.csv, the summaries and the contact sheets"
+    )
+    parser.add_argument(
+        "--worst", type=parse_count, default=8, metavar="K", help="number of views in worst.png (default: %(default)s)"
     )
     parser.add_argument(
         "--lpips-weights",
         type=Path,
         nargs=2,
         metavar=("NETWORK", "HEADS"),
-        help="adds LPIPS: torchvision's VGG16, AlexNet or SqueezeNet 1.1, and the published linear heads for it",
+        help="measure LPIPS with torchvision's VGG16, AlexNet or SqueezeNet 1.1 and the published linear heads for it",
     )
     parser.add_argument(
-        "--perceptual-weights", type=Path, metavar="FILE", help="VGG19's, as in training: adds a distance, not LPIPS"
+        "--perceptual-weights",
+        type=Path,
+        metavar="FILE",
+        help="measure the VGG19 distance of training, which is not LPIPS",
     )
-    parser.add_argument("--record", action="store_true", help="write the figures into the avatar's own header")
+    parser.add_argument("--record", action="store_true", help="write the results into the avatar's metadata")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
 
@@ -71,24 +77,26 @@ def _run(args: argparse.Namespace) -> dict:
     from ..hand.model_file import load_default_hand, load_hand_model
     from ..rendering.renderer import Renderer
     from .evaluate import check_any, scored_views
-    from .pictures import ShownViews
     from .report import summary_tables
+    from .sheets import SheetViews
     from .summary import by_split, summary
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
     capture = load_capture(args.capture)
     views = _views_of(capture, args.split, args.max_images)
-    shown = ShownViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))
-    measured = scored_views(renderer, capture, views, _distances(args, renderer.torch_device), args.max_camera_gap)
-    scores = [view.score for view in shown.watch(measured)]
+    sheets = SheetViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))
+    measured = scored_views(
+        renderer, capture, views, _distances(args, renderer.torch_device), args.max_train_view_angle
+    )
+    scores = [view.score for view in sheets.watch(measured)]
     check_any(scores, capture)
     total, splits = summary(scores), by_split(scores)
     lines = {**splits, args.split: total} if args.split in _SEVERAL else {args.split: total}
-    text = "\n".join([summary_tables(lines), *_left_out(total)])
+    text = "\n".join([summary_tables(lines), *_notes(total)])
     if args.output:
         _write_results(args, scores, (total, splits), text)
-        shown.save(args.output)
+        sheets.save(args.output)
     if args.record:
         _record(renderer.avatar, splits, args.avatar)
     return {**total, "summary": text}
@@ -101,13 +109,13 @@ def _record(avatar: Avatar, by_split: dict[str, Summary], path: Path) -> None:
 
 
 def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureView]:
-    there = {view.split for view in capture.views}
-    names = sorted(there - {"train"} if split == "held_out" else there) if split in _SEVERAL else [split]
+    present = {view.split for view in capture.views}
+    names = sorted(present - {"train"} if split == "held_out" else present) if split in _SEVERAL else [split]
     return [view for name in names for view in _spaced(capture.of_split(name), most)]  # type: ignore[arg-type]
 
 
 def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
-    """At most so many, evenly spaced."""
+    """At most `most` views, evenly spaced."""
     if most is None or len(views) <= most:
         return views
     return [views[index * len(views) // most] for index in range(most)]
@@ -123,7 +131,7 @@ def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]
     return found
 
 
-def _left_out(total: Summary) -> list[str]:
+def _notes(total: Summary) -> list[str]:
     return [] if "flip" in total else ["", _NO_FLIP]
 
 

@@ -1,4 +1,4 @@
-"""Contact sheets: pictures side by side on a neutral ground."""
+"""Contact sheets: images side by side on a dark grey background."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-GROUND = 0.08
+BACKGROUND = 0.08
 ERROR_GAIN = 4.0
 _LABEL_PX, _LABEL_GREY = 15, 0.85
 
@@ -16,37 +16,36 @@ _LABEL_PX, _LABEL_GREY = 15, 0.85
 def comparison_sheet(
     pairs: Sequence[tuple[np.ndarray, np.ndarray]], triples_per_row: int = 4, labels: Sequence[str] | None = None
 ) -> np.ndarray:
-    """[H, W, 3] uint8: for every (truth, image) [h, w, 4] premultiplied, truth | image | error x 4.
+    """[H, W, 3] uint8: truth | image | error x 4 for every pair (truth, image) of premultiplied [h, w, 4] images.
 
-    Pictures keep their size; where sizes differ, smaller ones lie in the upper left of the largest's place. A label, if
-    given, stands above its triple.
+    Smaller images lie in the upper left of the largest one's place. Labels, if given, stand above their triples.
     """
     height, width = (max(truth.shape[axis] for truth, _ in pairs) for axis in (0, 1))
     triples = []
     for index, (truth, image) in enumerate(pairs):
         error = np.abs(image[..., :3] - truth[..., :3]).mean(-1, keepdims=True) * ERROR_GAIN
-        pictures = [on_ground(truth), on_ground(image), np.repeat(error, 3, -1)]
+        pictures = [on_background(truth), on_background(image), np.repeat(error, 3, -1)]
         triple = np.concatenate([_padded(picture, height, width) for picture in pictures], 1)
         strip = [label_strip(labels[index], 3 * width)] if labels is not None else []
         triples.append(np.concatenate([*strip, triple]))
     return tile(triples, triples_per_row)
 
 
-def on_ground(image: np.ndarray) -> np.ndarray:
-    """[h, w, 3]: premultiplied RGBA over the sheet's dark grey, in encoded colour, as viewers do."""
-    return image[..., :3] + GROUND * (1 - image[..., 3:])
+def on_background(image: np.ndarray) -> np.ndarray:
+    """[h, w, 3]: premultiplied RGBA over the sheet's dark grey, composited in encoded colour as image viewers do."""
+    return image[..., :3] + BACKGROUND * (1 - image[..., 3:])
 
 
 def label_strip(text: str, width: int) -> np.ndarray:
-    """[h, width, 3] in [0, 1]: a line of light grey text; what does not fit is cut off."""
-    strip = Image.new("L", (width, _LABEL_PX + 6), round(GROUND * 255))
+    """[h, width, 3] in [0, 1]: a line of light grey text, cut off at the width."""
+    strip = Image.new("L", (width, _LABEL_PX + 6), round(BACKGROUND * 255))
     font = ImageFont.load_default(_LABEL_PX)
     ImageDraw.Draw(strip).text((4, 1), text, round(_LABEL_GREY * 255), font)
     return np.repeat(np.asarray(strip, np.float32)[..., None] / 255, 3, -1)
 
 
 def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
-    """[H, W, 3] uint8: equally large tiles [h, w, 3] in [0, 1], row by row; missing ones are black."""
+    """[H, W, 3] uint8: tiles [h, w, 3] in [0, 1] of equal size, row by row; unused places are black."""
     height, width = tiles[0].shape[:2]
     rows = -(-len(tiles) // columns)
     sheet = np.zeros((rows * height, columns * width, 3), np.float32)
@@ -57,7 +56,7 @@ def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
 
 
 def save_sheet(sheet: np.ndarray, path: Path) -> None:
-    """Write a sheet under a temporary name, then in place; its folder is made."""
+    """Write a sheet under a temporary name and rename it; its folder is created."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_stem(f".{path.stem}.partial")
     Image.fromarray(sheet).save(partial)
@@ -66,4 +65,4 @@ def save_sheet(sheet: np.ndarray, path: Path) -> None:
 
 def _padded(picture: np.ndarray, height: int, width: int) -> np.ndarray:
     padding = ((0, height - picture.shape[0]), (0, width - picture.shape[1]), (0, 0))
-    return np.pad(picture, padding, constant_values=GROUND)
+    return np.pad(picture, padding, constant_values=BACKGROUND)

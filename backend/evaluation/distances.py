@@ -1,4 +1,4 @@
-"""Distances between what a network sees in two pictures, for which the user brings the weights."""
+"""Perceptual distances between two images, by networks whose weights the user supplies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from .metrics import Similarity
+from .metrics import Similarity, mask_box
 from .perceptual.lpips import load_lpips
 from .perceptual.vgg import load_vgg_distance
 
@@ -18,7 +18,7 @@ _MARGIN_PX = 16
 
 
 class Distance(NamedTuple):
-    """A column's name; the distance of two pictures [1, 3, H, W], sRGB-encoded in [0, 1]; where it is computed."""
+    """A column's name, the distance of two images [1, 3, H, W], sRGB-encoded in [0, 1], and its device."""
 
     name: str
     between: Callable[[Tensor, Tensor], Tensor]
@@ -26,7 +26,7 @@ class Distance(NamedTuple):
 
 
 def vgg19_distance(weights: Path, device: torch.device) -> Distance:
-    """Training's perceptual loss: relative L1 between VGG19 features. Uncalibrated, and not LPIPS.
+    """The perceptual loss of training: relative L1 between VGG19 features, uncalibrated and not LPIPS.
 
     Raises:
         LiveHandError: the file does not hold VGG19.
@@ -35,10 +35,10 @@ def vgg19_distance(weights: Path, device: torch.device) -> Distance:
 
 
 def lpips_distance(weights: Path, heads: Path, device: torch.device) -> Distance:
-    """`lpips` where both files are the published ones, images in [-1, 1]; else `uncalibrated`, the same formula.
+    """`lpips` if both files are the published ones, else `uncalibrated`: the same formula on images in [-1, 1].
 
     Raises:
-        LiveHandError: a file is not there, or of another network.
+        LiveHandError: a file is missing or of another network.
     """
     distance = load_lpips(weights, heads).to(device)
     return Distance("lpips" if distance.is_lpips else "uncalibrated", distance, device)
@@ -48,16 +48,8 @@ def lpips_distance(weights: Path, heads: Path, device: torch.device) -> Distance
 def distance_of(
     distance: Distance, image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]
 ) -> Similarity:
-    """Distance of the whole image, and of the hand's crop (its bounding box and 16 px around, within the image)."""
+    """Distance of the whole image, and of the hand's bounding box with a margin of 16 px, within the image."""
     a, b = (x.permute(2, 0, 1)[None].float().to(distance.device) for x in (image, truth))
-    box = _hand_box(hand)
+    box = mask_box(hand, _MARGIN_PX)
+    assert box is not None, "views without the hand are skipped"
     return Similarity(float(distance.between(a, b)), float(distance.between(a[..., *box], b[..., *box])))
-
-
-def _hand_box(hand: Bool[Tensor, "H W"]) -> tuple[slice, slice]:
-    rows, columns = (hand.any(axis).nonzero() for axis in (1, 0))
-    return _around(rows), _around(columns)
-
-
-def _around(places: Tensor) -> slice:
-    return slice(max(int(places[0]) - _MARGIN_PX, 0), int(places[-1]) + 1 + _MARGIN_PX)

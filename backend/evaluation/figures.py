@@ -1,4 +1,4 @@
-"""All figures of one view, by name: what the columns of scores.csv hold. docs/evaluation.md defines each."""
+"""All metrics of one view, keyed by their column in scores.csv; docs/evaluation.md defines them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .seen_surface import SeenSurface
 def view_figures(
     image: np.ndarray, truth: np.ndarray, surface: SeenSurface, distances: Sequence[Distance] = ()
 ) -> dict[str, float]:
-    """Figures of a picture [H, W, 4] against the truth, encoded colour times alpha, and alpha.
+    """Metrics of an image [H, W, 4] against the truth; both hold encoded colour times alpha, and alpha.
 
-    FLIP is left out where its package is missing. NaN stands for what an image of this size or hand cannot have.
+    FLIP is absent where its package is missing. A metric that is undefined for this image size or hand is NaN.
     """
     ours, true = (torch.as_tensor(x, dtype=torch.float32) for x in (image, truth))
     pair, hand = (ours[..., :3], true[..., :3]), true[..., 3] > 0.5

@@ -1,7 +1,7 @@
-"""FLIP (Andersson et al. 2020), by the optional package `flip-evaluator`: the difference one sees when flipping.
+"""FLIP (Andersson et al. 2020), by the optional package `flip-evaluator`: the difference seen when alternating images.
 
-Low dynamic range, sRGB-encoded pictures on black, at the package's standard 67 pixels a degree (a 4K display of 0.7 m
-seen from 0.7 m). 0 is equal, 1 the largest difference; a figure is the mean of the map.
+LDR-FLIP of sRGB-encoded images on black, at the package's default of 67 pixels per degree (a 4K display 0.7 m wide,
+seen from 0.7 m). 0 means equal, 1 is the largest difference; the metric is the mean of the map.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from torch import Tensor
 from ..records.errors import LiveHandError
 from .metrics import difference_box
 
-# More than twice the reach of FLIP's filters (10 px): where the pictures agree so far around, it is 0.
+# Over twice the reach of FLIP's filters (10 px): at this distance from any difference, FLIP is 0.
 _MARGIN_PX = 32
 
 

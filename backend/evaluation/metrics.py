@@ -1,7 +1,7 @@
-"""Picture metrics on sRGB-encoded images [H, W, 3] in [0, 1], ground truth and render both on black.
+"""Image metrics on sRGB-encoded images [H, W, 3] in [0, 1], ground truth and render both on black.
 
-`hand` [H, W] marks the pixels of the hand: those where the ground truth's alpha is over 0.5. The windowed metrics are
-means over the windows that lie wholly in the image; on the hand, over those whose centre is a pixel of the hand.
+`hand` [H, W] marks the pixels of the hand, where the ground truth's alpha exceeds 0.5. The windowed metrics are means
+over the windows that lie wholly in the image; on the hand, over those whose centre is a pixel of the hand.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
+from scipy.ndimage import gaussian_filter
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, conv2d
+from torch.nn.functional import avg_pool2d
 
-# Equal images have no finite PSNR; 8-bit ones that differ by nothing visible end here.
 MAX_PSNR_DB = 100.0
+"""The PSNR of equal images, which would be infinite."""
 _WINDOW_PX, _SIGMA_PX = 11, 1.5
 _REACH_PX = _WINDOW_PX // 2
 # Wang et al. 2003, table of section 3.3: the exponents of the five scales, finest first.
@@ -23,14 +24,14 @@ _SCALE_EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
 
 class Similarity(NamedTuple):
-    """A figure of the whole image and of the hand; NaN where no window fits, or none on the hand."""
+    """The value for the whole image and for the hand; NaN where no window fits, or none on the hand."""
 
     full: float
     hand: float
 
 
 class _Comparison(NamedTuple):
-    """Per window [h, w]: similarity, and its contrast-and-structure factor alone; means over the channels."""
+    """Per window [h, w]: similarity, and its contrast-and-structure factor; means over the channels."""
 
     similarity: Tensor
     structure: Tensor
@@ -63,9 +64,9 @@ def similarities(
 ) -> tuple[Similarity, Similarity]:
     """`ssim`, and multi-scale structural similarity (Wang et al. 2003) of five scales.
 
-    MS-SSIM takes contrast and structure from four scales and the whole similarity from the fifth. Each scale is the
-    mean of the one before over 2 x 2 px; an odd last row or column stands for two. A negative mean counts as 0. Images
-    under 161 px a side have none: NaN.
+    MS-SSIM uses contrast and structure at four scales and the whole similarity at the fifth. Each scale is the mean of
+    the one before over 2 x 2 px; an odd last row or column counts twice. A negative mean counts as 0. The result is NaN
+    for images with a side under 161 px.
     """
     a, b, mask = _channels_first(image), _channels_first(truth), hand.double()[None]
     per_scale = []
@@ -95,7 +96,7 @@ def _channels_first(image: Float[Tensor, "H W C"]) -> Float[Tensor, "C H W"]:
 
 
 def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Comparison:
-    """All windows of two pictures. Those in which the pictures agree score 1 and are not looked at."""
+    """All windows of two images; windows in which they are equal score 1 and are not computed."""
     rows, columns = (max(side - _WINDOW_PX + 1, 0) for side in a.shape[1:])
     compared = _Comparison(*(torch.ones(rows, columns, dtype=a.dtype) for _ in range(2)))
     box = difference_box(a, b, margin_px=_WINDOW_PX - 1)
@@ -109,13 +110,17 @@ def _compare(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _Compariso
 
 
 def difference_box(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"], margin_px: int) -> tuple[slice, slice] | None:
-    """(rows, columns) that hold every pixel where two pictures differ, and a margin; None where they are equal."""
-    differs = (a != b).any(0)
+    """(rows, columns) of the box around all pixels that differ, with a margin; None if the images are equal."""
+    return mask_box((a != b).any(0), margin_px)
+
+
+def mask_box(mask: Bool[Tensor, "H W"], margin_px: int) -> tuple[slice, slice] | None:
+    """(rows, columns) of the box around a mask, with a margin within the image; None if the mask is empty."""
+    if not mask.any():
+        return None
     sides = []
-    for axis, limit in ((1, differs.shape[0]), (0, differs.shape[1])):
-        places = differs.any(axis).nonzero()
-        if not len(places):
-            return None
+    for axis, limit in ((1, mask.shape[0]), (0, mask.shape[1])):
+        places = mask.any(axis).nonzero()
         sides.append(slice(max(int(places[0]) - margin_px, 0), min(int(places[-1]) + 1 + margin_px, limit)))
     return sides[0], sides[1]
 
@@ -131,7 +136,5 @@ def _compare_windows(a: Float[Tensor, "C H W"], b: Float[Tensor, "C H W"]) -> _C
 
 
 def _window_means(x: Float[Tensor, "N H W"]) -> Float[Tensor, "N h w"]:
-    offset = torch.arange(_WINDOW_PX, dtype=x.dtype) - _REACH_PX
-    kernel = torch.exp(-(offset**2) / (2 * _SIGMA_PX**2))
-    kernel = (kernel / kernel.sum()).expand(len(x), 1, -1)  # a group for each picture: many times faster than a batch
-    return conv2d(conv2d(x, kernel[..., None], groups=len(x)), kernel[:, :, None], groups=len(x))
+    blurred = torch.as_tensor(gaussian_filter(x.numpy(), _SIGMA_PX, radius=_REACH_PX, axes=(1, 2)))
+    return blurred[:, _REACH_PX:-_REACH_PX, _REACH_PX:-_REACH_PX]

@@ -1,4 +1,4 @@
-"""A capture's poses as meshes, each posed when it is first asked for."""
+"""The meshes of a capture's poses, each computed at its first use."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class _Posed(NamedTuple):
 
 
 class PosedHands:
-    """The capture's hand in each of its poses.
+    """The hand of a capture in each of its poses.
 
     Args:
         hand: the model, of either side.
-        sides: of each pose.
-        vertices: [V, 3] m, world, of each pose.
+        sides: the side of each pose.
+        vertices: of each pose, [V, 3] m, world.
     """
 
     def __init__(self, hand: HandModel, sides: Sequence[Side], vertices: Sequence[np.ndarray]):

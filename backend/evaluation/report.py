@@ -1,4 +1,4 @@
-"""An evaluation on disk and in words: scores.csv, summary.json, summary.txt."""
+"""The results of an evaluation as text: scores.csv, summary.json and summary.txt."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .breakdown import CAUSES, REGIONS
 from .evaluate import ViewScore
 from .summary import Summary, gain_db
 
-# Figure, heading, digits. A figure that was not measured has no column.
+# Key, heading, digits. A metric that was not measured has no column.
 _QUALITY = (
     ("images", "images", 0),
-    ("camera_gap_deg", "gap deg", 1),
+    ("camera_gap_deg", "angle deg", 1),
     ("psnr_full", "PSNR dB", 2),
     ("psnr_hand", "hand", 2),
     ("ssim", "SSIM", 4),
@@ -38,28 +38,28 @@ _IDENTITY = ("file", "split", "camera_index", "pose_index", "camera_gap_deg")
 
 
 def scores_csv(scores: Sequence[ViewScore]) -> str:
-    """A line for each image; empty where an image cannot have a figure."""
+    """A line for each image; the cell of an undefined metric is empty."""
     names = list(dict.fromkeys(name for score in scores for name in score.figures))
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
     writer.writerow((*_IDENTITY, *names))
     for score in scores:
         identity = [getattr(score, name) for name in _IDENTITY[:-1]]
-        numbers = [_digits(score.camera_gap_deg, 2), *(_digits(score.figures[name], 5) for name in names)]
+        numbers = [_digits(score.train_view_angle_deg, 2), *(_digits(score.figures[name], 5) for name in names)]
         writer.writerow((*identity, *numbers))
     return lines.getvalue()
 
 
 def summary_tables(summaries: Mapping[str, Summary]) -> str:
-    """Two tables to read, a line for each name: how good it is, and where the squared error lies."""
+    """Two tables with a line for each name: the metrics, and the breakdown of the squared error."""
     columns = [column for column in _QUALITY if any(column[0] in figures for figures in summaries.values())]
     quality = [["", *(heading for _, heading, _ in columns)]]
     for name, figures in summaries.items():
         quality.append([name, *(_digits(figures.get(key), digits) for key, _, digits in columns)])
-    lies = [["squared error at", *CAUSES, "true alpha"]]
+    breakdown = [["squared error at", *CAUSES, "true alpha"]]
     for name, figures in summaries.items():
-        lies += _breakdown_rows(name, figures)
-    return _table(quality) + "\n\n" + _table(lies)
+        breakdown += _breakdown_rows(name, figures)
+    return _table(quality) + "\n\n" + _table(breakdown)
 
 
 def _breakdown_rows(name: str, figures: Summary) -> list[list[str]]:
@@ -87,10 +87,10 @@ def _digits(value: float | int | None, digits: int) -> str:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a file under a temporary name, then in place; its folder is made.
+    """Write a file under a temporary name and rename it; its folder is created.
 
     Raises:
-        LiveHandError: it cannot be written.
+        LiveHandError: the file cannot be written.
     """
     partial = path.with_name(path.name + ".partial")
     try:
@@ -102,5 +102,5 @@ def write_text(text: str, path: Path) -> None:
 
 
 def summary_json(facts: Mapping[str, str], total: Summary, splits: Mapping[str, Summary]) -> str:
-    """What was evaluated, the figures of all of it, and of each split."""
+    """What was evaluated, and the summaries of all views and of each split."""
     return json.dumps({**facts, "all": total, "splits": splits}, indent=1, allow_nan=False) + "\n"

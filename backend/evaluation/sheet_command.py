@@ -1,4 +1,4 @@
-"""`livehand sheet`: the frames of a folder as one picture."""
+"""`livehand sheet`: a contact sheet of the frames in a folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from PIL import Image
 
 from ..records.errors import LiveHandError
 from ..runtime.command import Command, parse_count
-from .contact_sheet import on_ground, save_sheet, tile
+from .contact_sheet import on_background, save_sheet, tile
 
 SHEET_NAME = "contact_sheet.png"
 
@@ -31,9 +31,9 @@ def _run(args: argparse.Namespace) -> dict:
     if len(sizes) > 1:
         raise LiveHandError(f"the frames in {args.folder} must be of one size, got {sizes} px")
     try:
-        save_sheet(tile([on_ground(frame) for frame in frames], args.columns), output)
+        save_sheet(tile([on_background(frame) for frame in frames], args.columns), output)
     except (OSError, ValueError) as error:
-        raise LiveHandError(f"the sheet {output} could not be written ({error}); choose another place") from error
+        raise LiveHandError(f"the sheet {output} could not be written ({error}); choose another path") from error
     return {"sheet": str(output), "frames": len(frames), "summary": f"{output}: {len(frames)} frames"}
 
 
@@ -41,14 +41,14 @@ def read_frame(path: Path) -> np.ndarray:
     """[H, W, 4] float32 in [0, 1]: encoded colour times alpha, and alpha.
 
     Raises:
-        LiveHandError: not a picture.
+        LiveHandError: the file is not a readable image.
     """
     try:
         with Image.open(path) as image:
             pixels = np.asarray(image.convert("RGBA"), np.float32) / 255
     except OSError as error:
-        raise LiveHandError(f"{path} must be a readable picture ({error}); render it again") from error
+        raise LiveHandError(f"{path} must be a readable image ({error}); render it again") from error
     return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
 
 
-COMMAND = Command("sheet", "put the PNG frames of a folder into one picture", _add_arguments, _run)
+COMMAND = Command("sheet", "put the PNG frames of a folder on one contact sheet", _add_arguments, _run)

@@ -1,4 +1,4 @@
-"""The figures of many views as one line: means, and shares of all their squared error together."""
+"""Summaries over many views: means of the metrics, and shares of their total squared error."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _MAX_GAIN_DB = 99.0
 
 
 def summary(scores: Sequence[ViewScore]) -> Summary:
-    """`images`, mean and largest camera gap, and the mean of every figure over the views that have it.
+    """`images`, the mean and largest train-view angle, and the mean of every metric over the views that define it.
 
-    Figures that no view has are left out. `share_*` are shares of the squared error of all images together, each image
-    counted by its mean squared error.
+    Metrics that no view defines are left out. `share_*` are shares of the total squared error of all images, in which
+    each image counts with its mean squared error. The angle keeps its key of earlier files, `camera_gap_deg`.
     """
-    figures = [{"camera_gap_deg": score.camera_gap_deg, **score.figures} for score in scores]
+    figures = [{"camera_gap_deg": score.train_view_angle_deg, **score.figures} for score in scores]
     names = dict.fromkeys(name for of_view in figures for name in of_view)
     columns = {name: [of_view[name] for of_view in figures if isfinite(of_view[name])] for name in names}
     found: Summary = {"images": len(scores)}
@@ -31,13 +31,13 @@ def summary(scores: Sequence[ViewScore]) -> Summary:
 
 
 def by_split(scores: Sequence[ViewScore]) -> dict[str, Summary]:
-    """A summary of each split that has views."""
+    """The summary of each split that has views."""
     splits = sorted({score.split for score in scores})
     return {split: summary([score for score in scores if score.split == split]) for split in splits}
 
 
 def gain_db(share: float) -> float:
-    """By how much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
+    """How much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
     return min(10 * log10(1 / (1 - share)), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB
 
 

@@ -1,4 +1,4 @@
-"""`livehand benchmark` with Cycles, where Blender is there."""
+"""`livehand benchmark` with Cycles, where Blender is installed."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ...backend.runtime.command import say
 if TYPE_CHECKING:
     from ...backend.benchmark.measure import CyclesRender
 
-# What building the detailed surface needs beside Blender; pip's extra `capture` holds all.
+# Building the detailed surface needs these; pip's extra `capture` installs them.
 _NEEDED = ("bpy", "scipy", "skimage")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measure, Cycles too if it can be and is wanted."""
+    """Run the benchmark, with Cycles if it is installed and wanted."""
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing and not args.no_cycles:
         say(f"without Cycles: {', '.join(missing)} not installed (pip install 'livehand[capture]')")

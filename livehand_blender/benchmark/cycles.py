@@ -1,7 +1,7 @@
 """Cycles on the benchmark's frames: the built-in hand's detailed surface, as captures render it.
 
-What is timed is one still render. Its stage `sync`, which is not counted as Cycles' time, ends when Cycles reports its
-first sample: until then it copies the scene and builds the acceleration structure. The denoiser belongs to `render`.
+One still render is timed. In its stage `sync`, which ends at the first sample and is not counted, Cycles copies the
+scene and builds the acceleration structure. The stage `render` includes the denoiser.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from ..capture.surface import SkinSurface
 
 @dataclass(frozen=True)
 class CyclesHand:
-    """The lit scene with the hand in it."""
+    """The lit scene with the hand."""
 
     scene: bpy.types.Scene
     surface: SkinSurface
 
     @classmethod
     def create(cls, skin: Path | None, threads: int | None) -> CyclesHand:
-        """Build the scene; `skin` is a folder of baked maps, or one to put them into (None: they are not kept)."""
+        """Build the scene; `skin` is a folder of baked maps, which are baked into it if missing (None: not kept)."""
         with blender_silenced(), tempfile.TemporaryDirectory() as folder:
             scene = capture_scene(threads)
             model = load_default_hand()
@@ -43,13 +43,13 @@ class CyclesHand:
             maps = bake_skin(surface.object, skin or Path(folder), SkinTone())
             surface.object.data.materials.append(baked_material(maps, SkinTone()))
             for image in bpy.data.images:
-                image.pack()  # the folder may go before the first render
+                image.pack()  # a temporary folder is gone before the first render
         return cls(scene, surface)
 
-    def render(self, moment: MotionFrame, samples: int) -> Stages:
-        """Render one frame, denoised; what synchronising and rendering took, the pose being set already."""
-        self.surface.set_pose(moment.pose)
-        set_camera(self.scene, moment.camera)
+    def render(self, frame: MotionFrame, samples: int) -> Stages:
+        """Render one frame with denoising; returns the cost of `sync` and `render`, without setting the pose."""
+        self.surface.set_pose(frame.pose)
+        set_camera(self.scene, frame.camera)
         self.scene.cycles.use_denoising = True  # baking turns it off
         self.scene.cycles.samples = samples
         stopwatch = Stopwatch()
@@ -61,12 +61,13 @@ class CyclesHand:
 
 @contextlib.contextmanager
 def _first_sample(stopwatch: Stopwatch) -> Iterator[None]:
-    """Begin the stage `render` when the render's statistics first speak of samples."""
-    told = []
+    """Begin the stage `render` when the render's statistics first mention samples."""
+    is_sampling = False
 
     def on_statistics(statistics: str, *_) -> None:
-        if not told and "Sample" in str(statistics):
-            told.append(statistics)
+        nonlocal is_sampling
+        if not is_sampling and "Sample" in str(statistics):
+            is_sampling = True
             stopwatch.begin("render")
 
     bpy.app.handlers.render_stats.append(on_statistics)

@@ -1,1 +1,1 @@
-"""Cycles multi-view captures of the built-in hand, the avatars' training data."""
+"""Multi-view captures rendered with Cycles: the training data of avatars."""

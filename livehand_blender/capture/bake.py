@@ -1,4 +1,4 @@
-"""Bakes the pose-independent skin to three float maps: unbaked, its bump costs three times the render time."""
+"""Bakes the pose-independent skin to three float maps; the procedural bump would triple the render time."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ from pathlib import Path
 
 import bpy
 
-from .node_graph import NodeGraph, Socket
+from .node_graph import NodeGraph, Socket, enable_nodes
 from .skin import SkinChannels, SkinTone, procedural_channels
 
 MAPS = ("albedo", "height", "mask")
 
 
 def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: int = 2048) -> dict[str, Path]:
-    """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder, unless all are there; their paths."""
+    """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder unless all exist; returns their paths."""
     paths = {name: folder / f"{name}.exr" for name in MAPS}
     if all(path.is_file() for path in paths.values()):
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     material = bpy.data.materials.new("bake")
-    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
-        material.use_nodes = True
     surface.data.materials.clear()
     surface.data.materials.append(material)
     graph, emission = _emissive(material)
@@ -34,17 +32,17 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
 
 
 def _set_bake_sampling(cycles: bpy.types.PropertyGroup) -> None:
-    """An emission has no noise but its own texture's: a few samples to filter that, and nothing to denoise."""
+    """Emission is noise-free: a few samples filter the texture, and nothing has to be denoised."""
     cycles.samples = 4
     cycles.use_denoising = False
 
 
 def _emissive(material: bpy.types.Material) -> tuple[NodeGraph, bpy.types.Node]:
-    nodes = material.node_tree.nodes
-    nodes.remove(nodes["Principled BSDF"])
-    graph = NodeGraph(material.node_tree)
+    tree = enable_nodes(material)
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+    graph = NodeGraph(tree)
     emission = graph.node("ShaderNodeEmission")
-    graph.connect(emission.outputs[0], nodes["Material Output"].inputs[0])
+    graph.connect(emission.outputs[0], tree.nodes["Material Output"].inputs[0])
     return graph, emission
 
 

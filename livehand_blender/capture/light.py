@@ -1,4 +1,4 @@
-"""The captures' light: a world-only dome, so that self-shadowing depends on the pose. Z up, front -Y."""
+"""The light of captures: a dome in world space, so that self-shadowing depends on the pose. Z up, front -Y."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from .node_graph import NodeGraph
+from .node_graph import NodeGraph, enable_nodes
 
 
 class Lobe(NamedTuple):
-    """One soft light: direction towards it, linear radiance, and how narrow it is (cosine exponent)."""
+    """A soft light: direction towards it, linear radiance, and cosine exponent (larger is narrower)."""
 
     towards: tuple[float, float, float]
     radiance: tuple[float, float, float]
@@ -26,18 +26,16 @@ GROUND, SKY = (0.22, 0.205, 0.19), (0.36, 0.39, 0.44)
 
 
 def dome_world() -> bpy.types.World:
-    """Ground-to-sky gradient plus four lobes."""
+    """A gradient from ground to sky, and four lobes."""
     world = bpy.data.worlds.new("dome")
-    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
-        world.use_nodes = True
-    graph = NodeGraph(world.node_tree)
+    graph = NodeGraph(enable_nodes(world))
     direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]
     separate = graph.node("ShaderNodeSeparateXYZ")
     graph.connect(direction, separate.inputs[0])
     radiance = graph.mix(graph.remap(separate.outputs["Z"], -1, 1, 0, 1), GROUND, SKY)
     for lobe in (KEY, FILL, KICK, BACK):
         radiance = graph.mix(1.0, radiance, _lobe_radiance(graph, direction, lobe), "ADD")
-    graph.connect(radiance, world.node_tree.nodes["Background"].inputs[0])
+    graph.connect(radiance, graph.tree.nodes["Background"].inputs[0])
     world.cycles.sampling_method = "MANUAL"
     world.cycles.sample_map_resolution = 256
     return world

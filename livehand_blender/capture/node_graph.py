@@ -1,4 +1,4 @@
-"""A few verbs for building shader node trees, so that a material reads as formulas."""
+"""Helpers for building shader node trees, so that a material reads like a formula."""
 
 from __future__ import annotations
 
@@ -10,8 +10,15 @@ Socket = Any
 """A node socket, or a plain value for an input's default."""
 
 
+def enable_nodes(owner: bpy.types.Material | bpy.types.World) -> bpy.types.NodeTree:
+    """The node tree of a new material or world."""
+    if bpy.app.version < (5, 0, 0):  # later versions always have nodes, and warn
+        owner.use_nodes = True
+    return owner.node_tree
+
+
 class NodeGraph:
-    """Builds nodes in one tree; every method returns the output socket of the node it adds."""
+    """Builds nodes in one tree; every method returns an output socket of the node that it adds."""
 
     def __init__(self, tree: bpy.types.NodeTree):
         self.tree = tree
@@ -84,7 +91,7 @@ class NodeGraph:
         return self.node("ShaderNodeAttribute", attribute_name=name).outputs[output]
 
     def noise(self, position: Socket, scale: float, detail: float, roughness: float) -> Socket:
-        """Fractal noise, about 0.5 in the mean."""
+        """Fractal noise with a mean of about 0.5."""
         node = self.node("ShaderNodeTexNoise")
         self.connect(position, node.inputs["Vector"])
         for name, value in (("Scale", scale), ("Detail", detail), ("Roughness", roughness)):
@@ -99,14 +106,14 @@ class NodeGraph:
         return node.outputs["Distance"]
 
     def combine(self, *channels: Socket) -> Socket:
-        """Up to three scalars as one colour."""
+        """A colour of up to three channels."""
         node = self.node("ShaderNodeCombineColor")
         for value, target in zip(channels, node.inputs, strict=False):
             self.connect(value, target)
         return node.outputs[0]
 
     def separate(self, colour: Socket) -> tuple[Socket, Socket, Socket]:
-        """A colour as three scalars."""
+        """The three channels of a colour."""
         node = self.node("ShaderNodeSeparateColor")
         self.connect(colour, node.inputs[0])
         return tuple(node.outputs)  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""A hand model of one's own as a Blender mesh in its own look, moved by a shape key: materials see the resting mesh."""
+"""A custom hand model as a Blender mesh with its own look. A shape key poses it, so materials see the rest mesh."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
 from .look import append_look
-from .node_graph import NodeGraph
+from .node_graph import NodeGraph, enable_nodes
 from .skin import SkinTone
 
 _POSED = "Posed"
@@ -20,7 +20,7 @@ _POSED = "Posed"
 
 @dataclass(frozen=True)
 class OwnSurface:
-    """A hand model and its Blender object, whose first vertices, before subdivision, are the model's."""
+    """A hand model and its Blender object, whose mesh before modifiers has the model's vertices."""
 
     model: HandModel
     object: bpy.types.Object
@@ -30,42 +30,41 @@ class OwnSurface:
         """Append the mesh of a look's .blend to the current scene.
 
         Raises:
-            LiveHandError: the file cannot be read, or does not hold one mesh of this model's vertices.
+            LiveHandError: the file cannot be read, or does not contain exactly one mesh with this model's vertices.
         """
-        surface = cls(model, append_look(model, path))
-        surface.object.shape_key_add(name="Rest")
-        surface.object.shape_key_add(name=_POSED).value = 1.0
-        return surface
+        return cls(model, _with_shape_keys(append_look(model, path)))
 
     @classmethod
     def plain(cls, model: HandModel, tone: SkinTone) -> OwnSurface:
-        """The model's own faces in a plain skin, for a hand without a look."""
+        """The model's faces with a plain skin material, for a hand without a look."""
         mesh = bpy.data.meshes.new("hand")
         mesh.from_pydata(model.v_template.tolist(), [], model.f.tolist())
         mesh.polygons.foreach_set("use_smooth", np.ones(len(model.f), bool))
         rest = mesh.attributes.new("rest", "FLOAT_VECTOR", "POINT")
         rest.data.foreach_set("vector", (1e3 * model.v_template).astype(np.float32).ravel())
         mesh.materials.append(_plain_material(tone))
-        surface = cls(model, bpy.data.objects.new("hand", mesh))
-        bpy.context.scene.collection.objects.link(surface.object)
-        surface.object.shape_key_add(name="Rest")
-        surface.object.shape_key_add(name=_POSED).value = 1.0
-        return surface
+        hand = bpy.data.objects.new("hand", mesh)
+        bpy.context.scene.collection.objects.link(hand)
+        return cls(model, _with_shape_keys(hand))
 
     def set_pose(self, pose: HandPose) -> None:
-        """Move the mesh to the pose: its vertices are what the renderer is given."""
+        """Move the mesh to the pose, with the same vertices that the renderer receives."""
         posed = posed_vertices(self.model, pose).astype(np.float32)
         mesh = self.object.data
         mesh.shape_keys.key_blocks[_POSED].data.foreach_set("co", posed.ravel())
         mesh.update_tag()
 
 
+def _with_shape_keys(hand: bpy.types.Object) -> bpy.types.Object:
+    hand.shape_key_add(name="Rest")
+    hand.shape_key_add(name=_POSED).value = 1.0
+    return hand
+
+
 def _plain_material(tone: SkinTone) -> bpy.types.Material:
-    """Patches of warmth and pallor, and a fine grain; no folds and no nails, which need masks."""
+    """Warm, pale and dark patches; folds and nails need masks, which a custom hand lacks."""
     material = bpy.data.materials.new("plain skin")
-    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
-        material.use_nodes = True
-    graph = NodeGraph(material.node_tree)
+    graph = NodeGraph(enable_nodes(material))
     rest_mm = graph.attribute("rest", "Vector")
     low, mid = graph.noise(rest_mm, 0.045, 3, 0.55), graph.noise(rest_mm, 0.16, 4, 0.6)
     colour = graph.mix(graph.smooth(low, 0.35, 0.65, 0, 0.5), tone.dorsal, tone.warm_patch)
@@ -77,7 +76,7 @@ def _plain_material(tone: SkinTone) -> bpy.types.Material:
         "Subsurface Radius": (1.0, 0.36, 0.19),
         "Subsurface Scale": 0.0024,
     }
-    shader = material.node_tree.nodes["Principled BSDF"]
+    shader = graph.tree.nodes["Principled BSDF"]
     for name, value in inputs.items():
         graph.connect(value, shader.inputs[name])
     return material

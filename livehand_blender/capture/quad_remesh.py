@@ -1,7 +1,7 @@
-"""Rebuild the built-in hand with new quads: Blender's QuadriFlow between the two halves of the backend's generator.
+"""Rebuilds the built-in hand with new quads, using Blender's QuadriFlow between two steps of the backend's generator.
 
-Needed only after a change of the anatomy; the built hand ships as data. QuadriFlow's counts change with small edits of
-the surface, and with them every avatar trained on the hand becomes worthless.
+This is needed only after a change of the anatomy, because the built hand ships as data. Small edits of the surface
+change the number of quads, and then avatars trained on the hand no longer fit.
 
     python -m livehand.livehand_blender.capture.quad_remesh OUT.npz
 """
@@ -36,7 +36,7 @@ def quad_remesh(
         _run_quadriflow(hand, target_faces)
         return _quads_of(hand.data)
     finally:
-        bpy.data.meshes.remove(hand.data)  # and the object with it
+        bpy.data.meshes.remove(hand.data)  # also removes the object
 
 
 def _run_quadriflow(hand: bpy.types.Object, target_faces: int) -> None:
@@ -65,7 +65,7 @@ def _quads_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Command line: the whole chain from the anatomy, with quads made anew."""
+    """Command line: build the hand from its anatomy with new quads."""
     from ...backend.hand.builtin.generate import build_hand, dense_surface, projected_quads, write_hand
 
     parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy with new quads.")

@@ -1,4 +1,4 @@
-"""Renders a capture: the main road, resumable at any moment."""
+"""Renders a capture; an interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from .surface import SkinSurface
 
 @dataclass(frozen=True)
 class DressedHand:
-    """A hand model that is not the built-in one, and the .blend of its look; None: a plain skin."""
+    """A custom hand model, and the .blend of its look (None: a plain skin)."""
 
     model: HandModel
     look: Path | None
 
 
 class Surface(Protocol):
-    """A hand in the scene that takes on poses."""
+    """A hand in the scene that can be posed."""
 
     def set_pose(self, pose: HandPose) -> None:
         """Move it to the pose."""
@@ -44,22 +44,22 @@ class Surface(Protocol):
 def render_capture(
     folder: Path, plan: CapturePlan, provenance: dict, threads: int | None = None, own: DressedHand | None = None
 ) -> Capture:
-    """Render what the plan says into the folder, skipping images that are already whole.
+    """Render the planned views into the folder, skipping images that are already complete.
 
     Args:
-        folder: the capture's.
-        plan: what it will hold.
-        provenance: kept in its index.
+        folder: of the capture.
+        plan: its poses, cameras and splits.
+        provenance: written to its index.
         threads: of Cycles; None: all.
-        own: the hand; None: the built-in one.
+        own: the hand; None: the built-in hand.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
     """
     model = own.model if own else load_default_hand()
     capture = plan.make(folder, model, provenance)
-    _claim_folder(capture)
-    missing = [view for view in capture.views if not is_whole(folder / view.file, view)]
+    _begin_or_resume(capture)
+    missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
     if missing:
         render_views(capture, missing, plan, own or detailed_surface(model), threads)
     return capture
@@ -72,7 +72,7 @@ def render_views(
     subject: DressedHand | DetailedSurface,
     threads: int | None,
 ) -> None:
-    """Render the views, pose by pose, so that Cycles builds its acceleration structure once a pose."""
+    """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
     scene = capture_scene(threads)
     tone = SKIN_TONES[plan.tone]
     surface = (
@@ -103,19 +103,19 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, plan: CapturePlan, f
     set_camera(scene, view.camera)
     scene.cycles.use_denoising = True
     scene.cycles.samples = plan.samples if view.split == "train" else plan.eval_samples
-    # One noise pattern for all views would be learnt as texture.
+    # Noise that is equal in all views would be learnt as texture.
     scene.cycles.seed = 1000 * view.pose_index + view.camera_index
     final = folder / view.file
     partial = final.with_name("partial_" + final.name)
     scene.render.filepath = str(partial)
     bpy.ops.render.render(write_still=True)
-    if not is_whole(partial, view):
-        raise LiveHandError(f"Cycles must write {partial}, got no whole image; is the disk full?")
+    if not is_complete(partial, view):
+        raise LiveHandError(f"Cycles must write {partial}, got no complete image; is the disk full?")
     partial.rename(final)
 
 
-def is_whole(path: Path, view: CaptureView) -> bool:
-    """Whether the image exists, decodes and has its camera's size."""
+def is_complete(path: Path, view: CaptureView) -> bool:
+    """Whether the image exists, can be decoded and has its camera's size."""
     try:
         with Image.open(path) as image:
             image.load()
@@ -124,8 +124,8 @@ def is_whole(path: Path, view: CaptureView) -> bool:
         return False
 
 
-def _claim_folder(capture: Capture) -> None:
-    """Write the index, or check that it is this capture's own."""
+def _begin_or_resume(capture: Capture) -> None:
+    """Write the index, or check that the existing one is of the same capture."""
     index = capture.folder / "transforms.json"
     previous = index.read_text() if index.is_file() else None
     try:
@@ -141,5 +141,5 @@ def _claim_folder(capture: Capture) -> None:
 def _check_same_capture(capture: Capture, previous: str) -> None:
     if previous.strip() != index_document(capture).strip():
         raise LiveHandError(
-            f"{capture.folder} holds another capture (other seed, sizes or version); give an empty folder"
+            f"{capture.folder} holds another capture (other seed, sizes or version); choose an empty folder"
         )

@@ -1,4 +1,4 @@
-"""The Cycles scene of a capture: film, sampling, light, and a camera that follows a `Camera` record."""
+"""The Cycles scene of a capture: film, sampling, light and camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def capture_scene(threads: int | None = None) -> bpy.types.Scene:
-    """An empty file whose scene is lit and set for transparent, denoised, exactly sRGB-encoded pictures."""
+    """An empty file with a lit scene that renders transparent, denoised, exactly sRGB-encoded images."""
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     scene.world = dome_world()
@@ -59,7 +59,7 @@ def _set_film(scene: bpy.types.Scene) -> None:
 
 
 def set_camera(scene: bpy.types.Scene, camera: Camera) -> None:
-    """Make the scene's camera see what `camera` sees (square pixels: fx = fy)."""
+    """Set the scene's camera to `camera`, which must have square pixels (fx = fy)."""
     width, height = camera.size_px
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100

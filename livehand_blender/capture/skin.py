@@ -1,7 +1,7 @@
-"""The skin of captures: a procedural Cycles material, baked once, whose folds and blanching follow the pose.
+"""The skin of captures: a procedural Cycles material that is baked once; its folds and blanching follow the pose.
 
-Inputs are the look masks of the detailed surface (`backend/hand/builtin/skin_masks.py`), `rest` (rest position, mm) and
-`flex` (bend of the nearest joint, 1 = 65 degrees), all vertex attributes. Colours are linear Rec.709.
+Its inputs are vertex attributes: the masks of the detailed surface (`backend/hand/builtin/skin_masks.py`), `rest` (rest
+position, mm) and `flex` (bend of the nearest joint, 1 = 65 degrees). Colours are linear Rec.709.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 
-from .node_graph import NodeGraph, Socket
+from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (
     "palm", "nail", "naily", "nailedge", "tfold", "foldd", "foldp", "red", "tip", "vein", "crease", "knuck",
@@ -22,7 +22,7 @@ UV_LAYER = "uv"
 
 @dataclass(frozen=True)
 class SkinTone:
-    """The colours one skin differs by from another, linear Rec.709."""
+    """The colours of a skin, linear Rec.709."""
 
     dorsal: tuple[float, float, float] = (0.62, 0.355, 0.25)
     palm: tuple[float, float, float] = (0.77, 0.465, 0.385)
@@ -44,7 +44,7 @@ class SkinTone:
 
 SKIN_TONES = {
     "light": SkinTone(),
-    # Dark back, light palm; veins and redness hardly show, creases do.
+    # Dark back and light palm; creases are more visible than veins and redness.
     "deep": SkinTone(
         dorsal=(0.185, 0.080, 0.042),
         palm=(0.50, 0.255, 0.165),
@@ -68,14 +68,14 @@ SKIN_TONES = {
 
 @dataclass(frozen=True)
 class SkinChannels:
-    """Everything about the skin that does not depend on the pose, as sockets of one graph.
+    """The pose-independent properties of the skin, as sockets of one graph.
 
     Attributes:
         albedo: base colour.
         roughness: of the specular lobe.
         subsurface: weight of the subsurface lobe.
         relief: height of pores, cells and veins, mm.
-        fold_dorsal: depth of the wrinkles over the joints' backs, which stretch flat when the joint bends.
+        fold_dorsal: depth of the wrinkles on the back of the joints, which flatten when the joint bends.
         fold_palmar: depth of the creases, which deepen when the joint bends.
         knuckle: where bending blanches the skin.
     """
@@ -91,7 +91,7 @@ class SkinChannels:
 
 @dataclass(frozen=True)
 class _Noises:
-    """Noise shared by the channels, by size of its features."""
+    """Noise of three feature sizes, shared by the channels."""
 
     position: Socket
     low: Socket
@@ -106,7 +106,7 @@ class _Noises:
 
 
 def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
-    """The skin from masks and noise; slow to shade, so it is baked."""
+    """The skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)
@@ -125,7 +125,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
 
 
 def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """Back to palm, patches of warmth and pallor, redness at tips and knuckles, veins, freckles, pores."""
+    """From back to palm, with warm and pale patches, redness at tips and knuckles, veins, freckles and pores."""
     colour = graph.mix(masks["palm"], tone.dorsal, tone.palm)
     colour = graph.mix(graph.smooth(noises.low, 0.35, 0.65, 0, 0.26), colour, tone.warm_patch)
     colour = graph.mix(graph.smooth(noises.mid, 0.42, 0.68, 0, 0.24), colour, tone.pale_patch)
@@ -140,7 +140,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
 
 
 def _nail_colour(graph: NodeGraph, skin: Socket, masks: dict[str, Socket], tone: SkinTone) -> Socket:
-    """Lunula, bed, and free edge along `naily` (0 root to 1 tip), with a darker border in the skin."""
+    """Lunula, bed and free edge along `naily` (0 root to 1 tip), with a darker border in the skin."""
     along = masks["naily"]
     lunula = graph.product(graph.smooth(along, 0.24, 0.12, 0, 1), 0.5)
     nail = graph.mix(lunula, tone.nail_bed, tone.lunula)
@@ -151,7 +151,7 @@ def _nail_colour(graph: NodeGraph, skin: Socket, masks: dict[str, Socket], tone:
 
 
 def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple[Socket, Socket]:
-    """Two interfering families of waves across each joint, broken up by noise: (dorsal, palmar)."""
+    """(dorsal, palmar): two interfering families of waves across each joint, broken up by noise."""
     coarse = graph.noise(noises.position, 0.20, 3, 0.6)
     fine = graph.noise(noises.position, 0.33, 2, 0.5)
 
@@ -171,7 +171,7 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
 
 
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, not_nail: Socket) -> Socket:
-    """Pores, the cell pattern of the skin, and veins, mm."""
+    """Pores, cell pattern and veins, mm."""
     small = graph.smooth(graph.voronoi(noises.position, 0.80, "DISTANCE_TO_EDGE"), 0, 0.22, 0, 0.10)
     large = graph.smooth(graph.voronoi(noises.position, 0.34, "DISTANCE_TO_EDGE"), 0, 0.14, 0, 0.13)
     texture = graph.product(graph.total(small, large, graph.product(noises.high, 0.14)), not_nail)
@@ -210,9 +210,7 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
 def baked_material(maps: dict[str, Path], tone: SkinTone) -> bpy.types.Material:
     """The skin from its three baked maps (`bake.MAPS`)."""
     material = bpy.data.materials.new("skin")
-    if bpy.app.version < (5, 0, 0):  # later ones have nodes at once, and warn
-        material.use_nodes = True
-    graph = NodeGraph(material.node_tree)
+    graph = NodeGraph(enable_nodes(material))
     uv = graph.node("ShaderNodeUVMap", uv_map=UV_LAYER).outputs[0]
 
     def texture(name: str) -> Socket:
@@ -226,5 +224,5 @@ def baked_material(maps: dict[str, Path], tone: SkinTone) -> bpy.types.Material:
     relief, fold_dorsal, fold_palmar = graph.separate(texture("height"))
     roughness, subsurface, knuckle = graph.separate(texture("mask"))
     channels = SkinChannels(albedo, roughness, subsurface, relief, fold_dorsal, fold_palmar, knuckle)
-    shade(graph, material.node_tree.nodes["Principled BSDF"], channels, tone)
+    shade(graph, graph.tree.nodes["Principled BSDF"], channels, tone)
     return material

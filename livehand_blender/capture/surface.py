@@ -1,4 +1,4 @@
-"""The detailed hand as a Blender mesh: built once, then only its vertices and bend attribute follow the pose."""
+"""The detailed hand as a Blender mesh that is built once; its vertices and bend attribute follow the pose."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ...backend.records.shot import HandPose
 from .skin import MASKS, UV_LAYER
 
 FULL_FLEX_RAD = np.deg2rad(65)
-# Vertices away from any joint (palm, back) feel the mean bend of the four knuckles, weakened.
+# Vertices far from any joint (palm, back) get a share of the mean bend of the four knuckles.
 _KNUCKLES = [1, 4, 7, 10]
 _PALM_SHARE = 0.6
 
 
 @dataclass(frozen=True)
 class SkinSurface:
-    """A detailed surface, the model whose pose it follows, and its Blender object."""
+    """A detailed surface, its hand model and its Blender object."""
 
     model: HandModel
     detail: DetailedSurface
@@ -52,7 +52,7 @@ class SkinSurface:
         mesh.update()
 
     def posed_vertices(self, pose: HandPose) -> np.ndarray:
-        """[N, 3] m: the template's correctives carried over by subdivision, then linear blend skinning."""
+        """[N, 3] m: the template's blend shapes, interpolated by subdivision, then linear blend skinning."""
         rotations = axis_angle_to_matrix(torch.as_tensor(pose.theta, dtype=torch.float64))
         features = (rotations[1:].numpy() - np.eye(3)).reshape(-1)
         offsets = self.model.posedirs @ features + self.model.shapedirs @ pose.beta

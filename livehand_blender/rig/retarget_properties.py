@@ -3,8 +3,8 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, PointerProperty, StringProperty
 
+from ...backend.hand.bones import FINGERS
 from ...backend.hand.model import JOINT_NAMES
-from ...backend.retarget.naming import FINGERS
 
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 _SIDES = (

@@ -1,4 +1,4 @@
-"""`livehand benchmark`: a tiny run to the end, its JSON and table, and what is refused."""
+"""`livehand benchmark`: a tiny complete run, its JSON and tables, and refused arguments."""
 
 import json
 
@@ -53,11 +53,11 @@ def run(*arguments, make_cycles=None):
 
 
 def fake_cycles(args):
-    """A Cycles that takes a second a sample, and one to synchronise."""
-    return lambda moment, samples: {"sync": Cost(1000.0, 1.0), "render": Cost(1000.0 * samples, 2.0)}
+    """A Cycles that takes a second per sample, and one to synchronise."""
+    return lambda frame, samples: {"sync": Cost(1000.0, 1.0), "render": Cost(1000.0 * samples, 2.0)}
 
 
-def test_a_tiny_run_to_the_end(capsys, avatar_path, paper_path, tmp_path):
+def test_a_tiny_complete_run(capsys, avatar_path, paper_path, tmp_path):
     sizes = ("--sizes", "24x36,32x48", "--paper-sizes", "32x48", "--cycles-sizes", "32x48")
     avatars = ("--avatar", avatar_path, "--paper-avatar", paper_path)
     cycles = ("--cycles-samples", "2,4", "--cycles-frames", 1)
@@ -77,7 +77,7 @@ def test_a_tiny_run_to_the_end(capsys, avatar_path, paper_path, tmp_path):
 
 
 def check_size(document):
-    """Figures that hang together."""
+    """The figures of a size are consistent."""
     for name in ALL:
         stages = document["stages"][name]
         frame = document["frame_ms"][name]
@@ -87,12 +87,12 @@ def check_size(document):
         assert frame["median"] == pytest.approx(whole, rel=0.01)  # of two frames the median is the mean
         assert document["core_s"][name]["median"] > 0
     for name in ALL[:4]:
-        told = [stage for stage in document["stages"][name] if stage != "write"]
-        assert list(document["floor_ms"][name]) == told
-        assert list(document["over_floor"][name]) == told
+        reported = [stage for stage in document["stages"][name] if stage != "write"]
+        assert list(document["floor_ms"][name]) == reported
+        assert list(document["over_floor"][name]) == reported
         for stage, times in document["over_floor"][name].items():
             floor = document["floor_ms"][name][stage]
-            # Both are rounded for print: to 0.0001 and 0.01.
+            # Both are rounded: to 0.0001 and 0.01.
             assert times * floor == pytest.approx(document["stages"][name][stage]["ms"], rel=0.2)
     assert document["frame_ms"]["cycles_4"]["median"] == 4000
     assert document["ratio_cycles"]["4"]["bf16"] / document["ratio_cycles"]["2"]["bf16"] == pytest.approx(2, 0.01)
@@ -100,7 +100,7 @@ def check_size(document):
     assert document["ratio_paper_bf16"] > 0
 
 
-def test_people_get_a_table_and_a_plot(capsys, avatar_path, tmp_path, monkeypatch):
+def test_without_json_tables_are_printed_and_a_plot_is_drawn(capsys, avatar_path, tmp_path, monkeypatch):
     monkeypatch.setattr("livehand.backend.benchmark.growth.COVERAGES", (0.1,))
     monkeypatch.setattr("livehand.backend.benchmark.growth.HANDS", (1, 2))
     plot = tmp_path / "plot.png"

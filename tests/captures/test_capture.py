@@ -74,17 +74,17 @@ def test_bad_images_are_named(capture):
     view = capture.views[1]
     path = capture.folder / view.file
     Image.new("RGBA", (SIZE[0], SIZE[1] + 1)).save(path)
-    with pytest.raises(LiveHandError, match=r"images/1\.png must be \(6, 9\) px as its camera says, got \(6, 10\)"):
+    with pytest.raises(LiveHandError, match=r"images/1\.png must be \(6, 9\) px like its camera, got \(6, 10\)"):
         capture.read_image(view)
     Image.new("RGB", SIZE).save(path)
-    with pytest.raises(LiveHandError, match=r"images/1\.png must carry alpha"):
+    with pytest.raises(LiveHandError, match=r"images/1\.png must have alpha"):
         capture.read_image(view)
     data = (capture.folder / "images/0.png").read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    with pytest.raises(LiveHandError, match=r"images/1\.png must be a readable picture"):
+    with pytest.raises(LiveHandError, match=r"images/1\.png must be a readable image"):
         capture.read_image(view)
     path.unlink()
-    with pytest.raises(LiveHandError, match=r"images/1\.png must be a readable picture"):
+    with pytest.raises(LiveHandError, match=r"images/1\.png must be a readable image"):
         capture.read_image(view)
 
 

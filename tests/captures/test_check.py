@@ -38,19 +38,19 @@ def test_masks_stand_in_for_alpha(capture, hand):
     path = capture.folder / capture.views[1].file
     alpha = Image.open(path).getchannel("A")
     Image.open(path).convert("RGB").save(path)
-    with pytest.raises(LiveHandError, match=r"0_1\.png must carry alpha \(RGBA\) or be given a mask, got mode RGB"):
+    with pytest.raises(LiveHandError, match=r"0_1\.png must have alpha \(RGBA\) or a mask, got mode RGB"):
         check_capture(capture, hand)
     alpha.save(capture.folder / "mask.png")
     masked = with_view(capture, mask="mask.png")
     check_capture(masked, hand)
     Image.new("L", (3, 4)).save(capture.folder / "mask.png")
-    with pytest.raises(LiveHandError, match=r"mask\.png must be \(24, 32\) px as its camera says, got \(3, 4\)"):
+    with pytest.raises(LiveHandError, match=r"mask\.png must be \(24, 32\) px like its camera, got \(3, 4\)"):
         check_capture(masked, hand)
     Image.new("L", alpha.size).save(capture.folder / "mask.png")
     with pytest.raises(LiveHandError, match=r"mask\.png must show the hand"):
         check_capture(masked, hand)
     (capture.folder / "mask.png").unlink()
-    with pytest.raises(LiveHandError, match=r"mask\.png must be a readable picture"):
+    with pytest.raises(LiveHandError, match=r"mask\.png must be a readable image"):
         check_capture(masked, hand)
 
 
@@ -97,10 +97,10 @@ def spoil_image(capture, kind):
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("missing", r"0_1\.png must be a readable picture .*No such file"),
-        ("text", r"0_1\.png must be a readable picture"),
-        ("cut", r"0_1\.png must be a readable picture .*truncated"),
-        ("size", r"0_1\.png must be \(24, 32\) px as its camera says, got \(25, 32\)"),
+        ("missing", r"0_1\.png must be a readable image .*No such file"),
+        ("text", r"0_1\.png must be a readable image"),
+        ("cut", r"0_1\.png must be a readable image .*truncated"),
+        ("size", r"0_1\.png must be \(24, 32\) px like its camera, got \(25, 32\)"),
         ("empty", r"0_1\.png must show the hand, which its pose and camera put in the image, got alpha 0"),
         (
             "elsewhere",
@@ -117,7 +117,7 @@ def test_faults_of_images_are_named(capture, hand, kind, message):
 def test_headers_alone_are_looked_at_where_pixels_are_not_asked_for(capture, hand):
     spoil_image(capture, "empty")
     check_capture(capture, hand, decode=False)
-    for kind, message in (("size", r"must be \(24, 32\) px as its camera says"), ("missing", "readable")):
+    for kind, message in (("size", r"must be \(24, 32\) px like its camera"), ("missing", "readable")):
         spoil_image(capture, kind)
         with pytest.raises(LiveHandError, match=message):
             check_capture(capture, hand, decode=False)

@@ -1,4 +1,4 @@
-"""Planted errors are booked under their own cause; regions, depth steps and the two frequencies by value."""
+"""Planted errors are assigned to their cause; regions, depth steps and the two frequencies by value."""
 
 import math
 
@@ -11,7 +11,7 @@ from livehand.backend.evaluation.breakdown import (
     error_breakdown,
     low_frequency_share,
     regions_of,
-    with_alpha,
+    with_other_alpha,
 )
 from livehand.backend.evaluation.metrics import psnr_db
 from livehand.backend.evaluation.seen_surface import SeenSurface
@@ -47,7 +47,7 @@ def noise(size=0.05, seed=0):
     return size * torch.randn(*SIZE, 3, generator=torch.Generator().manual_seed(seed))
 
 
-def test_a_shifted_outline_is_silhouette():
+def test_a_shifted_outline_is_a_silhouette_error():
     truth, image = picture(disc()), picture(disc(column=168.5))
     found = error_breakdown(image, truth, surface())
     assert found.share["silhouette"] > 0.99
@@ -56,7 +56,7 @@ def test_a_shifted_outline_is_silhouette():
     assert found.psnr_true_alpha > psnr_db(image[..., :3], truth[..., :3]) + 20
 
 
-def test_a_missing_part_and_a_stray_one_are_silhouette_however_far_from_it():
+def test_missing_and_stray_parts_are_silhouette_errors_at_any_distance():
     truth = picture(disc())
     missing = truth * (1 - disc(256, 200, 30))[..., None]
     stray = torch.maximum(truth, picture(disc(40, 40, 20)))
@@ -64,7 +64,7 @@ def test_a_missing_part_and_a_stray_one_are_silhouette_however_far_from_it():
         assert error_breakdown(image, truth, surface()).share["silhouette"] > 0.99
 
 
-def test_a_tint_is_shading_but_for_the_bands_own_area():
+def test_a_tint_is_shading_outside_the_silhouettes_band():
     truth = picture(disc())
     found = error_breakdown(with_error(truth, torch.tensor([0.03, -0.02, 0.01])), truth, surface())
     assert found.share["silhouette"] == pytest.approx(found.area["silhouette"], abs=0.01)
@@ -84,7 +84,7 @@ def test_noise_is_texture():
     assert found.share["texture"] > 0.9
 
 
-def test_an_error_where_a_finger_passes_is_occlusion():
+def test_an_error_at_a_fingers_edge_is_occlusion():
     truth = picture(disc())
     depth = torch.where(disc() > 0.5, torch.where(COLUMNS < 170, 0.6, 0.61), torch.inf)
     at_step = noise() * ((COLUMNS - 169.5).abs() < 3)[..., None]
@@ -94,7 +94,7 @@ def test_an_error_where_a_finger_passes_is_occlusion():
     assert error_breakdown(with_error(truth, at_step), truth, surface()).share["occlusion"] == 0
 
 
-def test_an_error_where_little_sky_is_seen_is_contact():
+def test_an_error_at_low_openness_is_contact():
     truth = picture(disc())
     openness = torch.where((ROWS > 240) & (ROWS < 260), 0.3, 0.9)
     in_crease = with_error(truth, noise() * ((ROWS > 242) & (ROWS < 258))[..., None])
@@ -127,7 +127,7 @@ def test_a_depth_step_is_three_millimetres_of_the_template(step_m, scale, is_ste
     assert int(steps.sum()) == 2 * 512 * is_step
 
 
-def test_a_grazed_surface_and_the_meshs_end_are_no_steps():
+def test_grazing_surfaces_and_the_meshs_border_are_not_depth_steps():
     grazed = 0.6 + 0.0019 * COLUMNS
     assert depth_steps(surface(grazed, footprint_m=0.0001)).sum() == 0
     steep = 0.6 + 0.004 * COLUMNS
@@ -148,18 +148,18 @@ def test_the_two_frequencies_by_closed_form():
     assert low_frequency_share(wave, torch.ones(20, 3000, dtype=torch.bool), sigma) == pytest.approx(expected, abs=0.01)
 
 
-def test_colours_keep_under_another_alpha_and_holes_take_their_neighbours():
+def test_another_alpha_keeps_colours_and_fills_holes_from_their_neighbours():
     truth = picture(disc())
     thin = truth * 0.5
-    torch.testing.assert_close(with_alpha(thin, truth[..., 3]), truth[..., :3])
+    torch.testing.assert_close(with_other_alpha(thin, truth[..., 3]), truth[..., :3])
     holed = truth * (disc(256, 167, 4) < 0.5)[..., None]
-    filled = with_alpha(holed, truth[..., 3])
+    filled = with_other_alpha(holed, truth[..., 3])
     assert (filled - truth[..., :3]).abs().max() < 0.02
-    nothing = with_alpha(torch.zeros(*SIZE, 4), truth[..., 3])
+    nothing = with_other_alpha(torch.zeros(*SIZE, 4), truth[..., 3])
     assert (nothing == 0).all()
 
 
-def test_equal_pictures_have_no_shares():
+def test_equal_images_have_no_shares():
     found = error_breakdown(picture(disc()), picture(disc()), surface())
     assert found.share == dict.fromkeys(CAUSES, 0.0)
     assert sum(found.area.values()) == pytest.approx(1)

@@ -1,4 +1,4 @@
-"""Distances of the whole image and of the hand's crop, and the names that they may bear."""
+"""Distances of the whole image and of the hand's crop, and their names."""
 
 import pytest
 import torch
@@ -25,7 +25,7 @@ def test_only_the_published_weights_make_lpips(is_lpips, name, monkeypatch, tmp_
     assert named == [(tmp_path / "net.pth", tmp_path / "heads.pth")]
 
 
-def test_training_s_own_distance_is_not_called_lpips(monkeypatch, tmp_path):
+def test_the_distance_of_training_is_not_called_lpips(monkeypatch, tmp_path):
     monkeypatch.setattr(distances, "load_vgg_distance", lambda file: Network(False))
     assert vgg19_distance(tmp_path / "vgg19.pth", CPU).name == "vgg19"
 
@@ -34,7 +34,7 @@ def test_training_s_own_distance_is_not_called_lpips(monkeypatch, tmp_path):
     ("rows", "columns", "crop"),
     [((50, 60), (40, 45), (slice(34, 76), slice(24, 61))), ((0, 3), (78, 80), (slice(0, 19), slice(62, 80)))],
 )
-def test_the_hand_is_its_box_and_sixteen_pixels_within_the_image(rows, columns, crop):
+def test_the_hands_crop_is_its_box_with_a_margin_of_16_px_within_the_image(rows, columns, crop):
     hand = torch.zeros(100, 80, dtype=torch.bool)
     hand[rows[0], columns[0]] = hand[rows[1] - 1, columns[1] - 1] = True
     truth, image = torch.rand(2, 100, 80, 3)

@@ -9,7 +9,14 @@ import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.captures.capture import save_capture_index
-from livehand.backend.evaluation.contact_sheet import GROUND, comparison_sheet, label_strip, on_ground, save_sheet, tile
+from livehand.backend.evaluation.contact_sheet import (
+    BACKGROUND,
+    comparison_sheet,
+    label_strip,
+    on_background,
+    save_sheet,
+    tile,
+)
 from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import encoded_on_black, evaluate_views, score_views, scored_views
 from livehand.backend.evaluation.summary import summary
@@ -49,7 +56,7 @@ def own_capture(painted_capture, renderer, hand, tmp_path_factory):
     return capture
 
 
-def test_an_avatar_is_nearly_perfect_on_its_own_pictures(renderer, own_capture):
+def test_an_avatar_is_nearly_perfect_on_its_own_renders(renderer, own_capture):
     scores = score_views(renderer, own_capture, own_capture.views)
     assert len(scores) == 8
     for figures in (score.figures for score in scores):
@@ -60,7 +67,7 @@ def test_an_avatar_is_nearly_perfect_on_its_own_pictures(renderer, own_capture):
         assert sum(share for name, share in figures.items() if name.startswith("share_")) == pytest.approx(1)
 
 
-def test_and_worse_on_others(renderer, painted_capture, own_capture):
+def test_an_avatar_is_worse_on_other_images(renderer, painted_capture, own_capture):
     others, own = (
         summary(score_views(renderer, capture, capture.of_split("test"))) for capture in (painted_capture, own_capture)
     )
@@ -71,25 +78,25 @@ def test_and_worse_on_others(renderer, painted_capture, own_capture):
     assert others["ssim_hand"] < others["ssim"] < own["ssim"]
 
 
-def test_a_score_names_its_view_and_comes_with_its_pictures(renderer, own_capture):
+def test_a_score_names_its_view_and_has_both_images(renderer, own_capture):
     view = own_capture.of_split("test")[1]
     (scored,) = scored_views(renderer, own_capture, [view])
     score = scored.score
     assert (score.file, score.split, score.camera_index, score.pose_index) == (view.file, "test", 3, 1)
-    assert 15 < score.camera_gap_deg < 35
+    assert 15 < score.train_view_angle_deg < 35
     np.testing.assert_array_equal(scored.truth, own_capture.read_image(view))
     assert scored.image.shape == scored.truth.shape
 
 
-def test_views_far_from_every_training_camera_can_be_left_out(renderer, own_capture):
+def test_views_far_from_every_training_camera_can_be_skipped(renderer, own_capture):
     def count(limit_deg):
-        return len(list(scored_views(renderer, own_capture, own_capture.views, max_camera_gap_deg=limit_deg)))
+        return len(list(scored_views(renderer, own_capture, own_capture.views, max_train_view_angle_deg=limit_deg)))
 
     assert (count(0.01), count(35.0), count(None)) == (6, 8, 8)
     untrained = replace(own_capture, views=own_capture.of_split("test"))
-    assert np.isnan(score_views(renderer, untrained, untrained.views)[0].camera_gap_deg)
+    assert np.isnan(score_views(renderer, untrained, untrained.views)[0].train_view_angle_deg)
     with pytest.raises(LiveHandError, match="needs training images"):
-        list(scored_views(renderer, untrained, untrained.views, max_camera_gap_deg=25.0))
+        list(scored_views(renderer, untrained, untrained.views, max_train_view_angle_deg=25.0))
 
 
 def test_a_distance_has_its_own_columns(renderer, own_capture):
@@ -105,7 +112,7 @@ def test_a_distance_has_its_own_columns(renderer, own_capture):
     assert seen[0] == (1, 3, 32, 24)
 
 
-def test_a_few_views_for_a_training_leave_its_networks_as_they_were(renderer, hand, own_capture):
+def test_an_evaluation_during_training_leaves_the_networks_unchanged(renderer, hand, own_capture):
     avatar = renderer.avatar
     views = own_capture.of_split("test")
     for networks_train in (True, False):
@@ -116,17 +123,17 @@ def test_a_few_views_for_a_training_leave_its_networks_as_they_were(renderer, ha
     assert [score.file for score in scores] == [view.file for view in views]
     assert summary(scores) == summary(score_views(renderer, own_capture, views))
     assert comparison_sheet(pairs).shape == (32, 12 * 24, 3)
-    with pytest.raises(LiveHandError, match="must have views of the asked split"):
+    with pytest.raises(LiveHandError, match="must have views of the requested split"):
         evaluate_views(avatar, hand, own_capture, [], "cpu")
 
 
-def test_views_without_the_hand_are_left_out_and_none_is_an_error(renderer, own_capture, tmp_path):
+def test_views_without_the_hand_are_skipped_and_no_view_is_an_error(renderer, own_capture, tmp_path):
     view = own_capture.views[0]
     empty = replace(view, file=str(tmp_path / "empty.png"))
     Image.new("RGBA", view.camera.size_px).save(tmp_path / "empty.png")
     assert len(score_views(renderer, own_capture, [view, empty])) == 1
     for views in ([empty], []):
-        with pytest.raises(LiveHandError, match="must have views of the asked split"):
+        with pytest.raises(LiveHandError, match="must have views of the requested split"):
             score_views(renderer, own_capture, views)
     with pytest.raises(LiveHandError, match="another hand"):
         score_views(renderer, replace(own_capture, hand_sha256="0" * 64), [view])
@@ -141,7 +148,7 @@ def test_frames_are_encoded_on_black():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_vertices_are_the_skins(hand, own_capture, side):
+def test_vertices_are_skinned(hand, own_capture, side):
     pose = replace(own_capture.poses[0], side=side)
     skin = SkinTensors.of(hand.for_side(side), dtype=torch.float64)
     expected = pose_hand(skin, *(torch.as_tensor(v) for v in (pose.theta, pose.beta, pose.transl))).vertices
@@ -163,24 +170,24 @@ def test_a_sheet_shows_truth_image_and_error(tmp_path):
     image[..., :3], image[..., 3] = 0.1, 1.0
     sheet = comparison_sheet([(truth, image)] * 5, triples_per_row=4)
     assert sheet.shape == (4, 24, 3)
-    np.testing.assert_array_equal(sheet[0, [0, 2, 4], 0], [round(GROUND * 255), 26, 102])
-    np.testing.assert_allclose(on_ground(truth), GROUND)
-    np.testing.assert_allclose(on_ground(image), 0.1)
+    np.testing.assert_array_equal(sheet[0, [0, 2, 4], 0], [round(BACKGROUND * 255), 26, 102])
+    np.testing.assert_allclose(on_background(truth), BACKGROUND)
+    np.testing.assert_allclose(on_background(image), 0.1)
     save_sheet(sheet, tmp_path / "new" / "sheet.png")
     with Image.open(tmp_path / "new" / "sheet.png") as stored:
         np.testing.assert_array_equal(np.asarray(stored), sheet)
 
 
-def test_pictures_of_all_sizes_keep_theirs_on_one_sheet(tmp_path):
+def test_images_keep_their_size_on_a_sheet(tmp_path):
     wide, high = np.ones((2, 6, 4), np.float32), np.ones((5, 3, 4), np.float32)
     sheet = comparison_sheet([(wide, wide), (high, high)], triples_per_row=1)
     assert sheet.shape == (10, 18, 3)
     np.testing.assert_array_equal((sheet[:, :, 0] == 255).sum(), 2 * (2 * 6 + 5 * 3))
     np.testing.assert_array_equal(sheet[5:, :3], np.full((5, 3, 3), 255))
-    np.testing.assert_array_equal(sheet[5:, 3:6], round(GROUND * 255))
+    np.testing.assert_array_equal(sheet[5:, 3:6], round(BACKGROUND * 255))
 
 
-def test_labels_stand_above_and_can_be_read():
+def test_labels_stand_above_and_are_legible():
     picture = np.zeros((30, 100, 4), np.float32)
     plain = comparison_sheet([(picture, picture)] * 2, triples_per_row=1)
     strip = label_strip("38.55 dB", 300)
@@ -188,8 +195,8 @@ def test_labels_stand_above_and_can_be_read():
     assert labelled.shape == (60 + 2 * len(strip), 300, 3)
     np.testing.assert_array_equal(labelled[len(strip) : len(strip) + 30], plain[:30])
     assert (strip > 0.6).any(axis=(0, 2)).sum() > 25  # columns that hold ink
-    assert strip[:, 150:].max() == pytest.approx(GROUND, abs=0.002)
-    assert labelled[len(strip) + 30 : 2 * len(strip) + 30].max() == round(GROUND * 255)
+    assert strip[:, 150:].max() == pytest.approx(BACKGROUND, abs=0.002)
+    assert labelled[len(strip) + 30 : 2 * len(strip) + 30].max() == round(BACKGROUND * 255)
 
 
 @pytest.fixture
@@ -227,37 +234,37 @@ def test_the_command_writes_figures_and_sheets(own_capture, avatar_path, tmp_pat
     )
 
 
-def test_the_command_measures_fewer(own_capture, avatar_path, capsys):
+def test_the_command_can_measure_fewer_views(own_capture, avatar_path, capsys):
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--split", "all", "--json")
     counts = []
-    for more in (("--max-images", 1), ("--max-images", 4), ("--max-camera-gap", 1)):
+    for more in (("--max-images", 1), ("--max-images", 4), ("--max-train-view-angle", 1), ("--max-camera-gap", 1)):
         assert evaluate(*arguments, *more) == 0
         counts.append(json.loads(capsys.readouterr().out.splitlines()[-1])["images"])
-    assert counts == [2, 6, 6]
-    for wrong in (("--max-images", 0), ("--max-camera-gap", "near"), ("--max-camera-gap", -1)):
+    assert counts == [2, 6, 6, 6]
+    for wrong in (("--max-images", 0), ("--max-train-view-angle", "near"), ("--max-camera-gap", -1)):
         assert evaluate(*arguments, *wrong) == 2
         assert "must be" in capsys.readouterr().err
 
 
-def test_without_flip_its_columns_are_absent_and_the_remedy_is_told(own_capture, avatar_path, monkeypatch, capsys):
+def test_without_flip_its_columns_are_absent_and_the_remedy_is_printed(own_capture, avatar_path, monkeypatch, capsys):
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
     monkeypatch.setattr("livehand.backend.evaluation.figures.has_flip", lambda: False)
     assert evaluate(*arguments) == 0
-    told = capsys.readouterr().out
-    assert 'pip install "livehand[metrics]"' in told
-    assert "FLIP  " not in told
+    out = capsys.readouterr().out
+    assert 'pip install "livehand[metrics]"' in out
+    assert "FLIP  " not in out
     assert evaluate(*arguments, "--json") == 0
     assert "flip" not in json.loads(capsys.readouterr().out.splitlines()[-1])
 
 
-def test_an_output_that_cannot_be_written_is_told(own_capture, avatar_path, tmp_path, capsys):
+def test_an_output_that_cannot_be_written_is_an_error(own_capture, avatar_path, tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "-o", tmp_path / "taken")
     assert evaluate(*arguments) == 1
     assert "choose another folder with -o" in capsys.readouterr().err
 
 
-def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture, avatar_path, capsys):
+def test_recorded_metrics_change_only_the_metadata(own_capture, avatar_path, capsys):
     before = load_avatar(avatar_path)
     assert evaluate(own_capture.folder, "--avatar", avatar_path, "--device", "cpu", "--json", "--record") == 0
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -268,7 +275,7 @@ def test_recorded_figures_lie_in_the_header_and_nothing_else_changes(own_capture
         assert after.superres.state_dict()[name].equal(weights)
 
 
-def test_the_command_knows_splits(own_capture, avatar_path, capsys):
+def test_the_command_selects_splits(own_capture, avatar_path, capsys):
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
     assert evaluate(*arguments, "--split", "all") == 0
     heading, *lines = capsys.readouterr().out.splitlines()
@@ -280,7 +287,7 @@ def test_the_command_knows_splits(own_capture, avatar_path, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["images"] == 6
 
 
-def test_the_command_tells_bad_input(own_capture, avatar_path, tmp_path, capsys):
+def test_bad_input_is_an_error_of_the_command(own_capture, avatar_path, tmp_path, capsys):
     assert evaluate(tmp_path, "--avatar", avatar_path) == 1
     assert "transforms.json" in capsys.readouterr().err
     assert evaluate(own_capture.folder, "--avatar", tmp_path / "gone.safetensors") == 1

@@ -1,4 +1,4 @@
-"""One view's figures: those of the hand do not see the rest of the picture."""
+"""One view's metrics: those of the hand ignore the rest of the image."""
 
 import math
 
@@ -25,7 +25,7 @@ def figures():
     return view_figures(image, truth, SeenSurface(plain, plain + 0.5, plain / 1000, torch.tensor(1.0)))
 
 
-def test_a_fault_beside_the_hand_is_of_the_full_figures_alone(figures):
+def test_an_error_beside_the_hand_affects_only_the_full_metrics(figures):
     assert figures["psnr_hand"] == 100
     assert figures["psnr_full"] == pytest.approx(-10 * math.log10(0.16 * 400 / 7200))
     assert figures["ssim_hand"] == 1 > figures["ssim"]
@@ -35,6 +35,6 @@ def test_a_fault_beside_the_hand_is_of_the_full_figures_alone(figures):
 
 
 @pytest.mark.skipif(not has_flip(), reason="the extra `metrics` is not installed")
-def test_flip_on_the_hand_is_of_its_pixels(figures):
+def test_flip_on_the_hand_is_the_mean_over_its_pixels(figures):
     assert figures["flip"] > 0.02
     assert figures["flip_hand"] == 0

@@ -1,4 +1,4 @@
-"""Picture metrics against closed forms, scikit-image, and slow references."""
+"""Image metrics against closed forms, scikit-image, and slow references."""
 
 import math
 
@@ -24,7 +24,7 @@ def test_psnr_of_a_known_error():
     assert psnr_db(truth, truth) == MAX_PSNR_DB
 
 
-def test_psnr_is_scikit_images():
+def test_psnr_equals_scikit_image():
     image, truth = pictures()
     expected = peak_signal_noise_ratio(truth.numpy(), image.numpy(), data_range=1)
     assert psnr_db(image, truth) == pytest.approx(expected, abs=1e-4)
@@ -42,7 +42,7 @@ def test_masked_psnr_counts_the_mask_only():
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_ssim_is_scikit_images(seed):
+def test_ssim_equals_scikit_image(seed):
     image, truth = pictures(seed)
     _, full = structural_similarity(
         truth.double().numpy(),
@@ -57,7 +57,7 @@ def test_ssim_is_scikit_images(seed):
     assert ssim(image, truth) == pytest.approx(full[5:-5, 5:-5].mean(), abs=1e-6)
 
 
-def test_ssim_of_equal_and_of_inverted_pictures():
+def test_ssim_of_equal_and_of_inverted_images():
     _, truth = pictures()
     assert ssim(truth, truth) == pytest.approx(1.0)
     assert ssim(1 - truth, truth) < 0
@@ -116,7 +116,7 @@ def hand_on_black(size, seed=0):
     return image.clip(0, 1), truth, disc
 
 
-def test_ms_ssim_is_the_slow_references():
+def test_ms_ssim_equals_the_slow_reference():
     image, truth, disc = hand_on_black((166, 163))
     _, found = similarities(*(torch.as_tensor(x) for x in (image, truth, disc)))
     expected = numpy_ms_ssim(image, truth, disc)
@@ -124,7 +124,7 @@ def test_ms_ssim_is_the_slow_references():
     assert found == pytest.approx(tuple(expected), abs=1e-9)
 
 
-def test_ssim_on_the_hand_is_the_slow_references():
+def test_ssim_on_the_hand_equals_the_slow_reference():
     image, truth, disc = hand_on_black((40, 37))
     found, multi_scale = similarities(*(torch.as_tensor(x) for x in (image, truth, disc)))
     windows = np.mean([np.prod(numpy_windows(image[..., c], truth[..., c]), 0) for c in range(3)], 0)
@@ -136,7 +136,7 @@ def test_ssim_on_the_hand_is_the_slow_references():
     assert math.isnan(multi_scale.hand)
 
 
-def test_similarities_of_equal_and_of_inverted_pictures():
+def test_similarities_of_equal_and_of_inverted_images():
     _, truth = pictures(size=(161, 161))
     nowhere = torch.zeros(161, 161, dtype=torch.bool)
     for similarity in similarities(truth, truth, ~nowhere):
@@ -148,7 +148,7 @@ def test_similarities_of_equal_and_of_inverted_pictures():
     assert math.isnan(multi_scale.hand)
 
 
-def test_a_picture_under_a_window_has_no_similarity():
+def test_an_image_smaller_than_a_window_has_no_similarity():
     truth = torch.rand(10, 40, 3)
     assert math.isnan(ssim(truth + 0.1, truth))
     assert similarities(truth, truth, torch.ones(10, 40, dtype=torch.bool))[0] == pytest.approx(
@@ -156,7 +156,7 @@ def test_a_picture_under_a_window_has_no_similarity():
     )
 
 
-def test_the_box_of_differences_holds_them_and_the_margin():
+def test_the_difference_box_holds_all_differences_and_the_margin():
     a, b = torch.zeros(2, 3, 20, 30).unbind(0)
     assert difference_box(a, b, 2) is None
     b[1, 4, 6] = b[2, 10, 28] = 0.5

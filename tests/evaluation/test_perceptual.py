@@ -1,4 +1,4 @@
-"""Distances by networks: against slow references, at extremes, and what is told of unfit files."""
+"""Distances by networks: against slow references, at extremes, and unfit files as errors."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def distance(name, range_mode="standard"):
     return LpipsDistance(Backbone(LAYOUTS[name](), backbone_weights(name)), head_weights(name), False, range_mode)
 
 
-def test_the_vgg_distance_is_zero_for_equals_and_grows_with_the_difference(perceptual):
+def test_the_vgg_distance_is_zero_for_equal_images_and_grows_with_the_difference(perceptual):
     image, target = pictures()
     assert float(perceptual(target, target)) == 0
     near, far = perceptual(target + 0.1 * (image - target), target), perceptual(image, target)
@@ -70,7 +70,7 @@ def test_the_scale_of_a_publications_features_does_not_matter():
     assert float(other) == pytest.approx(float(one), rel=0.02)
 
 
-def test_features_that_are_all_zero_are_no_division_by_zero():
+def test_zero_features_cause_no_division_by_zero():
     silent = PerceptualLoss({key: torch.zeros_like(value) for key, value in vgg19_weights().items()})
     image, target = pictures()
     assert float(silent(image, target)) == 0
@@ -115,7 +115,7 @@ FEATURES = {"vgg16": vgg16_features, "alexnet": alexnet_features, "squeezenet1_1
 
 @pytest.mark.parametrize("range_mode", ["standard", "reference"])
 @pytest.mark.parametrize("name", FEATURES)
-def test_lpips_is_its_definition(name, range_mode):
+def test_lpips_follows_its_definition(name, range_mode):
     image, target = pictures(side=36)
     weights, heads, expected = backbone_weights(name), head_weights(name), 0.0
     mean, deviation = np.array([-0.030, -0.088, -0.188]), np.array([0.458, 0.448, 0.450])
@@ -137,7 +137,7 @@ def test_the_two_ranges_differ():
     assert reference < 0.9 * standard
 
 
-def test_a_batch_counts_as_the_mean_of_its_images():
+def test_the_distance_of_a_batch_is_the_mean_over_its_images():
     pairs = [pictures(seed, side=36) for seed in range(2)]
     ours = distance("alexnet")
     each = [float(ours(*pair)) for pair in pairs]
@@ -147,7 +147,7 @@ def test_a_batch_counts_as_the_mean_of_its_images():
 
 @pytest.mark.parametrize("name", FEATURES)
 @pytest.mark.parametrize("level", [0.0, 1.0])
-def test_gradients_are_finite_on_flat_pictures(name, level):
+def test_gradients_are_finite_on_flat_images(name, level):
     """A flat picture has pixels without any feature, whose length has no derivative of its own."""
     image = torch.full((1, 3, 36, 32), level, requires_grad=True)
     silent = {key: value if "weight" in key else value - 3 for key, value in backbone_weights(name).items()}
@@ -160,11 +160,11 @@ def test_gradients_are_finite_on_flat_pictures(name, level):
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_images_that_end_as_nothing_are_told(name):
+def test_images_that_are_too_small_are_errors(name):
     ours, side = distance(name), LAYOUTS[name]().min_side_px
     enough = torch.rand(1, 3, side, side + 9)
     assert float(ours(enough, enough)) == 0
-    with pytest.raises(LiveHandError, match=f"of {side} px and more, got \\({side + 9}, {side - 1}\\)"):
+    with pytest.raises(LiveHandError, match=f"of at least {side} px per side, got \\({side + 9}, {side - 1}\\)"):
         ours(enough[:, :, 1:], enough[:, :, 1:])
 
 
@@ -179,7 +179,7 @@ def files(folder, name, heads=None, published=True):
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_the_network_is_told_by_its_file(tmp_path, name):
+def test_the_network_is_recognised_from_its_file(tmp_path, name):
     image, target = pictures(side=36)
     for published in (True, False):
         loaded = load_lpips(*files(tmp_path, name, published=published))
@@ -210,7 +210,7 @@ def test_a_file_is_torchvisions_by_its_sha256(tmp_path):
     assert not lpips_module._is_torchvisions(path, _vgg16())
 
 
-def test_unfit_files_are_told(tmp_path):
+def test_unfit_files_are_errors(tmp_path):
     net, heads = files(tmp_path, "alexnet")
     with pytest.raises(LiveHandError, match=r"needs two files.*vgg16-397923af\.pth.*linear heads"):
         load_lpips(None, heads)
@@ -233,7 +233,7 @@ def test_unfit_files_are_told(tmp_path):
         load_lpips(net, tmp_path / "x.safetensors")
 
 
-def test_a_network_of_other_sizes_is_none_of_the_three():
+def test_a_network_of_other_sizes_is_not_recognised():
     weights = backbone_weights("vgg16")
     assert layout_of(weights).file == "vgg16-397923af.pth"
     assert layout_of({**weights, "28.weight": weights["28.weight"][:7]}) is None
@@ -276,7 +276,7 @@ def test_vgg19_from_torchvisions_cache_or_server(tmp_path, monkeypatch, perceptu
         load_vgg_distance(None)
 
 
-def test_bad_vgg19_weights_are_told(tmp_path):
+def test_bad_vgg19_weights_are_errors(tmp_path):
     with pytest.raises(LiveHandError, match="no perceptual weights at"):
         load_vgg_distance(tmp_path / "gone.pth")
     (tmp_path / "text.pth").write_text("hello")

@@ -16,7 +16,7 @@ def above(height=1.0):
     )
 
 
-def test_depth_of_a_sphere_is_the_rays(spheres):
+def test_the_depth_of_a_sphere_is_exact(spheres):
     mesh, topology = spheres(((0, 0, 0), 0.05))
     view = above()
     surface = seen_surface(mesh, topology, torch.ones(len(mesh.vertices)), view)
@@ -32,7 +32,7 @@ def test_depth_of_a_sphere_is_the_rays(spheres):
     assert (surface.openness == 1).all()
 
 
-def test_the_nearest_front_covers_the_rest(spheres):
+def test_the_nearest_front_face_hides_the_others(spheres):
     mesh, topology = spheres(((0, 0, 0), 0.05), ((0, 0, 0.2), 0.02), subdivisions=3)
     openness = (mesh.vertices[:, 2] > 0.1).float()
     surface = seen_surface(mesh, topology, openness, above())

@@ -12,15 +12,17 @@ from livehand.backend.evaluation.summary import by_split, gain_db, summary
 from livehand.backend.records.errors import LiveHandError
 
 
-def score(split="test", gap=10.0, psnr=30.0, shares=(1.0, 0.0, 0.0, 0.0, 0.0), **more):
+def score(split="test", angle_deg=10.0, psnr=30.0, shares=(1.0, 0.0, 0.0, 0.0, 0.0), **more):
     figures = {"psnr_full": psnr, "psnr_hand": psnr - 5, "psnr_true_alpha": psnr + 1, **more}
     figures |= dict(zip((f"share_{cause}" for cause in CAUSES), shares, strict=True))
     figures |= {f"area_{region}": 0.25 for region in REGIONS}
-    return ViewScore(f"{psnr}.png", split, 3, 7, gap, figures)
+    return ViewScore(f"{psnr}.png", split, 3, 7, angle_deg, figures)
 
 
-def test_figures_are_means_and_shares_are_of_all_errors_together():
-    found = summary([score(psnr=20.0, gap=4.0), score(psnr=30.0, gap=8.0, shares=(0.0, 0.0, 0.25, 0.25, 0.5))])
+def test_metrics_are_averaged_and_shares_are_of_the_total_error():
+    found = summary(
+        [score(psnr=20.0, angle_deg=4.0), score(psnr=30.0, angle_deg=8.0, shares=(0.0, 0.0, 0.25, 0.25, 0.5))]
+    )
     assert found["images"] == 2
     assert (found["psnr_full"], found["psnr_hand"]) == (25.0, 20.0)
     assert (found["camera_gap_deg"], found["camera_gap_max_deg"]) == (6.0, 8.0)
@@ -29,29 +31,34 @@ def test_figures_are_means_and_shares_are_of_all_errors_together():
     assert found["share_texture"] == pytest.approx(0.5 / 11, abs=1e-4)
 
 
-def test_what_a_view_lacks_does_not_count_and_what_all_lack_is_absent():
+def test_undefined_metrics_do_not_count_and_are_absent_if_all_are_undefined():
     found = summary(
-        [score(ms_ssim=math.nan, flip=math.nan, gap=math.nan), score(ms_ssim=0.5, flip=math.nan, gap=math.nan)]
+        [
+            score(ms_ssim=math.nan, flip=math.nan, angle_deg=math.nan),
+            score(ms_ssim=0.5, flip=math.nan, angle_deg=math.nan),
+        ]
     )
     assert found["ms_ssim"] == 0.5
     assert not {"flip", "camera_gap_deg", "camera_gap_max_deg"} & found.keys()
     json.dumps(found, allow_nan=False)
 
 
-def test_splits_are_summed_up_apart():
+def test_every_split_has_its_own_summary():
     found = by_split([score("train", psnr=40.0), score("test"), score("train", psnr=42.0)])
     assert list(found) == ["test", "train"]
     assert (found["train"]["images"], found["train"]["psnr_full"]) == (2, 41.0)
 
 
 @pytest.mark.parametrize(("share", "gain"), [(0.0, 0.0), (0.5, 3.0103), (0.9, 10.0), (1.0, 99.0)])
-def test_a_gain_is_what_the_error_without_the_share_has_more(share, gain):
+def test_the_gain_is_the_psnr_without_the_share(share, gain):
     assert gain_db(share) == pytest.approx(gain, abs=1e-4)
 
 
-def test_the_csv_has_a_line_an_image_and_empty_cells():
+def test_the_csv_has_a_line_for_each_image_and_empty_cells():
     rows = list(
-        csv.DictReader(scores_csv([score(ssim=math.nan), score("train", gap=math.nan, ssim=0.98765)]).splitlines())
+        csv.DictReader(
+            scores_csv([score(ssim=math.nan), score("train", angle_deg=math.nan, ssim=0.98765)]).splitlines()
+        )
     )
     assert [row["split"] for row in rows] == ["test", "train"]
     assert (rows[0]["file"], rows[0]["camera_index"], rows[0]["pose_index"]) == ("30.0.png", "3", "7")
@@ -60,9 +67,9 @@ def test_the_csv_has_a_line_an_image_and_empty_cells():
     assert rows[0]["share_silhouette"] == "1.00000"
 
 
-def test_the_tables_say_how_good_and_where_the_error_lies():
+def test_the_tables_show_metrics_and_the_breakdown():
     lines = summary_tables({"test": summary([score(shares=(0.5, 0.0, 0.0, 0.25, 0.25))])}).splitlines()
-    assert lines[0].split() == ["images", "gap", "deg", "PSNR", "dB", "hand"]  # nothing else was measured
+    assert lines[0].split() == ["images", "angle", "deg", "PSNR", "dB", "hand"]  # nothing else was measured
     assert lines[1].split() == ["test", "1", "10.0", "30.00", "25.00"]
     assert lines[4].split("  ")[0] == "test"
     assert [cell.strip() for cell in lines[4].split("  ") if cell.strip()] == [

@@ -1,1 +1,1 @@
-"""Footage that others took, turned into captures, and masks for what carries none."""
+"""Importers: captures from the data sets and files of others."""

@@ -1,9 +1,9 @@
-"""InterHand2.6M's annotations as our records: its right-hand images, cameras and NeuralAnnot's MANO fits.
+"""Reads InterHand2.6M: right-hand images, cameras and NeuralAnnot's MANO fits.
 
-Of one capture (one subject) of one of the data set's own splits. The files are the data set's own:
-`InterHand2.6M_{split}_data.json`, `..._camera.json` and `..._MANO_NeuralAnnot.json`. Its conventions: cameras in
-millimetres, MANO's fits in metres; x_cam = camrot (X - campos) with OpenCV's axes, u = focal x / z + princpt, no
-distortion; poses count from MANO's mean (`flat_hand_mean=False`).
+A capture of the data set is one subject in one of its splits. Its files are `InterHand2.6M_{split}_data.json`,
+`..._camera.json` and `..._MANO_NeuralAnnot.json`. Its conventions: cameras in millimetres, MANO fits in metres;
+x_cam = camrot (X - campos) with OpenCV's axes, u = focal x / z + princpt, no distortion; poses are relative to MANO's
+mean pose (`flat_hand_mean=False`).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from .json_stream import list_entries, member
 DataSplit = Literal["train", "val", "test"]
 File = Literal["data", "camera", "MANO_NeuralAnnot"]
 
-_GREY_CAMERAS = "41"  # the ids of the cameras without colour begin so
-# How far the principal point may lie from the middle of its image, as a share of the side.
+_GREY_CAMERAS = "41"  # first digits of the ids of cameras without colour
+# Largest distance of the principal point from the image's centre, as a share of the side.
 _OFF_CENTRE = 0.2
 
 
 @dataclass(frozen=True)
 class InterHandImage:
-    """One image that shows a right hand alone; `file` counts from the split's folder of images."""
+    """One image of a single right hand; `file` is relative to the image folder of the split."""
 
     file: str
     camera: str
@@ -39,24 +39,24 @@ class InterHandImage:
 
 
 def annotation_file(folder: Path, split: DataSplit, name: File) -> Path:
-    """Where an annotation lies, in the data set's present layout or in its older ones.
+    """The path of an annotation file, in the data set's current layout or its older ones.
 
     Raises:
-        LiveHandError: nowhere.
+        LiveHandError: there is none.
     """
     file = f"InterHand2.6M_{split}_{name}.json"
     places = [folder / file, folder / split / file, folder / "all" / split / file]
     for place in places:
         if place.is_file():
             return place
-    raise LiveHandError(f"no {file} in {folder}, {split} or all/{split} in it; give the annotations' folder")
+    raise LiveHandError(f"no {file} in {folder}, {split} or all/{split} in it; pass the folder of the annotations")
 
 
 def read_images(path: Path, capture: int) -> tuple[list[InterHandImage], int]:
-    """The capture's images of a right hand alone, ordered by frame and camera, and how many grey ones were left out.
+    """The capture's images of a single right hand, ordered by frame and camera, and the number of skipped grey images.
 
     Raises:
-        LiveHandError: malformed, or no such images.
+        LiveHandError: the file is malformed or has no such images.
     """
     entries, right = {}, set()
     for key, entry in list_entries(path, ("images", "annotations")):
@@ -74,7 +74,7 @@ def read_images(path: Path, capture: int) -> tuple[list[InterHandImage], int]:
     coloured = [image for image in images if not image.camera.startswith(_GREY_CAMERAS)]
     if not coloured:
         raise LiveHandError(
-            f"{path} must have colour images of a right hand alone in capture {capture}, got none "
+            f"{path} must have colour images of a single right hand in capture {capture}, got none "
             f"of the capture's {len(entries)} images"
         )
     return sorted(coloured, key=lambda image: (image.frame, image.camera)), len(images) - len(coloured)
@@ -89,10 +89,10 @@ def _read_image(entry: Mapping[str, Any]) -> InterHandImage:
 
 
 def read_cameras(path: Path, capture: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """K [3, 3] px and cam2world [4, 4] (m) of every camera of the capture, by its id.
+    """K [3, 3] px and cam2world [4, 4] m of every camera of the capture, by camera id.
 
     Raises:
-        LiveHandError: malformed.
+        LiveHandError: the file is malformed.
     """
     entry = member(path, str(capture))
     try:
@@ -116,11 +116,11 @@ def _read_camera(entry: Mapping[str, Any], name: str) -> tuple[np.ndarray, np.nd
 def camera_of_image(K: np.ndarray, cam2world: np.ndarray, size_px: tuple[int, int]) -> Camera:
     """The camera of an image of `size_px`.
 
-    One camera's images (400412) were resized to the others' sides the wrong way round: stretched one way, squeezed the
-    other. There the principal point lies in the middle of the upright image only, and K is stretched with the pixels.
+    The images of camera 400412 were resized with width and height swapped. Its principal point is central only in the
+    image with swapped sides, and K is scaled like the pixels.
 
     Raises:
-        LiveHandError: the principal point lies far from the middle either way, or the camera is none.
+        LiveHandError: the principal point is far from the centre either way, or the matrices are invalid.
     """
     width, height = size_px
     if _is_central(K, (width, height)):
@@ -128,7 +128,7 @@ def camera_of_image(K: np.ndarray, cam2world: np.ndarray, size_px: tuple[int, in
     if _is_central(K, (height, width)):
         return Camera(np.diag([width / height, height / width, 1.0]) @ K, cam2world, size_px)
     raise LiveHandError(
-        f"the principal point must lie near the middle of the image, {size_px} px, got {K[:2, 2].tolist()} px"
+        f"the principal point must lie near the centre of the image, {size_px} px, got {K[:2, 2].tolist()} px"
     )
 
 
@@ -139,7 +139,7 @@ def _is_central(K: np.ndarray, size_px: tuple[int, int]) -> bool:
 
 @dataclass(frozen=True)
 class NeuralAnnotFit:
-    """A fit as the file has it: pose [48] rad, MANO's mean not added; shape [10]; trans [3] m."""
+    """A fit as in the file: pose [48] rad relative to MANO's mean pose, shape [10], trans [3] m."""
 
     pose: np.ndarray
     shape: np.ndarray
@@ -147,10 +147,10 @@ class NeuralAnnotFit:
 
 
 def read_poses(path: Path, capture: int, hands_mean: np.ndarray) -> dict[int, HandPose]:
-    """The right hand's pose of every frame that has a fit, the mean added.
+    """The right hand's pose in every frame with a fit; `hands_mean` [15, 3] rad is added.
 
     Raises:
-        LiveHandError: malformed.
+        LiveHandError: the file is malformed.
     """
     poses = {}
     for frame, fit in read_fits(path, capture, "right").items():
@@ -162,10 +162,10 @@ def read_poses(path: Path, capture: int, hands_mean: np.ndarray) -> dict[int, Ha
 
 
 def read_fits(path: Path, capture: int, side: Side) -> dict[int, NeuralAnnotFit | None]:
-    """One hand's fit of every frame, None where that hand has none.
+    """The fit of one hand in every frame, None where it has none.
 
     Raises:
-        LiveHandError: malformed, or a number that is not finite.
+        LiveHandError: the file is malformed.
     """
     frames = member(path, str(capture))
     try:

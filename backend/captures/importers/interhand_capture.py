@@ -1,4 +1,4 @@
-"""A capture from InterHand2.6M: the main road of `livehand import-interhand`."""
+"""Makes a capture of InterHand2.6M, for `livehand import-interhand`."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from .interhand import (
     read_poses,
 )
 from .split import HELD_OUT_FRAMES, FrameSplit, default_split, every, load_split, split_document
-from .staging import check_place, write_capture
+from .staging import check_target, write_capture
 
 Shape = Literal["per-frame", "mean", "median"]
 
-_READERS = 8  # of image headers: they wait for the disk
+_READERS = 8  # threads that read image headers, which mostly wait for the disk
 
 
 @dataclass(frozen=True)
 class InterHandRequest:
-    """What of InterHand2.6M to take.
+    """The part of InterHand2.6M to import.
 
     Attributes:
-        root: the folder that holds `images`.
+        root: the folder that contains `images`.
         annotations: the folder of the annotations.
         split: of the data set.
-        capture: its number.
-        sequences: their names; None: all.
-        cameras: their ids; None: all that see colour.
-        shape: each frame's own, or the frames' mean or median for all of them.
-        split_file: which frames and cameras are held out; None: the last `held_out_frames` and `held_out_cameras`.
-        held_out_frames: how many.
-        held_out_cameras: their ids; None: every tenth.
-        every: take each n-th frame only.
+        capture: number of the capture.
+        sequences: names of the sequences; None: all.
+        cameras: ids of the cameras; None: all colour cameras.
+        shape: each frame's own shape, or the mean or median shape for all frames.
+        split_file: a file of held-out frames and cameras; None: `held_out_frames` and `held_out_cameras` apply.
+        held_out_frames: number of frames held out at the end.
+        held_out_cameras: ids of held-out cameras; None: every tenth.
+        every: import only each n-th frame.
     """
 
     root: Path
@@ -65,13 +65,13 @@ class InterHandRequest:
 
     @property
     def source(self) -> str:
-        """What a split of it is called."""
+        """The source as named in split files."""
         return f"InterHand2.6M {self.split}/Capture{self.capture} right"
 
 
 @dataclass(frozen=True)
 class InterHandResult:
-    """What came of an import: the capture; how many images of grey cameras, and frames without a fit, were left out."""
+    """The capture, and how many images of grey cameras and frames without a fit were skipped."""
 
     capture: Capture
     grey_images: int
@@ -81,14 +81,14 @@ class InterHandResult:
 def import_interhand(
     request: InterHandRequest, hand: HandModel, hands_mean: np.ndarray, output: Path
 ) -> InterHandResult:
-    """Write a capture of one subject's right hand; hands_mean [15, 3] rad is the hand model's own.
+    """Write a capture of one subject's right hand; hands_mean [15, 3] rad is that of the hand model.
 
     Raises:
-        LiveHandError: naming the file and its faults; nothing is written then.
+        LiveHandError: with the file and its faults; nothing is written.
     """
-    check_place(output)
+    check_target(output)
     images, grey, calibrations, fits = _read(request, hands_mean)
-    images = [image for image in images if _is_asked_for(image, request)]
+    images = [image for image in images if _is_requested(image, request)]
     fitted = [image for image in images if image.frame in fits]
     split = _split(request, fitted)
     used = _used(fitted, split)
@@ -106,7 +106,7 @@ def import_interhand(
 def _read(
     request: InterHandRequest, hands_mean: np.ndarray
 ) -> tuple[list[InterHandImage], int, dict[str, tuple[np.ndarray, np.ndarray]], dict[int, HandPose]]:
-    """Images, count of grey ones, calibrations and fits; the small files first, so that faults show early."""
+    """Images, number of grey images, calibrations and fits; small files are read first to report faults early."""
     data, camera, mano = (
         annotation_file(request.annotations, request.split, name) for name in ("data", "camera", "MANO_NeuralAnnot")
     )
@@ -114,7 +114,7 @@ def _read(
     return *read_images(data, request.capture), calibrations, fits
 
 
-def _is_asked_for(image: InterHandImage, request: InterHandRequest) -> bool:
+def _is_requested(image: InterHandImage, request: InterHandRequest) -> bool:
     is_sequence = request.sequences is None or image.sequence in request.sequences
     return is_sequence and (request.cameras is None or image.camera in request.cameras)
 
@@ -123,7 +123,7 @@ def _split(request: InterHandRequest, images: list[InterHandImage]) -> FrameSpli
     frames, cameras = {image.frame for image in images}, {image.camera for image in images}
     if not images:
         raise LiveHandError(
-            f"{request.source} must have images of the asked sequences and cameras whose frames are fitted, got none"
+            f"{request.source} must have images of the requested sequences and cameras in frames with a fit, got none"
         )
     if request.split_file is None:
         held_out = None if request.held_out_cameras is None else list(request.held_out_cameras)
@@ -133,7 +133,7 @@ def _split(request: InterHandRequest, images: list[InterHandImage]) -> FrameSpli
     missing = [*sorted(set(split.cameras) - cameras), *sorted(set(split.frames) - frames)]
     if missing:
         raise LiveHandError(
-            f"{request.split_file} must name frames and cameras that {request.source} has and that are asked for, "
+            f"{request.split_file} must name frames and cameras that {request.source} has and that are requested, "
             f"got {len(missing)} others, such as {missing[:5]}"
         )
     return every(split, request.every)
@@ -142,14 +142,14 @@ def _split(request: InterHandRequest, images: list[InterHandImage]) -> FrameSpli
 def _cameras(
     request: InterHandRequest, images: list[InterHandImage], calibrations: dict[str, tuple[np.ndarray, np.ndarray]]
 ) -> list[Camera]:
-    """One per image, of the size that its file has."""
+    """The camera of each image, with the size of its file."""
 
     def camera_of(image: InterHandImage) -> Camera | str:
         path = _file(request, image)
         try:
             mode, size_px = read_header(path)
             if mode != "RGB":
-                return f"{path} must be a colour picture (RGB), got mode {mode}"
+                return f"{path} must be a colour image (RGB), got mode {mode}"
             if image.camera not in calibrations:
                 return f"{path}: camera {image.camera} must be calibrated, got no such camera"
             return camera_of_image(*calibrations[image.camera], size_px)
@@ -174,7 +174,7 @@ def _poses(fits: dict[int, HandPose], frames: tuple[int, ...], shape: Shape, han
 
 
 def with_shape(pose: HandPose, beta: np.ndarray, hand: HandModel) -> HandPose:
-    """The pose with another shape [10], the wrist where it was: the rest wrist of another shape lies elsewhere."""
+    """The pose with another shape [10], its translation corrected so that the wrist stays in place."""
     wrist_of_beta = np.einsum("v,vck->ck", hand.J_regressor[0], hand.shapedirs)  # [3, 10] m
     return replace(pose, beta=beta, transl=pose.transl + wrist_of_beta @ (pose.beta - beta))
 

@@ -1,159 +1,102 @@
-"""Large JSON documents read entry by entry: memory holds one entry and a megabyte of text, never the document.
+"""Large JSON documents, read entry by entry with ijson, so that memory never holds the whole document.
 
-InterHand2.6M's index of images is over a gigabyte of JSON, which Python's own reader turns into several times that.
+The image index of InterHand2.6M is over a gigabyte of JSON; Python's own reader needs several times that in memory.
+Values are built from ijson's basic events: its `items` spells out the path of every event, which a deeply nested file
+turns into gigabytes, and is slower.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from ...records.errors import LiveHandError
 
-_CHUNK = 1 << 20  # characters
-_BLANKS = " \t\r\n"
+_BUFFER_BYTES = 1 << 16
+_END_MAP, _END_ARRAY = ("end_map", None), ("end_array", None)
+
+Event = tuple[str, Any]
 
 
-def list_entries(path: Path, keys: Collection[str]) -> Iterator[tuple[str, Any]]:
+def list_entries(path: Path, keys: Collection[str], buffer_bytes: int = _BUFFER_BYTES) -> Iterator[tuple[str, Any]]:
     """(key, entry) of the lists that a document {key: [entry, ...], ...} holds under `keys`, in the file's order.
 
     Raises:
-        LiveHandError: missing, cut short, no JSON, or no such lists.
+        LiveHandError: the file is missing, cut short or not JSON, or lacks one of the lists.
     """
     missing = set(keys)
-    with _opened(path) as file:
-        reader = _Reader(file, path)
-        for key in reader.keys():
-            if key in keys and reader.peek() == "[":
-                missing.discard(key)
-                for entry in reader.entries():
-                    yield key, entry
-            else:
-                reader.skip()
+    with _events(path, buffer_bytes) as events:
+        for key in _members(events):
+            first = next(events)
+            if key not in keys or first[0] != "start_array":
+                _value(first, events)
+                continue
+            missing.discard(key)
+            for entry in iter(events.__next__, _END_ARRAY):
+                yield key, _value(entry, events)
     if missing:
         raise LiveHandError(f"{path} must hold lists {sorted(keys)}, got none under {sorted(missing)}")
 
 
-def member(path: Path, key: str) -> Any:
-    """What a document {key: value, ...} holds under `key`; other members are passed over.
+def member(path: Path, key: str, buffer_bytes: int = _BUFFER_BYTES) -> Any:
+    """The value that a document {key: value, ...} holds under `key`; one value at a time is in memory.
 
     Raises:
-        LiveHandError: missing, cut short, no JSON, or no such key.
+        LiveHandError: the file is missing, cut short or not JSON, or lacks the key.
     """
     others = []
-    with _opened(path) as file:
-        reader = _Reader(file, path)
-        for name in reader.keys():
+    with _events(path, buffer_bytes) as events:
+        for name in _members(events):
+            value = _value(next(events), events)
             if name == key:
-                return reader.value()
+                return value
             others.append(name)
-            reader.skip()
     raise LiveHandError(f"{path} must hold {key!r}, got {others[:40]}")
 
 
 def member_names(path: Path) -> Iterator[str]:
-    """The keys of a document {key: value, ...} in the file's order; a value is read when the next key is asked for.
+    """The keys of a document {key: value, ...} in the file's order; a value is read when the next key is requested.
 
     Raises:
-        LiveHandError: missing, cut short or no JSON.
+        LiveHandError: the file is missing, cut short or not JSON.
     """
-    with _opened(path) as file:
-        reader = _Reader(file, path)
-        for name in reader.keys():
+    with _events(path, _BUFFER_BYTES) as events:
+        for name in _members(events):
             yield name
-            reader.skip()
+            _value(next(events), events)
 
 
-def _opened(path: Path) -> TextIO:
+@contextmanager
+def _events(path: Path, buffer_bytes: int) -> Iterator[Iterator[Event]]:
+    """The file's (event, value) pairs; errors of the file and of its JSON become `LiveHandError`."""
     try:
-        return path.open(encoding="utf-8")
+        import ijson
+    except ImportError as error:
+        raise LiveHandError(f"large JSON files need ijson ({error}); install it with: pip install ijson") from error
+    try:
+        with path.open("rb") as file:
+            yield ijson.basic_parse(file, use_float=True, buf_size=buffer_bytes)
     except OSError as error:
         raise LiveHandError(f"{path} must be a readable JSON file ({error})") from error
+    except (ijson.JSONError, ValueError, RecursionError) as error:
+        raise LiveHandError(f"{path} must be whole, well-formed JSON ({error}); download it again") from error
 
 
-class _Reader:
-    """A place in a JSON text of which a part is in memory."""
+def _members(events: Iterator[Event]) -> Iterator[str]:
+    """The keys of the document's object; the caller consumes the value of each before the next."""
+    if next(events) != ("start_map", None):
+        raise ValueError("expected an object")
+    for _, key in iter(events.__next__, _END_MAP):
+        yield key
 
-    def __init__(self, file: TextIO, path: Path):
-        self._file, self._path = file, path
-        self._decoder = json.JSONDecoder()
-        self._text, self._at = "", 0
 
-    def keys(self) -> Iterator[str]:
-        """The keys of the object that begins here; the caller reads the value of each before the next."""
-        self._expect("{")
-        while self.peek() != "}":
-            key = self.value()
-            if not isinstance(key, str):
-                raise self._error("keys must be text")
-            self._expect(":")
-            yield key
-            self._expect_separator("}")
-        self._expect("}")
-
-    def entries(self) -> Iterator[Any]:
-        """The entries of the list that begins here."""
-        self._expect("[")
-        while self.peek() != "]":
-            yield self.value()
-            self._expect_separator("]")
-        self._expect("]")
-
-    def skip(self) -> None:
-        """Pass over a value; of a list, one entry at a time."""
-        if self.peek() == "[":
-            for _ in self.entries():
-                pass
-        else:
-            self.value()
-
-    def value(self) -> Any:
-        """The value that begins here."""
-        self.peek()
-        while True:
-            try:
-                value, end = self._decoder.raw_decode(self._text, self._at)
-            except json.JSONDecodeError as error:
-                if not self._read_on():
-                    raise self._error(str(error)) from error
-            except RecursionError as error:
-                raise self._error("too deeply nested") from error
-            else:
-                if end < len(self._text) or not self._read_on():  # a number may go on in the next chunk
-                    self._at = end
-                    return value
-
-    def peek(self) -> str:
-        """The next character that is no blank; empty at the end."""
-        while True:
-            while self._at < len(self._text):
-                if self._text[self._at] not in _BLANKS:
-                    return self._text[self._at]
-                self._at += 1
-            if not self._read_on():
-                return ""
-
-    def _expect(self, character: str) -> None:
-        found = self.peek()
-        if found != character:
-            raise self._error(f"expected {character!r}, got {found!r}")
-        self._at += 1
-
-    def _expect_separator(self, end: str) -> None:
-        if self.peek() != end:
-            self._expect(",")
-
-    def _read_on(self) -> bool:
-        """Read as much again as is in memory, so that a long value costs no more than twice; False at the end."""
-        rest = self._text[self._at :]
-        try:
-            more = self._file.read(max(_CHUNK, len(rest)))
-        except (OSError, UnicodeDecodeError) as error:
-            raise self._error(str(error)) from error
-        self._text, self._at = rest + more, 0
-        return bool(more)
-
-    def _error(self, what: str) -> LiveHandError:
-        return LiveHandError(f"{self._path} must be whole, well-formed JSON ({what}); download it again")
+def _value(first: Event, events: Iterator[Event]) -> Any:
+    """The value whose first event is given; its other events are consumed."""
+    event, value = first
+    if event == "start_map":
+        return {key: _value(next(events), events) for _, key in iter(events.__next__, _END_MAP)}
+    if event == "start_array":
+        return [_value(entry, events) for entry in iter(events.__next__, _END_ARRAY)]
+    return value

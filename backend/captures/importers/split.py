@@ -1,12 +1,12 @@
-"""Which frames and cameras of a capture are held out, and the file that publishes it.
+"""The held-out frames and cameras of a capture, and the file that publishes them.
 
-Held out means never seen in training: a frame (a pose) whatever camera took it, a camera whatever it took.
+A held-out frame (pose) is not trained on from any camera, and a held-out camera is not trained on in any frame.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +16,21 @@ from ..capture import Split
 FORMAT = "livehand-split"
 VERSION = 1
 HELD_OUT_FRAMES = 50
-"""The last ones of a capture (paper, section 4)."""
+"""Number of held-out frames, the last of a capture (paper, section 4)."""
 CAMERA_STEP, CAMERA_OFFSET = 10, 4
-"""Of the sorted ids of a capture's colour cameras, every tenth is held out, beginning with the fifth."""
+"""Of the sorted ids of a capture's colour cameras, every tenth from the fifth is held out."""
 
 
 @dataclass(frozen=True)
 class FrameSplit:
-    """Frames and cameras in use.
+    """The training and held-out frames and cameras.
 
     Attributes:
-        source: the data they are of, such as `InterHand2.6M test/Capture0 right`.
-        train_frames: their numbers, in order.
-        held_out_frames: likewise.
-        train_cameras: their ids.
-        held_out_cameras: likewise.
+        source: name of the data, such as `InterHand2.6M test/Capture0 right`.
+        train_frames: frame numbers, in order.
+        held_out_frames: frame numbers, in order.
+        train_cameras: camera ids.
+        held_out_cameras: camera ids.
     """
 
     source: str
@@ -50,12 +50,12 @@ class FrameSplit:
         return tuple(sorted(self.train_cameras + self.held_out_cameras))
 
     def of(self, frame: int, camera: str) -> Split:
-        """Where an image belongs."""
+        """The split of an image."""
         return split_of(frame in self.held_out_frames, camera in self.held_out_cameras)
 
 
 def split_of(is_pose_held_out: bool, is_camera_held_out: bool) -> Split:
-    """Where an image belongs."""
+    """The split of an image."""
     if is_camera_held_out:
         return "test" if is_pose_held_out else "novel_camera"
     return "novel_pose" if is_pose_held_out else "train"
@@ -64,10 +64,10 @@ def split_of(is_pose_held_out: bool, is_camera_held_out: bool) -> Split:
 def default_split(
     source: str, frames: list[int], cameras: list[str], last: int, held_out: list[str] | None
 ) -> FrameSplit:
-    """The last frames, and the named cameras or else every tenth.
+    """The split that holds out the last frames, and the given cameras or every tenth.
 
     Raises:
-        LiveHandError: nothing is left to train on, or a named camera is not there.
+        LiveHandError: nothing is left to train on, or a given camera does not exist.
     """
     frames, cameras = sorted(frames), sorted(cameras)
     chosen = cameras[CAMERA_OFFSET::CAMERA_STEP] if held_out is None else held_out
@@ -78,33 +78,27 @@ def default_split(
     rest = tuple(camera for camera in cameras if camera not in chosen)
     if not first_held_out or not rest:
         raise LiveHandError(
-            f"{source} must leave frames and cameras to train on, got {len(frames)} frames of which {last} are held "
-            f"out, and {len(cameras)} cameras of which {len(chosen)} are; hold out fewer"
+            f"{source} must leave frames and cameras to train on, "
+            f"got {last} of {len(frames)} frames and {len(chosen)} of {len(cameras)} cameras held out; hold out fewer"
         )
     return FrameSplit(source, tuple(frames[:first_held_out]), tuple(frames[first_held_out:]), rest, tuple(chosen))
 
 
 def every(split: FrameSplit, step: int) -> FrameSplit:
-    """Each `step`-th of the frames to train on and of those held out."""
-    return FrameSplit(
-        split.source,
-        split.train_frames[::step],
-        split.held_out_frames[::step],
-        split.train_cameras,
-        split.held_out_cameras,
-    )
+    """The split with only each `step`-th of its training and held-out frames."""
+    return replace(split, train_frames=split.train_frames[::step], held_out_frames=split.held_out_frames[::step])
 
 
 def split_document(split: FrameSplit) -> str:
-    """The text of a split's file."""
+    """The text of a split file."""
     return json.dumps({"format": FORMAT, "version": VERSION, **asdict(split)}, indent=1) + "\n"
 
 
 def load_split(path: Path, source: str) -> FrameSplit:
-    """Read a split's file.
+    """Read a split file.
 
     Raises:
-        LiveHandError: unreadable, malformed, of other data, or something is both trained on and held out.
+        LiveHandError: unreadable, malformed, of another source, or with something in both training and held-out sets.
     """
     try:
         document = json.loads(path.read_text())
@@ -112,13 +106,13 @@ def load_split(path: Path, source: str) -> FrameSplit:
             raise ValueError(f"format {document['format']} {document['version']}, must be {FORMAT} {VERSION}")
         split = _from_document(document)
     except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-        raise LiveHandError(f"{path} must be a split's file ({type(error).__name__}: {error})") from error
+        raise LiveHandError(f"{path} must be a split file ({type(error).__name__}: {error})") from error
     if split.source != source:
         raise LiveHandError(f"{path} must be of {source}, got one of {split.source}")
     both = {*split.train_frames} & {*split.held_out_frames}, {*split.train_cameras} & {*split.held_out_cameras}
     if any(both):
         raise LiveHandError(
-            f"{path}: what is held out must not be trained on, got both for {sorted(map(str, both[0] | both[1]))[:5]}"
+            f"{path}: held-out frames and cameras must not be trained on, got {sorted(map(str, both[0] | both[1]))[:5]}"
         )
     return split
 

@@ -1,12 +1,13 @@
-"""Puts a capture on disk so that it appears whole or not at all.
+"""Writes a capture completely or not at all.
 
-It grows in `NAME.partial` beside its place and is renamed at the end; the same import goes on with what lies there.
+The capture is written to `NAME.partial` and renamed at the end; repeating an interrupted import resumes it.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tqdm import tqdm
@@ -15,22 +16,22 @@ from ...records.errors import LiveHandError
 from ..capture import Capture, index_document, load_capture, save_capture_index
 
 
-def check_place(folder: Path) -> None:
-    """Raise LiveHandError where a new capture would lie on something."""
+def check_target(folder: Path) -> None:
+    """Raise LiveHandError if the folder of a new capture exists and is not empty."""
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise LiveHandError(f"a new capture needs an empty place, got {folder} with something in it; choose another")
+        raise LiveHandError(f"a new capture needs an empty folder, {folder} is not empty; choose another")
 
 
 def write_capture(capture: Capture, files: Mapping[str, Path], texts: Mapping[str, str] | None = None) -> None:
     """Copy the files (name in the capture -> source) and texts (name -> text), and write the index.
 
     Raises:
-        LiveHandError: the place is taken, or by an unfinished import of something else; a file cannot be copied.
+        LiveHandError: the folder is not empty, holds another unfinished import, or a file cannot be copied.
     """
-    check_place(capture.folder)
+    check_target(capture.folder)
     partial = capture.folder.with_name(capture.folder.name + ".partial")
     try:
-        _claim(partial, capture)
+        _begin_or_resume(partial, capture)
         for name, source in tqdm(files.items(), unit="file", desc="copy"):
             _copy(source, partial / name)
         for name, text in (texts or {}).items():
@@ -42,11 +43,11 @@ def write_capture(capture: Capture, files: Mapping[str, Path], texts: Mapping[st
         raise LiveHandError(f"{capture.folder} must be writable and its sources readable ({error})") from error
 
 
-def _claim(partial: Path, capture: Capture) -> None:
-    """Write the index, or see that it is this capture's own."""
+def _begin_or_resume(partial: Path, capture: Capture) -> None:
+    """Write the index, or check that the unfinished import is of the same capture."""
     (partial / "images").mkdir(parents=True, exist_ok=True)
     if not (partial / "transforms.json").exists():
-        save_capture_index(Capture(partial, capture.hand_sha256, capture.provenance, capture.poses, capture.views))
+        save_capture_index(replace(capture, folder=partial))
         return
     previous = load_capture(partial)
     is_same = index_document(previous) == index_document(capture) and all(

@@ -1,8 +1,8 @@
-"""A nerfstudio-style `transforms.json` and a file of poses as our records.
+"""Reads a nerfstudio-style `transforms.json` and a file of poses.
 
-The file gives K as fl_x, fl_y, cx, cy, w, h (or camera_angle_x), for all images or for each, and each image's camera as
-a camera-to-world `transform_matrix` with OpenGL's axes: x right, y up, z backward. Lens distortion is refused. Which
-pose an image shows is told by its `pose_index`, or by its `time` where the poses have times, or there is but one.
+The intrinsics are fl_x, fl_y, cx, cy, w, h (or camera_angle_x), for all images or for each; the camera of each image is
+a camera-to-world `transform_matrix` with OpenGL's axes: x right, y up, z backward. Lens distortion is refused. The pose
+of an image is given by its `pose_index`, by its `time` if the poses have times, or is the only pose.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ import numpy as np
 
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
-from ...records.shot import HandPose, Side
+from ...records.shot import HandPose
+from ..capture import read_all, read_pose
 from ..picture import read_header
 
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
-_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV")  # the last of these without distortion is one
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV")  # OPENCV without distortion is a pinhole
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 _SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True)
 class PoseTable:
-    """Poses, and the time of each where the file has any."""
+    """Poses, and the time of each if the file has times."""
 
     poses: tuple[HandPose, ...]
     times: np.ndarray | None
@@ -40,7 +41,7 @@ class PoseTable:
 
 @dataclass(frozen=True)
 class TransformsFrame:
-    """One image: where it and its mask lie, its camera, and which pose it shows."""
+    """One image: its file, mask, camera and pose."""
 
     image: Path
     mask: Path | None
@@ -49,12 +50,12 @@ class TransformsFrame:
 
 
 def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTable:
-    """A .npz with theta [P, 16, 3] or [P, 48], transl [P, 3], beta [P, 10] or [10], side and perhaps time [P].
+    """Read a .npz with theta [P, 16, 3] or [P, 48], transl [P, 3], beta [P, 10] or [10], optional side and time [P].
 
-    `hands_mean` [15, 3] is added to the fingers where the poses count from it. Without `side` the hand is a right one.
+    `hands_mean` [15, 3] rad is added to the fingers if the poses are relative to it. `side` defaults to right.
 
     Raises:
-        LiveHandError: unreadable, or malformed.
+        LiveHandError: the file is unreadable or malformed.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -68,25 +69,15 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
         raise LiveHandError(f"{path} must hold theta, beta and transl of every pose ({error})") from error
     if hands_mean is not None:
         theta[:, 1:] += hands_mean
-    return PoseTable(tuple(_pose(path, *row) for row in enumerate(zip(theta, beta, transl, sides, strict=True))), times)
-
-
-def _pose(path: Path, index: int, values: tuple) -> HandPose:
-    theta, beta, transl, side = values
-    known: dict[str, Side] = {"right": "right", "left": "left"}
-    try:
-        return HandPose(theta, beta, transl, known[str(side)])
-    except KeyError as error:
-        raise LiveHandError(f"{path}: pose {index}: side must be 'right' or 'left', got {side!r}") from error
-    except LiveHandError as error:
-        raise LiveHandError(f"{path}: pose {index}: {error}") from error
+    rows = enumerate(zip(theta, beta, transl, sides, strict=True))
+    return PoseTable(read_all(path, ((read_pose, index, *row) for index, row in rows)), times)
 
 
 def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> list[TransformsFrame]:
     """The images of a `transforms.json`, in its order.
 
     Raises:
-        LiveHandError: naming the file and its faults.
+        LiveHandError: with the file and its faults.
     """
     try:
         document = json.loads(path.read_text())
@@ -107,7 +98,7 @@ def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> lis
 
 
 def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres_per_unit: float) -> TransformsFrame:
-    """`entry`: the document's values, overridden by the frame's own."""
+    """Read an `entry`, which holds the document's values overridden by the frame's."""
     _refuse_distortion(entry)
     image = _existing(folder / entry["file_path"])
     size_px = read_header(image)[1]
@@ -134,7 +125,7 @@ def _refuse_distortion(entry: Mapping[str, Any]) -> None:
 
 
 def _existing(path: Path) -> Path:
-    """The file, or the one with a picture's suffix where the name has none."""
+    """The file, or the file of this name with an image suffix."""
     for place in (path, *(path.with_name(path.name + suffix) for suffix in _SUFFIXES)):
         if place.is_file():
             return place
@@ -170,4 +161,4 @@ def _pose_of(entry: Mapping[str, Any], poses: PoseTable) -> int:
         return nearest
     if count == 1:
         return 0
-    raise LiveHandError(f"the frame must have a pose_index, or a time as the poses have, to choose among {count} poses")
+    raise LiveHandError(f"the frame must have a pose_index, or a time like the poses, to choose among {count} poses")

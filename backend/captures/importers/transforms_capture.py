@@ -1,4 +1,4 @@
-"""A capture from a nerfstudio-style `transforms.json`: the main road of `livehand import-transforms`."""
+"""Makes a capture of a nerfstudio-style `transforms.json`, for `livehand import-transforms`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ..capture import Capture, CaptureView
 from .split import split_of
-from .staging import check_place, write_capture
+from .staging import check_target, write_capture
 from .transforms import PoseTable, TransformsFrame, read_transforms
 
 CAMERA_STEP = 8
-"""Every eighth camera is held out, from the first eighth on."""
+"""Every eighth camera is held out."""
 POSE_SHARE = 10
 """The last tenth of the poses is held out."""
 
@@ -28,17 +28,17 @@ def import_transforms(
     held_out_poses: Sequence[int] | None = None,
     held_out_cameras: Sequence[int] | None = None,
 ) -> Capture:
-    """Write a capture; which poses and cameras (counted from 0) are held out is given, or the last tenth and eighths.
+    """Write a capture; by default the last tenth of the poses and every eighth camera are held out.
 
     Raises:
-        LiveHandError: naming the file and its faults; nothing is written then.
+        LiveHandError: with the file and its faults; nothing is written.
     """
-    check_place(output)
+    check_target(output)
     frames = read_transforms(path, poses, metres_per_unit)
     camera_index = _camera_indices([frame.camera for frame in frames])
-    poses_out = _checked(held_out_poses, len(poses.poses), "poses", _last_tenth(len(poses.poses)))
+    poses_out = _held_out(held_out_poses, len(poses.poses), "poses", _last_tenth(len(poses.poses)))
     cameras = max(camera_index) + 1
-    cameras_out = _checked(held_out_cameras, cameras, "cameras", set(range(CAMERA_STEP - 1, cameras, CAMERA_STEP)))
+    cameras_out = _held_out(held_out_cameras, cameras, "cameras", set(range(CAMERA_STEP - 1, cameras, CAMERA_STEP)))
     files: dict[str, Path] = {}
     views = []
     for frame, camera in zip(frames, camera_index, strict=True):
@@ -55,7 +55,7 @@ def import_transforms(
 
 
 def _camera_indices(cameras: list[Camera]) -> list[int]:
-    """Equal cameras are one; counted in the order of their first images."""
+    """The index of each image's camera; equal cameras are one, numbered by their first images."""
     seen: dict[bytes, int] = {}
     return [seen.setdefault(camera.K.tobytes() + camera.cam2world.tobytes(), len(seen)) for camera in cameras]
 
@@ -64,15 +64,15 @@ def _last_tenth(count: int) -> set[int]:
     return set(range(count - count // POSE_SHARE, count))
 
 
-def _checked(chosen: Sequence[int] | None, count: int, what: str, default: set[int]) -> set[int]:
-    """Which are held out."""
+def _held_out(chosen: Sequence[int] | None, count: int, what: str, default: set[int]) -> set[int]:
+    """The held-out indices: the chosen ones, or the default."""
     held_out = default if chosen is None else set(chosen)
     if not held_out <= set(range(count)) or len(held_out) == count:
-        raise LiveHandError(f"held-out {what} must be some, not all, of 0 to {count - 1}, got {sorted(held_out)}")
+        raise LiveHandError(f"held-out {what} must be some, but not all, of 0 to {count - 1}, got {sorted(held_out)}")
     return held_out
 
 
 def _names(number: int, frame: TransformsFrame) -> tuple[str, str | None]:
-    """Of the image and its mask in the capture: numbered, since sources may share names across folders."""
+    """Names of the image and its mask in the capture, numbered because files in several folders may share names."""
     image = f"images/{number:06d}_{frame.image.name}"
     return image, None if frame.mask is None else f"masks/{number:06d}_{frame.mask.name}"

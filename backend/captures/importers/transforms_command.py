@@ -1,4 +1,4 @@
-"""`livehand import-transforms`: arguments, and the call. What needs torch is imported when it runs."""
+"""`livehand import-transforms`: its arguments and its run. Torch is imported only when it runs."""
 
 from __future__ import annotations
 
@@ -11,21 +11,19 @@ from ...runtime.command import Command
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("transforms", type=Path, help="a transforms.json as nerfstudio writes and reads it")
-    parser.add_argument("--poses", type=Path, required=True, help=".npz with theta, beta, transl, and perhaps time")
+    parser.add_argument("transforms", type=Path, help="a transforms.json in nerfstudio's format")
+    parser.add_argument("--poses", type=Path, required=True, help=".npz with theta, beta, transl and optionally time")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CAPTURE", help="folder to write")
-    parser.add_argument("--hand", type=Path, help="the hand model that the poses are of (default: the built-in hand)")
+    parser.add_argument("--hand", type=Path, help="the hand model of the poses (default: the built-in hand)")
+    parser.add_argument("--add-hands-mean", action="store_true", help="add the hand model's mean pose to the fingers")
     parser.add_argument(
-        "--add-hands-mean", action="store_true", help="the fingers' poses count from the hand model's mean pose"
+        "--metres-per-unit", type=float, default=1.0, help="of the camera positions (default: %(default)s)"
     )
     parser.add_argument(
-        "--metres-per-unit", type=float, default=1.0, help="of the cameras' places (default: %(default)s)"
+        "--held-out-poses", type=int, nargs="*", metavar="I", help="default: the last tenth; no numbers: none"
     )
     parser.add_argument(
-        "--held-out-poses", type=int, nargs="*", metavar="I", help="default: the last tenth; without numbers: none"
-    )
-    parser.add_argument(
-        "--held-out-cameras", type=int, nargs="*", metavar="I", help="default: every eighth; without numbers: none"
+        "--held-out-cameras", type=int, nargs="*", metavar="I", help="default: every eighth; no numbers: none"
     )
 
 

@@ -1,1 +1,1 @@
-"""Masks of photographed hands: the posed mesh and GrabCut."""
+"""Masks of photographed hands, from the posed mesh and GrabCut."""

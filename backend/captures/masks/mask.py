@@ -1,8 +1,9 @@
-"""Where a photographed hand is in its image: the posed mesh says about where, GrabCut where its edge is.
+"""The mask of a photographed hand: the posed mesh locates the hand, GrabCut finds its edge.
 
-Rother et al. 2004, "GrabCut". The mesh's silhouette, eroded, is surely hand; far from it nothing is; between the two
-GrabCut decides by colour. A fit is off by millimetres, so both distances are given in them. The forearm, which the mesh
-ends at, looks like hand: it counts as such while colours are learnt, and is cut off along the mesh's end afterwards.
+Rother et al. 2004, "GrabCut". The eroded silhouette of the mesh is certainly hand, and pixels far from it are certainly
+background; between the two GrabCut decides by colour. Both distances are in millimetres, like the errors of a fit. The
+forearm, where the mesh ends, has the colours of the hand: it counts as hand while the colour models are fitted, and is
+cut off along the mesh's end afterwards.
 """
 
 from __future__ import annotations
@@ -20,28 +21,28 @@ from ...geometry.tolerances import NEAR_M
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 
-_WRIST, _KNUCKLE = 0, 4  # joints: the forearm goes on where these two point
-_STUMP = 0.1  # of the hand's length, at its end: what the forearm grows out of
-_FOREARM_WIDER = 1.2  # than the mesh's end: a forearm widens, and the fit is off
-_MARGIN_PX = 24  # of background around all that may be hand
+_WRIST, _KNUCKLE = 0, 4  # joints: the forearm lies in the direction from the knuckle to the wrist
+_STUMP = 0.1  # share of the hand's length at the wrist from which the forearm continues
+_FOREARM_WIDENING = 1.2  # relative to the mesh's end
+_MARGIN_PX = 24  # of background around the possible hand
 
 
 @dataclass(frozen=True)
 class MaskConfig:
-    """How far the fit is trusted."""
+    """How far the mesh is trusted."""
 
     erode_mm: float = 4.0
-    """Deeper than this inside the silhouette all is hand; fingers are some 15 mm wide."""
+    """Pixels deeper inside the silhouette are hand; fingers are about 15 mm wide."""
     dilate_mm: float = 12.0
-    """Farther than this outside it nothing is."""
+    """Pixels farther outside the silhouette are background."""
     forearm_mm: float = 150.0
-    """How far the forearm is followed."""
+    """Length of the forearm that is considered."""
     iterations: int = 5
-    """Of GrabCut."""
+    """Iterations of GrabCut."""
 
 
 class MaskRegions(NamedTuple):
-    """Of an image [H, W], bool: the mesh's silhouette; surely hand; maybe hand; forearm outside the silhouette."""
+    """Bool [H, W]: the mesh's silhouette, certain hand, possible hand, and the forearm outside the silhouette."""
 
     silhouette: np.ndarray
     core: np.ndarray
@@ -50,10 +51,10 @@ class MaskRegions(NamedTuple):
 
 
 def load_opencv() -> ModuleType:
-    """OpenCV, which only masks need.
+    """Import OpenCV, which only masks need.
 
     Raises:
-        LiveHandError: not installed.
+        LiveHandError: OpenCV is not installed.
     """
     try:
         import cv2
@@ -71,19 +72,19 @@ def hand_regions(
     camera: Camera,
     config: MaskConfig,
 ) -> MaskRegions:
-    """What a posed hand (m, world) says of its image."""
+    """The regions of an image of a posed hand; vertices and joints in m, world."""
     cv2 = load_opencv()
     silhouette = _silhouette(vertices, faces, camera)
     focal_px, depth_m = np.abs(camera.K.diagonal()[:2]), np.median(camera.project(vertices)[1])
     px_of_mm = focal_px / max(depth_m, NEAR_M) / 1000  # along x and y
-    core = _grown(silhouette, -config.erode_mm * px_of_mm)
+    core = _dilated(silhouette, -config.erode_mm * px_of_mm)
     forearm = _forearm(vertices, joints, camera, config.forearm_mm / 1000)
     is_hand = silhouette.astype(np.uint8)
-    outline = cv2.dilate(is_hand, np.ones((3, 3), np.uint8)) > 0  # the edge's own pixels stay the hand's
+    outline = cv2.dilate(is_hand, np.ones((3, 3), np.uint8)) > 0  # the pixels of the edge belong to the hand
     return MaskRegions(
         silhouette=silhouette,
         core=core if core.any() else silhouette,
-        near=_grown(silhouette, config.dilate_mm * px_of_mm),
+        near=_dilated(silhouette, config.dilate_mm * px_of_mm),
         forearm=forearm & ~outline,
     )
 
@@ -91,13 +92,13 @@ def hand_regions(
 def grabcut_mask(
     image: UInt8[np.ndarray, "H W 3"], regions: MaskRegions, config: MaskConfig
 ) -> Bool[np.ndarray, "H W"]:
-    """Where the hand is in an sRGB-encoded image; deterministic."""
+    """The hand's mask in an sRGB-encoded image; deterministic."""
     mask = np.zeros(regions.silhouette.shape, bool)
     if not regions.silhouette.any():
         return mask
-    window = _window(regions.near | regions.forearm)
-    found = _cut(image[window], MaskRegions(*(region[window] for region in regions)), config)
-    mask[window] = _largest_component((found | regions.core[window]) & ~regions.forearm[window])
+    crop = _crop(regions.near | regions.forearm)
+    found = _cut(image[crop], MaskRegions(*(region[crop] for region in regions)), config)
+    mask[crop] = _largest_component((found | regions.core[crop]) & ~regions.forearm[crop])
     return mask
 
 
@@ -111,14 +112,14 @@ def _silhouette(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> np.n
 
 
 def _forearm(vertices: np.ndarray, joints: np.ndarray, camera: Camera, length_m: float) -> np.ndarray:
-    """The hull of the mesh's end and of its copy, larger, farther along the forearm."""
+    """The hull of the mesh's end and of a larger copy of it, farther along the forearm."""
     cv2 = load_opencv()
     direction = joints[_WRIST] - joints[_KNUCKLE]
     direction = direction / np.linalg.norm(direction)
     along = vertices @ direction
     end = vertices[along > along.max() - _STUMP * np.ptp(along)]
     flat = end + (along.max() - end @ direction)[:, None] * direction  # pushed to the very end
-    copy = flat.mean(0) + _FOREARM_WIDER * (flat - flat.mean(0)) + length_m * direction
+    copy = flat.mean(0) + _FOREARM_WIDENING * (flat - flat.mean(0)) + length_m * direction
     region = np.zeros(camera.size_px[::-1], np.uint8)
     positions_px, depth = camera.project(np.concatenate([flat, copy]))
     if (depth > NEAR_M).all():
@@ -128,8 +129,8 @@ def _forearm(vertices: np.ndarray, joints: np.ndarray, camera: Camera, length_m:
     return region > 0
 
 
-def _grown(region: np.ndarray, distance_px: np.ndarray) -> np.ndarray:
-    """Grown, or shrunk, by a distance along x and y of at least one pixel."""
+def _dilated(region: np.ndarray, distance_px: np.ndarray) -> np.ndarray:
+    """The region dilated, or eroded if negative, by a distance in x and y of at least one pixel."""
     cv2 = load_opencv()
     radius = np.maximum(np.abs(distance_px).round(), 1).astype(int)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, tuple((2 * radius + 1).tolist()))
@@ -137,7 +138,7 @@ def _grown(region: np.ndarray, distance_px: np.ndarray) -> np.ndarray:
     return change(region.astype(np.uint8), kernel) > 0
 
 
-def _window(region: np.ndarray) -> tuple[slice, slice]:
+def _crop(region: np.ndarray) -> tuple[slice, slice]:
     rows, columns = (np.flatnonzero(region.any(axis)) for axis in (1, 0))
     return tuple(slice(max(0, int(at[0]) - _MARGIN_PX), int(at[-1]) + 1 + _MARGIN_PX) for at in (rows, columns))  # type: ignore[return-value]
 
@@ -150,7 +151,7 @@ def _cut(image: np.ndarray, regions: MaskRegions, config: MaskConfig) -> np.ndar
     labels[regions.core] = cv2.GC_FGD
     if not np.isin(labels, (cv2.GC_BGD, cv2.GC_PR_BGD)).any():
         return regions.silhouette
-    cv2.setRNGSeed(0)  # GrabCut's first colour clusters are drawn
+    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters randomly
     models = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.grabCut(np.ascontiguousarray(image), labels, None, *models, config.iterations, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
     return (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)

@@ -1,4 +1,4 @@
-"""Gives every image of a capture that shows more than the hand a mask: the main road of `livehand mask`."""
+"""Makes masks for the images of a capture that have no alpha, for `livehand mask`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FOLDER = "masks"
 
 @dataclass(frozen=True)
 class MaskedView:
-    """A view with its mask, and how well that agrees with the posed mesh (intersection over union)."""
+    """A view with its mask, and the mask's intersection over union with the posed mesh."""
 
     view: CaptureView
     overlap: float
@@ -34,26 +34,26 @@ class MaskedView:
 def mask_capture(
     folder: Path, hand: HandModel, config: MaskConfig, given: Path | None = None, redo: bool = False
 ) -> list[MaskedView]:
-    """Write masks and name them in the capture's index; those that are there are kept, also after a kill.
+    """Write masks and add them to the capture's index; existing masks are kept, so an interrupted run can be resumed.
 
     Args:
-        folder: the capture's.
-        hand: that the capture's poses are of.
-        config: of the masks that are made.
-        given: a folder of masks, named as the images are, to take instead of making them.
-        redo: for images that have a mask or alpha too.
+        folder: of the capture.
+        hand: the hand model of the capture's poses.
+        config: of new masks.
+        given: a folder of masks with the images' names to use instead of making masks.
+        redo: make masks also for images that have a mask or alpha.
 
     Raises:
-        LiveHandError: naming the file and the fault; the index is as it was then.
+        LiveHandError: with the file and its fault; the index is unchanged.
     """
     load_opencv()
     capture = load_capture(folder)
     if capture.hand_sha256 != hand.sha256:
-        raise LiveHandError(f"capture {folder} must be of hand '{hand.name}', got one of another hand; give its --hand")
+        raise LiveHandError(f"capture {folder} must be of hand '{hand.name}', got one of another hand; pass its --hand")
     wanted = [view for view in capture.views if redo or _needs_mask(capture, view)]
     names = _mask_names(folder, wanted)
     jobs = [partial(_mask_view, capture, replace(view, mask=names[view.file]), hand, config, given) for view in wanted]
-    done = _in_parallel([partial(job, redo) for job in jobs])
+    done = _run_parallel([partial(job, redo) for job in jobs])
     masked = {view.view.file: view.view for view in done}
     views = tuple(masked.get(view.file, view) for view in capture.views)
     save_capture_index(replace(capture, views=views))
@@ -65,12 +65,12 @@ def _needs_mask(capture: Capture, view: CaptureView) -> bool:
 
 
 def _mask_names(folder: Path, views: Iterable[CaptureView]) -> dict[str, str]:
-    """Image -> mask, in a tree like the images' own."""
+    """Image -> mask, in the same folder structure."""
     image_of: dict[str, str] = {}
     for view in views:
         file = PurePosixPath(view.file)
         if file.is_absolute() or ".." in file.parts:
-            raise LiveHandError(f"{folder}: images must lie in the capture's folder to be given masks, got {view.file}")
+            raise LiveHandError(f"{folder}: images must lie in the capture's folder to get masks, got {view.file}")
         other = image_of.setdefault(str(FOLDER / file.with_suffix(".png")), view.file)
         if other != view.file:
             raise LiveHandError(f"{folder}: images must differ by more than their suffix, got {other} and {view.file}")
@@ -117,8 +117,8 @@ def _write_mask(mask: np.ndarray, path: Path) -> None:
         raise LiveHandError(f"mask {path} must be writable ({error})") from error
 
 
-def _in_parallel(jobs: list[Callable[[], MaskedView]]) -> list[MaskedView]:
-    """The results in order; all faults at once."""
+def _run_parallel(jobs: list[Callable[[], MaskedView]]) -> list[MaskedView]:
+    """The results in order; the faults of all jobs are raised together."""
     results, faults = [], []
     with ThreadPoolExecutor(os.cpu_count()) as workers:
         futures = [workers.submit(job) for job in jobs]

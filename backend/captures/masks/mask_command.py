@@ -1,4 +1,4 @@
-"""`livehand mask`: arguments, and the call. What needs torch or OpenCV is imported when it runs."""
+"""`livehand mask`: its arguments and its run. Torch and OpenCV are imported only when it runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="given",
         type=Path,
         metavar="DIR",
-        help="take these masks, named as the images are, and make none",
+        help="use these masks, which have the images' names, and make none",
     )
-    parser.add_argument("--redo", action="store_true", help="also where there is a mask or alpha already")
+    parser.add_argument("--redo", action="store_true", help="replace existing masks and alpha")
     parser.add_argument(
-        "--erode-mm", type=float, default=4.0, help="deeper inside the mesh all is hand (default: %(default)s)"
+        "--erode-mm", type=float, default=4.0, help="pixels deeper inside the mesh are hand (default: %(default)s)"
     )
     parser.add_argument(
-        "--dilate-mm", type=float, default=12.0, help="farther outside the mesh nothing is (default: %(default)s)"
+        "--dilate-mm", type=float, default=12.0, help="pixels farther outside are background (default: %(default)s)"
     )
 
 
@@ -45,9 +45,9 @@ def _run(args: argparse.Namespace) -> dict:
         "masks": len(masked),
         "overlap": overlap,
         "worst": {view.view.mask: round(view.overlap, 4) for view in worst},
-        "summary": f"{len(masked)} masks; overlap with the posed mesh {overlap} on average, least:{lines}"
+        "summary": f"{len(masked)} masks; mean overlap with the posed mesh {overlap}, least:{lines}"
         if masked
-        else "every image carries alpha or has a mask; nothing to do",
+        else "every image has alpha or a mask; nothing to do",
     }
 
 

@@ -1,1 +1,1 @@
-"""How alike two pictures look: distances between the features of networks trained on photographs by others."""
+"""Perceptual distances: differences between the features of networks that others trained on photographs."""

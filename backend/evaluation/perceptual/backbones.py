@@ -1,6 +1,6 @@
 """The three networks whose features LPIPS compares, laid out as torchvision numbers their layers.
 
-Images [B, 3, H, W], already normalised. Each network returns one map per compared layer, after its ReLU.
+Images are [B, 3, H, W], already normalised. Each network returns one map per compared layer, after its ReLU.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class Layout(NamedTuple):
         layers: torchvision's `features` up to the last layer needed.
         compared: indices of the layers whose output is compared.
         channels: of those outputs.
-        min_side_px: shorter images end as nothing.
-        file: torchvision's checkpoint; the name's last part begins the file's sha256.
+        min_side_px: the smallest image side that leaves at least one pixel in every map.
+        file: torchvision's checkpoint; the last part of its name is the start of the file's sha256.
     """
 
     layers: tuple[nn.Module, ...]
@@ -48,7 +48,7 @@ class Fire(nn.Module):
 
 
 class Backbone(nn.Module):
-    """A network up to the last compared layer; frozen."""
+    """A frozen network up to the last compared layer."""
 
     def __init__(self, layout: Layout, weights: dict[str, Tensor]):
         super().__init__()
@@ -62,11 +62,13 @@ class Backbone(nn.Module):
         """The compared features.
 
         Raises:
-            LiveHandError: the image is so small that nothing would be left of it.
+            LiveHandError: the image is too small for the network.
         """
         if min(x.shape[-2:]) < self.min_side_px:
             size = tuple(x.shape[:-3:-1])
-            raise LiveHandError(f"this perceptual network needs images of {self.min_side_px} px and more, got {size}")
+            raise LiveHandError(
+                f"this perceptual network needs images of at least {self.min_side_px} px per side, got {size}"
+            )
         maps = []
         for index, layer in enumerate(self.layers):
             x = layer(x)
@@ -76,7 +78,7 @@ class Backbone(nn.Module):
 
 
 def layout_of(weights: dict[str, Tensor]) -> Layout | None:
-    """The network that these weights, named as by torchvision, are of; None where it is none of the three."""
+    """The network of these weights, which have torchvision's names; None if it is none of the three."""
     for layout in (_vgg16(), _alexnet(), _squeezenet()):
         expected = nn.ModuleList(layout.layers).state_dict()
         if all(name in weights and weights[name].shape == value.shape for name, value in expected.items()):

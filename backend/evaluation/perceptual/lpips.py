@@ -1,10 +1,11 @@
 """LPIPS version 0.1 (Zhang et al. 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric").
 
-Backbone features, unit length over channels, squared differences weighted by the published linear heads, averaged over
-the image, summed over layers. Neither the backbone's weights nor the heads are ours to ship: users name files.
+Features of a backbone are normalised over channels; their squared differences are weighted by the published linear
+heads, averaged over the image and summed over the layers. The weights are not distributed with LiveHand: users supply
+the files.
 
-The number is LPIPS only with torchvision's backbone, on which the heads were fitted, and the published heads.
-`LpipsDistance.is_lpips` says whether both are; where not, it is an uncalibrated perceptual distance, and named so.
+The result is LPIPS only with the published heads and torchvision's backbone, on which they were fitted, as
+`LpipsDistance.is_lpips` tells. With other files it is an uncalibrated perceptual distance.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from .backbones import Backbone, Layout, layout_of
 from .weights import read_weights
 
 RangeMode = Literal["standard", "reference"]
-"""`standard`: images are taken to [-1, 1], which the heads were fitted on. `reference`: the paper's authors give [0, 1]
-where [-1, 1] is expected, that is half the contrast, about grey; only their published figures compare with it."""
+"""`standard`: images are mapped to [-1, 1], on which the heads were fitted. `reference`: images stay in [0, 1], as in
+the code of the paper's authors, whose published figures compare only with this mode."""
 
-# Of [-1, 1] images; the published network's own rounding of ImageNet's mean and deviation.
+# ImageNet's mean and deviation for images in [-1, 1], rounded as in the published network.
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
-# Under the root of a feature's squared length: a pixel without features has no direction, and finite gradients.
+# Added to a feature's squared length, so that a pixel without features has finite gradients.
 _MIN_SQUARED = 1e-10
 # sha256, first eight digits, of the published heads' values in order, float32.
 _HEADS = {"vgg16": "9153a204", "alexnet": "718a8b40", "squeezenet1_1": "68f1b175"}
@@ -39,7 +40,7 @@ _HEAD_FILES = "the LPIPS v0.1 linear heads of the same network (vgg.pth, alex.pt
 
 
 class LpipsDistance(nn.Module):
-    """Distance of two images, differentiable in both."""
+    """The distance of two images, differentiable with respect to both."""
 
     shift: Tensor
     scale: Tensor
@@ -65,10 +66,10 @@ class LpipsDistance(nn.Module):
 
 
 def load_lpips(weights_path: Path | None, heads_path: Path | None, range_mode: RangeMode = "standard") -> LpipsDistance:
-    """The distance of the network that `weights_path` holds (VGG16, AlexNet, SqueezeNet 1.1), and its heads.
+    """The distance by the network in `weights_path` (VGG16, AlexNet or SqueezeNet 1.1) and its heads.
 
     Raises:
-        LiveHandError: a file is not named, not there, or of another network.
+        LiveHandError: a file is not given, missing, or of another network.
     """
     if weights_path is None or heads_path is None:
         raise LiveHandError(
@@ -84,7 +85,7 @@ def load_lpips(weights_path: Path | None, heads_path: Path | None, range_mode: R
 
 
 def _read_heads(path: Path, layout: Layout) -> list[Tensor]:
-    """One weight per channel and compared layer: `lin0` or, as published, `lin0.model.1.weight`."""
+    """One weight per channel of each compared layer, named `lin0` or, as published, `lin0.model.1.weight`."""
     tensors = {key.split(".")[0]: value for key, value in read_weights(path, _HEAD_FILES).items()}
     heads = [tensors.get(f"lin{index}", torch.empty(0)).flatten() for index in range(len(layout.channels))]
     sizes = tuple(len(head) for head in heads)
@@ -95,7 +96,7 @@ def _read_heads(path: Path, layout: Layout) -> list[Tensor]:
 
 
 def _is_torchvisions(path: Path, layout: Layout) -> bool:
-    """Whether the file is the very one; torchvision names its files by their sha256."""
+    """Whether the file is torchvision's own, whose name contains its sha256."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return digest.startswith(Path(layout.file).stem.rsplit("-", 1)[1])

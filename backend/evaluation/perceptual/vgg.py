@@ -1,4 +1,4 @@
-"""Perceptual distance of training: L1 between VGG19 features (Johnson et al. 2016; paper section 3.5)."""
+"""The perceptual loss of training: L1 between VGG19 features (Johnson et al. 2016; paper section 3.5)."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _LAYERS = (
     (10, 128, 256, True), (12, 256, 256, False), (14, 256, 256, False), (16, 256, 256, False),
 )  # fmt: skip
 _COMPARED = (2, 7, 16)  # relu1_2, relu2_2, relu3_4
-_MIN_FEATURE = 1e-3  # keeps the quotient finite on an empty picture; features are of order 0.1 to 100
+_MIN_FEATURE = 1e-3  # keeps the quotient finite on an empty image; features are of order 0.1 to 100
 VGG19_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
 
 
 class PerceptualLoss(nn.Module):
     """Mean absolute difference of VGG19 features at three depths, each relative to the target's mean, summed.
 
-    Relative, because publications of the same network differ in the scale of their features.
+    It is relative because published weights of the same network differ in the scale of their features.
     """
 
     mean: Tensor
@@ -59,7 +59,7 @@ def load_vgg_distance(path: Path | None) -> PerceptualLoss:
     """The distance with weights from `path` (.safetensors, torchvision's .pth), or torchvision's cache or server.
 
     Raises:
-        LiveHandError: the file does not hold VGG19, or there is none to be had.
+        LiveHandError: the file does not hold VGG19, or the download failed.
     """
     remedy = "pass --perceptual-weights FILE with it, or train without it: --perceptual 0"
     if path is None:

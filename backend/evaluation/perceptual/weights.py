@@ -1,4 +1,4 @@
-"""Reading the weights of others' networks: none are ours to ship, so users name files, or torchvision fetches them."""
+"""Reads the weights of networks that LiveHand does not distribute: from the user's file or torchvision's server."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def read_weights(path: Path, wanted: str) -> dict[str, Tensor]:
 
     Args:
         path: the file.
-        wanted: what it should be, for the message where it is not there.
+        wanted: description of the expected file, for the error message.
 
     Raises:
-        LiveHandError: there is no such file, or it is unreadable.
+        LiveHandError: the file is missing or unreadable.
     """
     if not path.is_file():
         raise LiveHandError(f"no perceptual weights at {path}; give {wanted}")
@@ -28,7 +28,7 @@ def read_weights(path: Path, wanted: str) -> dict[str, Tensor]:
 
             return load_file(path)
         state = dict(torch.load(path, weights_only=True, map_location="cpu"))
-    except Exception as error:  # any reader's own kind of error means the same here
+    except Exception as error:  # readers raise errors of their own kinds
         raise LiveHandError(f"perceptual weights {path} must be readable, got {error}") from error
     return _without_prefix(state)
 
@@ -37,7 +37,7 @@ def fetch_weights(url: str, remedy: str) -> dict[str, Tensor]:
     """A torchvision checkpoint, from its cache or its download server.
 
     Raises:
-        LiveHandError: it cannot be had; the message ends in `remedy`.
+        LiveHandError: the download failed; the message ends in `remedy`.
     """
     cached = Path(torch.hub.get_dir()) / "checkpoints" / url.rsplit("/", 1)[1]
     if cached.is_file():

@@ -176,7 +176,7 @@ def test_sequences_and_cameras_can_be_chosen(data_set, tmp_path):
     assert [view.file.rpartition("/")[2] for view in result.capture.views] == [
         "image100.jpg", "image106.jpg", "image112.jpg",
     ]  # fmt: skip
-    with pytest.raises(LiveHandError, match="must have images of the asked sequences"):
+    with pytest.raises(LiveHandError, match="must have images of the requested sequences"):
         run(data_set, tmp_path / "b", sequences=["ROM99"])
 
 
@@ -212,21 +212,24 @@ def spoil_fit(data_set, key, value):
     ("spoil", "message"),
     [
         (lambda d: spoil_fit(d, "pose", [0.0] * 45), r"MANO_NeuralAnnot\.json: capture 0, frame 103: "),
-        (lambda d: spoil_fit(d, "trans", [0, float("nan"), 0]), "frame 103: transl must be finite"),
+        (lambda d: spoil_fit(d, "trans", [0, float("nan"), 0]), r"NeuralAnnot\.json must be whole, well-formed JSON"),
         (lambda d: spoil_fit(d, "shape", [0.0] * 9), r"frame 103: beta must be \[10\]"),
         (lambda d: d.fits.update({"x": {}}), r"MANO_NeuralAnnot\.json: capture 0 must hold"),
         (lambda d: d.cameras.pop("focal"), r"camera\.json: capture 0 must hold campos, camrot, focal"),
         (lambda d: d.cameras["campos"].update({COLOUR: [1, 2]}), r"camera\.json: capture 0 must hold"),
         (lambda d: d.cameras["campos"].pop(COLOUR), "camera 400262 must be calibrated"),
         (lambda d: d.cameras["camrot"].update({COLOUR: np.diag([1, 1, -1.0]).tolist()}), r"image100\.jpg: .*rotation"),
-        (lambda d: d.cameras["princpt"].update({COLOUR: [0, 0]}), "principal point must lie near the middle"),
-        (lambda d: d.cameras["focal"].update({COLOUR: [1, float("inf")]}), "camera matrices must be finite"),
+        (lambda d: d.cameras["princpt"].update({COLOUR: [0, 0]}), "principal point must lie near the centre"),
+        (
+            lambda d: d.cameras["focal"].update({COLOUR: [1, float("inf")]}),
+            r"camera\.json must be whole, well-formed JSON",
+        ),
         (lambda d: d.images[0].update(file_name="../../secret.jpg"), "must lie inside the data set"),
         (lambda d: d.images[0].update(file_name="/etc/passwd"), "must lie inside the data set"),
         (lambda d: d.images[0].pop("camera"), r"data\.json: an entry of images is malformed"),
         (lambda d: d.images[0].update(frame_idx="first"), r"data\.json: an entry of images is malformed"),
         (lambda d: d.annotations.__setitem__(0, None), r"data\.json: an entry of annotations is malformed"),
-        (lambda d: d.annotations.clear(), "must have colour images of a right hand alone in capture 0, got none"),
+        (lambda d: d.annotations.clear(), "must have colour images of a single right hand in capture 0, got none"),
     ],
 )
 def test_malformed_annotations_are_named_and_leave_nothing(data_set, tmp_path, spoil, message):
@@ -284,9 +287,9 @@ def test_requests_that_cannot_be_met_are_refused(data_set, tmp_path, changes, me
     ("change", "message"),
     [
         (lambda d: d.update(source="InterHand2.6M test/Capture1 right"), "must be of InterHand2.6M test/Capture0"),
-        (lambda d: d.update(format="other"), "must be a split's file"),
-        (lambda d: d.pop("train_frames"), "must be a split's file"),
-        (lambda d: d["train_frames"].append(d["held_out_frames"][0]), "held out must not be trained on"),
+        (lambda d: d.update(format="other"), "must be a split file"),
+        (lambda d: d.pop("train_frames"), "must be a split file"),
+        (lambda d: d["train_frames"].append(d["held_out_frames"][0]), "must not be trained on"),
         (lambda d: d["train_frames"].append(7), r"got 1 others, such as \[7\]"),
     ],
 )
@@ -312,7 +315,7 @@ def test_an_import_goes_on_where_it_stopped_and_takes_no_other_place(data_set, t
     assert not partial.exists()
     assert (tmp_path / "capture" / kept.relative_to(partial)).read_bytes() == b"kept"
     assert (tmp_path / "capture" / missing.relative_to(partial)).is_file()
-    with pytest.raises(LiveHandError, match="needs an empty place"):
+    with pytest.raises(LiveHandError, match="needs an empty folder"):
         run(data_set, tmp_path / "capture")
 
 
@@ -323,7 +326,7 @@ def test_an_upright_camera_is_not_stretched():
 
 def test_an_imported_capture_can_be_trained_on_once_it_has_masks(data_set, tmp_path):
     result, hand = run(data_set, tmp_path / "capture")
-    with pytest.raises(LiveHandError, match=r"has 10 faults:(?s:.*)must carry alpha .* `livehand mask` makes masks"):
+    with pytest.raises(LiveHandError, match=r"has 10 faults:(?s:.*)must have alpha .* `livehand mask` makes masks"):
         check_capture(result.capture, hand)
     mask_capture(tmp_path / "capture", hand, MaskConfig())
     capture = load_capture(tmp_path / "capture")
@@ -344,7 +347,7 @@ def test_the_command_imports(data_set, tmp_path, capsys):
     assert (result["images"], result["poses"], result["grey_images"]) == (10, 5, 6)
     assert len(load_capture(tmp_path / "capture").of_split("test")) == 2
     assert run_commands("livehand", "", COMMANDS, arguments) == 1
-    assert "needs an empty place" in capsys.readouterr().err
+    assert "needs an empty folder" in capsys.readouterr().err
 
 
 def test_a_hand_without_a_mean_pose_is_refused(tmp_path):

@@ -195,7 +195,7 @@ def test_the_command_writes_a_capture_with_splits_and_masks(tmp_path, capsys):
         assert (view.camera_index, view.pose_index) == divmod(index, 4)
         assert capture.read_pixels(view)[3, 3].tolist() == [9, 8, 7, 200]
     assert run_commands("livehand", "", COMMANDS, [*arguments[:-1], str(tmp_path / "b"), "--held-out-poses", "9"]) == 1
-    assert "held-out poses must be some, not all, of 0 to 3, got [9]" in capsys.readouterr().err
+    assert "held-out poses must be some, but not all, of 0 to 3, got [9]" in capsys.readouterr().err
 
 
 def test_the_last_tenth_of_poses_and_every_eighth_camera_are_held_out_by_default(tmp_path):

@@ -179,7 +179,7 @@ def test_faults_are_all_named_and_leave_the_index_as_it_was(hand, capture, tmp_p
     given, message = None, "has 2 faults"
     if fault == "size":
         Image.new("RGB", (3, 4)).save(capture.folder / "images/a/1.png")
-        message = r"images/a/1\.png must be \(72, 96\) px as its camera says, got \(3, 4\)"
+        message = r"images/a/1\.png must be \(72, 96\) px like its camera, got \(3, 4\)"
     elif fault == "missing":
         given, message = tmp_path / "nowhere", r"has 2 faults(?s:.*)images/a/0\.jpg must have a mask at .*a/0\.png"
     else:

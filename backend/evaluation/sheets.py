@@ -1,4 +1,4 @@
-"""What an evaluation shows: views spread over all of it, and the worst ones. Only these are kept in memory."""
+"""The contact sheets of an evaluation: evenly spread views, and the worst views. Only these stay in memory."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from .evaluate import ScoredView
 CONTACT_SHEET, WORST_SHEET = "contact_sheet.png", "worst.png"
 
 
-class ShownViews:
-    """Chooses among views as they pass by.
+class SheetViews:
+    """Selects the views for both sheets while an evaluation runs.
 
     Args:
-        expected: how many views will pass at most.
-        spread: how many of them the contact sheet shows, evenly spaced.
-        worst: how many the worst sheet shows: those of the lowest PSNR on the hand, the lowest first.
+        expected: the largest number of views that the evaluation can yield.
+        spread: number of evenly spaced views on the contact sheet.
+        worst: number of views on the sheet of the worst: those with the lowest PSNR on the hand, lowest first.
     """
 
     def __init__(self, expected: int, spread: int, worst: int):
         self._every, self._spread_count, self._worst_count = max(1, expected // max(spread, 1)), spread, worst
         self._spread: list[ScoredView] = []
         self._worst: list[tuple[float, int, ScoredView]] = []
-        self._passed = count()
+        self._indices = count()
 
     def watch(self, views: Iterable[ScoredView]) -> Iterator[ScoredView]:
-        """Pass the views on, and keep what will be shown."""
+        """Yield the views, keeping those for the sheets."""
         for view in views:
-            index = next(self._passed)
+            index = next(self._indices)
             if index % self._every == 0 and len(self._spread) < self._spread_count:
                 self._spread.append(view)
-            # The heap's root is the best of the worst; the index breaks ties, so that pictures are never compared.
+            # The heap's root is the best of the worst; the index breaks ties, so that images are never compared.
             heapq.heappush(self._worst, (-view.score.figures["psnr_hand"], -index, view))
             if len(self._worst) > self._worst_count:
                 heapq.heappop(self._worst)
@@ -45,7 +45,7 @@ class ShownViews:
 
     @property
     def spread(self) -> list[ScoredView]:
-        """Views from the whole evaluation, in its order."""
+        """Evenly spread views, in the order of the evaluation."""
         return self._spread
 
     @property
@@ -54,7 +54,7 @@ class ShownViews:
         return [view for *_, view in sorted(self._worst, key=lambda entry: entry[:2], reverse=True)]
 
     def save(self, folder: Path) -> None:
-        """Write both sheets; none of a kind that shows nothing.
+        """Write both sheets; a sheet without views is not written.
 
         Raises:
             LiveHandError: the folder cannot be written.
@@ -65,11 +65,12 @@ class ShownViews:
 
 
 def label_of(view: ScoredView) -> str:
-    """What a sheet writes above a view."""
+    """The label above a view."""
     score, figures = view.score, view.score.figures
-    gap = f"  gap {score.camera_gap_deg:.0f}\N{DEGREE SIGN}" if np.isfinite(score.camera_gap_deg) else ""
+    angle_deg = score.train_view_angle_deg
+    angle = f"  angle {angle_deg:.0f}\N{DEGREE SIGN}" if np.isfinite(angle_deg) else ""
     decibels = f"{figures['psnr_full']:.2f} dB  hand {figures['psnr_hand']:.2f} dB"
-    return f"{Path(score.file).stem}  {score.split}{gap}  {decibels}"
+    return f"{Path(score.file).stem}  {score.split}{angle}  {decibels}"
 
 
 def _save(views: Sequence[ScoredView], path: Path, triples_per_row: int) -> None:

@@ -1,0 +1,16 @@
+"""Measured peaks, with a clock that the test moves."""
+
+import numpy as np
+import torch
+from livehand.backend.benchmark.machine import Loads, Peaks, measure_peaks
+
+
+def test_the_higher_of_two_peaks_is_kept():
+    assert Peaks(1.0, 5.0, 3.0).or_better(Peaks(2.0, 4.0, 3.0)) == Peaks(2, 5, 3)
+
+
+def test_peaks_with_a_clock_that_advances_a_second_per_reading():
+    for convolution, flops in (((1, 2), 2 * 5 * 6 * 7), ((4, 8), 2 * 9 * 4 * 4 * 8 * 8)):  # the higher counts
+        loads = Loads(((2, 3, 4), (5, 6, 7)), convolution, copy_mb=1)
+        peaks = measure_peaks(torch.device("cpu"), iter(np.arange(1000.0).tolist()).__next__, loads)
+        assert peaks == Peaks(flops, flops, 2 * 2**20)
