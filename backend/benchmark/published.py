@@ -57,7 +57,7 @@ class PublishedRenderer:
 
     def __init__(self, avatar: Avatar, hand: HandModel, device: torch.device):
         self.avatar, self.device = avatar, device
-        self._topology = Topology.of(hand, device)
+        self._topology = topology_of(hand, device)
         self._field, self._superres = (deepcopy(n).to(device).eval() for n in (avatar.field, avatar.superres))
 
     @torch.inference_mode()

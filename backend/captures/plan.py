@@ -19,7 +19,7 @@ from ..hand.model_file import load_default_hand
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split
-from .importers.split import split_of
+from .split import split_of
 
 DISTANCE_M = 0.75
 # Lengths for the built-in hand; they scale with the size of another hand.

@@ -16,6 +16,7 @@ from ...records.errors import LiveHandError
 from ...records.shot import HandPose
 from ..capture import Capture, CaptureView
 from ..picture import read_header
+from ..split import HELD_OUT_FRAMES, FrameSplit, default_split, every, load_split, split_document
 from .interhand import (
     DataSplit,
     InterHandImage,
@@ -25,7 +26,6 @@ from .interhand import (
     read_images,
     read_poses,
 )
-from .split import HELD_OUT_FRAMES, FrameSplit, default_split, every, load_split, split_document
 from .staging import check_target, write_capture
 
 Shape = Literal["per-frame", "mean", "median"]

@@ -9,7 +9,7 @@ from ...hand.model import HandModel
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ..capture import Capture, CaptureView
-from .split import split_of
+from ..split import split_of
 from .staging import check_target, write_capture
 from .transforms import PoseTable, TransformsFrame, read_transforms
 

@@ -10,9 +10,9 @@ from livehand.backend.captures.capture import load_capture
 from livehand.backend.captures.check import check_capture
 from livehand.backend.captures.importers.interhand import camera_of_image
 from livehand.backend.captures.importers.interhand_capture import InterHandRequest, import_interhand
-from livehand.backend.captures.importers.split import load_split
 from livehand.backend.captures.masks.mask import MaskConfig
 from livehand.backend.captures.masks.mask_capture import mask_capture
+from livehand.backend.captures.split import load_split
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
 from livehand.backend.nerf.sampler import SamplerConfig

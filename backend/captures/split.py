@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...records.errors import LiveHandError
-from ..capture import Split
+from ..records.errors import LiveHandError
+from .capture import Split
 
 FORMAT = "livehand-split"
 VERSION = 1
