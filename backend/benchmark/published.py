@@ -23,6 +23,7 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.rasterise import rasterise
 from ..geometry.uvh import SurfaceSamples, atlas_uv, signed_height
 from ..hand.model import HandModel
+from ..hand.topology import topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Stage
 from ..nerf.conditions import FieldInputs
