@@ -39,7 +39,7 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callab
     another file, so the folder is named after the text of all kernels. It is also named after this package, because a
     cached signature refers to the classes of its named tuples by their module's name.
     """
-    options = vars(config)  # numba defines its options at run time
+    options: dict[str, Any] = config.__dict__  # numba defines its options at run time
     previous = options["CACHE_DIR"]
     options["CACHE_DIR"] = str(_cache_folder(previous))
     try:
