@@ -63,8 +63,8 @@ def _pickle_facts(path: Path) -> dict:
 
 
 def _motion_facts(path: Path) -> dict:
-    from ..motion.describe import describe
-    from ..motion.opening import open_motion_file
+    from ..motion.summary import describe
+    from ..motion.open_files import open_motion_file
 
     return {"kind": "motion", **describe(open_motion_file(path))}
 

@@ -17,11 +17,11 @@ import numpy as np
 from ..geometry.framing import fitting_camera
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
-from ..motion.landmarks.track import LandmarkFile
+from ..motion.landmarks.landmark_file import LandmarkFile
 from ..motion.mano_basis import ManoBasis, basis_for
 from ..motion.motion import HandMotion
-from ..motion.opening import open_motion_file
-from ..motion.placing import moved, rest_wrists, to_blender
+from ..motion.open_files import open_motion_file
+from ..motion.spaces import moved, rest_wrists, to_blender
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Shot

@@ -9,10 +9,10 @@ import numpy as np
 from ..geometry.rotation import matrix_to_axis_angle
 from ..hand.model import PARENTS
 from ..motion.motion import HandMotion
-from ..motion.placing import rest_wrists
+from ..motion.spaces import rest_wrists
 from ..records.errors import LiveHandError
 from ..records.shot import Side
-from .alignment import Alignment
+from .rest_alignment import Alignment
 
 
 @dataclass(frozen=True)

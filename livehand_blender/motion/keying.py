@@ -10,8 +10,8 @@ import numpy as np
 
 from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion, mirrored, motion_of
-from ...backend.motion.placing import Space, moved, rest_wrists, to_blender
-from ...backend.motion.timing import at_fps
+from ...backend.motion.spaces import Space, moved, rest_wrists, to_blender
+from ...backend.motion.resampling import at_fps
 from ...backend.records.errors import LiveHandError
 from ..rig.keyframes import keyframe_theta, keyframe_transl
 from ..rig.pose import hand_side, read_hand_pose

@@ -9,7 +9,7 @@ import bpy
 from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.retarget import retarget
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.source_skeleton import JointMap
 from ..motion.keying import Placement, key_motion
 from ..rig.pose import hand_side
 from .size import take_shape

@@ -21,8 +21,8 @@ from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS, HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.alignment import Alignment
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.rest_alignment import Alignment
+from ...backend.retarget.source_skeleton import JointMap
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
 from ..rig.pose import hand_side, read_hand_pose, write_theta, write_transl

@@ -15,8 +15,8 @@ from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.alignment import align, source_nodes
-from ...backend.retarget.naming import Guess, guess_joints
+from ...backend.retarget.rest_alignment import align, source_nodes
+from ...backend.retarget.joint_guess import Guess, guess_joints
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
 from .skeleton import read_skeleton

@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
-from ...backend.retarget.skeleton import RestSkeleton
+from ...backend.retarget.source_skeleton import RestSkeleton
 
 
 class RestMesh(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.retarget.skeleton import RestSkeleton
+from ...backend.retarget.source_skeleton import RestSkeleton
 
 
 def read_skeleton(armature: bpy.types.Object) -> RestSkeleton:

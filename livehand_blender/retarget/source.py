@@ -9,9 +9,9 @@ import numpy as np
 
 from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.alignment import Alignment, align
+from ...backend.retarget.rest_alignment import Alignment, align
 from ...backend.retarget.retarget import SourceMotion
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.source_skeleton import JointMap
 from .size import present_shape
 from .skeleton import read_skeleton
 

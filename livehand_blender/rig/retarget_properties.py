@@ -4,7 +4,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, PointerProperty, StringProperty
 
 from ...backend.hand.model import JOINT_NAMES
-from ...backend.retarget.naming import FINGERS
+from ...backend.retarget.joint_guess import FINGERS
 
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 _SIDES = (

@@ -11,8 +11,8 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.motion.describe import describe
-from ...backend.motion.request import Changes, changed, motion_from, open_files
+from ...backend.motion.summary import describe
+from ...backend.motion.import_options import Changes, changed, motion_from, open_files
 from ...backend.records.errors import LiveHandError
 from ..motion.keying import Placement, key_motion
 from ..retarget.importing import RIG_SUFFIXES

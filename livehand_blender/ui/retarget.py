@@ -8,8 +8,8 @@ from bpy.props import BoolProperty, IntProperty
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.naming import guess_joints
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.joint_guess import guess_joints
+from ...backend.retarget.source_skeleton import JointMap
 from ..retarget.bake import bake
 from ..retarget.follow import check_editable, follow, is_following, stop_following
 from ..retarget.skeleton import read_skeleton

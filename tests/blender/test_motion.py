@@ -12,8 +12,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.opening import open_pose_file
-from livehand.backend.motion.placing import TO_BLENDER
+from livehand.backend.motion.open_files import open_pose_file
+from livehand.backend.motion.spaces import TO_BLENDER
 from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
 from livehand.livehand_blender.rig.hand import add_hand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl

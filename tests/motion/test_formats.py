@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.describe import describe
+from livehand.backend.motion.summary import describe
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.mano_basis import ManoBasis, load_mano_basis
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.opening import open_motion_file, open_pose_file, open_pose_files
+from livehand.backend.motion.open_files import open_motion_file, open_pose_file, open_pose_files
 from livehand.backend.records.errors import LiveHandError
 
 RNG = np.random.default_rng(5)

@@ -7,8 +7,8 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import HandMotion, mirrored, motion_of
-from livehand.backend.motion.placing import SPACES, moved, rest_wrists, to_blender
-from livehand.backend.motion.timing import at_fps, at_frames, slerp, smoothed
+from livehand.backend.motion.spaces import SPACES, moved, rest_wrists, to_blender
+from livehand.backend.motion.resampling import at_fps, at_frames, slerp, smoothed
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from livehand.backend.hand.model import PARENTS
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.retarget.skeleton import RestSkeleton
+from livehand.backend.retarget.source_skeleton import RestSkeleton
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 

@@ -11,12 +11,12 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import mirrored
-from livehand.backend.motion.placing import rest_wrists
+from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.alignment import align
+from livehand.backend.retarget.rest_alignment import align
 from livehand.backend.retarget.retarget import SourceMotion, retarget
 from livehand.backend.retarget.shape_fit import HandShape, fit_shape, rest_nodes
-from livehand.backend.retarget.skeleton import JointMap
+from livehand.backend.retarget.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
 hand_bones, skeleton = LIB["hand_bones"], LIB["skeleton"]

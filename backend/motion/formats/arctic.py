@@ -7,7 +7,7 @@ import numpy as np
 from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
 from ..document import Document
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
 
 _NAME = "ARCTIC MANO"

@@ -11,7 +11,7 @@ import numpy as np
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...records.shot import SIDES, Side
 from ..document import Document
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
 
 # Joints of SMPL's body from the pelvis to each wrist.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..document import Document
-from ..reading import PoseFile
+from ..pose_file import PoseFile
 
 
 class Format(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..document import Document
-from ..reading import PoseFile, pose_file, raw_hand
+from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
 
 _NAME = "FreiHAND"

@@ -16,7 +16,7 @@ from ...hand.model import MIRROR_POINT
 from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
 from ..document import Document
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
 
 _NAME = "HaMeR / WiLoR"

@@ -10,7 +10,7 @@ from ...records.errors import LiveHandError
 from ...records.shot import Side
 from ..document import Document
 from ..motion import HandMotion
-from ..reading import PoseFile, pose_file, raw_hand
+from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
 
 _NAME = "LiveHand"

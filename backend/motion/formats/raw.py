@@ -11,7 +11,7 @@ import numpy as np
 
 from ...records.shot import Side
 from ..document import Document
-from ..reading import PoseFile, pose_file, raw_hand
+from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
 
 _NAME = "Raw MANO"

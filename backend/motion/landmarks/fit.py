@@ -18,7 +18,7 @@ from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
 from ..motion import HandMotion, mirrored
 from .articulation import FREE, NaturalPoses, all_angles, within_limits
-from .closed_form import aligned_bones, aligned_palm
+from .initial_pose import aligned_bones, aligned_palm
 from .skeleton import NODES_OF_LANDMARKS, Posed, Skeleton, derivative_of_nodes
 
 _ROUNDS = 4  # of poses and shape

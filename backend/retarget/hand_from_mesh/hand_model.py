@@ -19,7 +19,7 @@ from ...hand.cap import capped
 from ...hand.model import PARENTS
 from ...records.errors import LiveHandError
 from ...records.shot import Side
-from ..skeleton import JointMap, RestSkeleton
+from ..source_skeleton import JointMap, RestSkeleton
 from .cut import HandCut, Wrist, cut_hand
 from .joint_weights import joint_weights, joints_of_bones
 from .regressor import joint_regressor

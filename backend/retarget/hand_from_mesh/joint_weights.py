@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..skeleton import JointMap, RestSkeleton
+from ..source_skeleton import JointMap, RestSkeleton
 
 NO_JOINT = -1
 # Control rigs keep several bones in one place: this share of the hand's length is one place.

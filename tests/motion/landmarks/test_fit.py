@@ -18,7 +18,7 @@ from livehand.backend.motion.landmarks.articulation import (
     free_angles,
     within_limits,
 )
-from livehand.backend.motion.landmarks.closed_form import aligned_bones, aligned_palm
+from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
 from livehand.backend.motion.landmarks.fit import METRIC, Trust, fit_landmarks, likelier_side
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton, derivative_of_nodes
 from livehand.backend.records.errors import LiveHandError

@@ -18,7 +18,7 @@ from livehand.backend.retarget.hand_from_mesh.joint_weights import joint_weights
 from livehand.backend.retarget.hand_from_mesh.regressor import joint_regressor
 from livehand.backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
 from livehand.backend.retarget.hand_from_mesh.template_frame import world2template
-from livehand.backend.retarget.skeleton import JointMap, RestSkeleton
+from livehand.backend.retarget.source_skeleton import JointMap, RestSkeleton
 
 TURN = axis_angle_to_matrix(np.array([0.7, -1.9, 0.4]))
 PLACE = np.array([0.3, -2.0, 1.1])

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.opening import open_motion_file
+from livehand.backend.motion.open_files import open_motion_file
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_it_is_two_seconds_of_a_left_hand_without_a_place():

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..records.shot import Side
-from .chains import Joints, joints_of_chain
-from .skeleton import RestSkeleton
+from .finger_chains import Joints, joints_of_chain
+from .source_skeleton import RestSkeleton
 
 # A finger bent, or a thumb off the palm's plane, by less than this tells nothing about the palm: sine, share of length.
 _LEAST_BEND, _LEAST_OFFSET = 0.03, 0.03

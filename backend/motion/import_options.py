@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..hand.model import HandModel
-from .landmarks.track import LandmarkFile
+from .landmarks.landmark_file import LandmarkFile
 from .mano_basis import basis_for
 from .motion import HandMotion
-from .opening import MotionFile, open_motion_file, open_pose_files
+from .open_files import MotionFile, open_motion_file, open_pose_files
 
 
 @dataclass(frozen=True)

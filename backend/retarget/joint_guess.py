@@ -10,10 +10,10 @@ from ..hand.gestures import FINGERS
 from ..hand.model import JOINT_NAMES
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Side
-from .bone_words import METACARPAL, TIP, BoneWords, read_words
-from .chains import Joints, joints_of_chain
-from .hierarchy import FoundHand, find_hands, side_of
-from .skeleton import JointMap, RestSkeleton
+from .bone_names import METACARPAL, TIP, BoneWords, read_words
+from .finger_chains import Joints, joints_of_chain
+from .hand_search import FoundHand, find_hands, side_of
+from .source_skeleton import JointMap, RestSkeleton
 
 _LAYERS = ("def", "", "org")  # Rigify's deform bones do what controls and constraints together say
 

@@ -18,8 +18,8 @@ from ...records.errors import LiveHandError
 from ...records.shot import Side
 from ..document import Document
 from ..motion import HandMotion
-from ..reading import METRES, Reading, check_changes
-from ..timing import at_frames, smoothed
+from ..pose_file import METRES, Reading, check_changes
+from ..resampling import at_frames, smoothed
 from .fit import GUESSED, METRIC, LandmarkFit, fit_landmarks, likelier_side
 
 MEDIAPIPE, WEBXR = "MediaPipe landmarks", "WebXR joints"

@@ -17,7 +17,7 @@ from ..hand.model import MIRROR_POINT, HandModel
 from ..motion.landmarks.skeleton import Skeleton
 from ..records.errors import LiveHandError
 from .shape_fit import HandShape, fit_shape, rest_nodes
-from .skeleton import JointMap, RestSkeleton
+from .source_skeleton import JointMap, RestSkeleton
 
 _PALM = [0, 1, 5, 9, 13]  # the wrist and four knuckles among the 21 nodes
 _JOINTS = [0, *(4 * finger + k for finger in range(5) for k in (1, 2, 3))]  # all but the tips

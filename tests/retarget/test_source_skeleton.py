@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.skeleton import JointMap, RestSkeleton
+from livehand.backend.retarget.source_skeleton import JointMap, RestSkeleton
 
 NAMES = tuple(f"bone{k}" for k in range(16))
 

@@ -8,8 +8,8 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model import JOINT_NAMES
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.naming import guess_joints
-from livehand.backend.retarget.skeleton import JointMap
+from livehand.backend.retarget.joint_guess import guess_joints
+from livehand.backend.retarget.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
 hand_bones, skeleton, places = LIB["hand_bones"], LIB["skeleton"], LIB["places"]

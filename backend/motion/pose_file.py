@@ -14,8 +14,8 @@ from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Side
 from .mano_basis import ManoBasis, needed_basis
 from .motion import HandMotion
-from .placing import SPACES, Space
-from .timing import at_frames
+from .spaces import SPACES, Space
+from .resampling import at_frames
 
 Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}

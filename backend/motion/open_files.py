@@ -14,8 +14,8 @@ from .document import SUFFIXES, Document, load_document
 from .formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from .formats.format import Format
 from .formats.neural_annot import is_neural_annot, read_neural_annot
-from .landmarks.track import LandmarkFile, is_landmarks, read_landmarks
-from .reading import NoHandError, PoseFile, RawHand
+from .landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
+from .pose_file import NoHandError, PoseFile, RawHand
 
 # The most telling first: a document is read as the first that it is like.
 FORMATS: tuple[Format, ...] = (

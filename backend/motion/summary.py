@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .landmarks.track import LandmarkFile
-from .opening import MotionFile
+from .landmarks.landmark_file import LandmarkFile
+from .open_files import MotionFile
 
 _AXES = {
     "hand": "the hand's own",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
-from livehand.backend.motion.landmarks.track import LandmarkFile
-from livehand.backend.motion.opening import open_motion_file, open_pose_file
+from livehand.backend.motion.landmarks.landmark_file import LandmarkFile
+from livehand.backend.motion.open_files import open_motion_file, open_pose_file
 from livehand.backend.records.errors import LiveHandError
 
 POINTS = np.random.default_rng(0).normal(size=(3, 21, 3)).round(6)
