@@ -63,10 +63,10 @@ def _pickle_facts(path: Path) -> dict:
 
 
 def _motion_facts(path: Path) -> dict:
-    from ..motion.summary import describe
     from ..motion.open_files import open_motion_file
+    from ..motion.summary import file_summary
 
-    return {"kind": "motion", **describe(open_motion_file(path))}
+    return {"kind": "motion", **file_summary(open_motion_file(path))}
 
 
 def _avatar_facts(path: Path) -> dict:

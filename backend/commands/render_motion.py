@@ -18,10 +18,10 @@ from ..geometry.framing import fitting_camera
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
 from ..motion.landmarks.landmark_file import LandmarkFile
-from ..motion.mano_basis import ManoBasis, basis_for
+from ..motion.mano_basis import ManoBasis, find_basis
 from ..motion.motion import HandMotion
 from ..motion.open_files import open_motion_file
-from ..motion.spaces import moved, rest_wrists, to_blender
+from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Shot
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..rendering.renderer import Renderer
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
-    motion = posed_upright(path, hand, args.side, basis_for(args.mano, args.hand))
+    motion = posed_upright(path, hand, args.side, find_basis(args.mano, args.hand))
     frames = chosen_frames(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
@@ -81,16 +81,16 @@ def posed_upright(path: Path, hand: HandModel, side: str | None = None, basis: M
         LiveHandError: unreadable, or MANO's file is needed.
     """
     file = open_motion_file(path)
-    file = file if side is None else file.turned_round(side=side)
+    file = file if side is None else file.with_changes(side=side)
     if isinstance(file, LandmarkFile):
         motion = file.motion(hand)
     else:
         motion = file.motion(basis)
-    matrix = to_blender(file.reading.space)
-    if file.reading.space == "hand":
+    matrix = to_blender(file.info.space)
+    if file.info.space == "hand":
         matrix[:3, :3] = upright(motion.side)
     wrists = rest_wrists(hand.for_side(motion.side), motion.betas)
-    return replace(moved(motion, matrix, wrists), transl=-wrists)
+    return replace(transformed(motion, matrix, wrists), transl=-wrists)
 
 
 def chosen_frames(motion: HandMotion, frames: tuple[int, ...] | None) -> list[int]:

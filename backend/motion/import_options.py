@@ -1,4 +1,4 @@
-"""What an import was asked to do, and the motion that follows: no operator, no property of Blender's."""
+"""The user's options of a motion import, and the motion they lead to; independent of Blender."""
 
 from __future__ import annotations
 
@@ -9,64 +9,57 @@ from typing import Any
 
 from ..hand.model import HandModel
 from .landmarks.landmark_file import LandmarkFile
-from .mano_basis import basis_for
+from .mano_basis import find_basis
 from .motion import HandMotion
-from .open_files import MotionFile, open_motion_file, open_pose_files
+from .open_files import MotionFile
+
+_POSE_FILES_ONLY = ("has_mean_added", "pca_components")
 
 
 @dataclass(frozen=True)
-class Changes:
-    """What the user knows better than the file.
+class ImportOptions:
+    """Corrections to what was detected in the file, and settings of the fit.
 
     Attributes:
-        fields: of `Reading`, by name.
-        mano_path: MANO's own file, for its mean and components; None: the hand's own, where it has them.
-        is_picture_mirrored: of landmarks.
-        smooth_frames: of landmarks: how far jitter is smoothed.
+        changes: fields of `FileInfo`, by name.
+        mano_path: MANO's own file, for its mean and components; None takes the hand's own, if it has them.
+        is_picture_mirrored: landmarks only: the tracked picture was mirrored.
+        smooth_frames: landmarks only: standard deviation of the smoothing, in frames.
     """
 
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
     mano_path: Path | None = None
     is_picture_mirrored: bool = False
     smooth_frames: float = 0.0
 
 
-def open_files(paths: list[Path]) -> MotionFile:
-    """One file of any kind, or several of one frame each.
+def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
+    """The file with the user's corrections applied.
 
     Raises:
-        LiveHandError: as the backend's readers.
-    """
-    return open_motion_file(paths[0]) if len(paths) == 1 else open_pose_files(paths)
-
-
-def changed(file: MotionFile, changes: Changes) -> MotionFile:
-    """The file as the user reads it.
-
-    Raises:
-        LiveHandError: a change that cannot be.
+        LiveHandError: a value is not allowed.
     """
     if isinstance(file, LandmarkFile):
-        kept = {key: value for key, value in changes.fields.items() if key not in ("has_mean_added", "pca_components")}
-        return file.turned_round(is_picture_mirrored=changes.is_picture_mirrored, **kept)
-    return file.turned_round(**changes.fields)
+        changes = {name: value for name, value in options.changes.items() if name not in _POSE_FILES_ONLY}
+        return file.with_changes(is_picture_mirrored=options.is_picture_mirrored, **changes)
+    return file.with_changes(**options.changes)
 
 
-def motion_from(
-    file: MotionFile, changes: Changes, model: HandModel, model_path: Path | None
+def motion_and_warning(
+    file: MotionFile, options: ImportOptions, model: HandModel, model_path: Path | None
 ) -> tuple[HandMotion, str | None]:
-    """The motion of a changed file, and what speaks against the reading.
+    """The motion of a file returned by `with_options`, and a warning if the interpretation looks wrong.
 
     Args:
-        file: as `changed` gave it.
-        changes: the user's.
-        model: of the hand that takes the motion.
-        model_path: where that came from; None: it is the built-in one.
+        file: with the options applied.
+        options: the same options.
+        model: the hand model that will play the motion.
+        model_path: the model's file; None for the built-in hand.
 
     Raises:
-        LiveHandError: MANO's file is needed and missing, or landmarks are no hand's.
+        LiveHandError: MANO's file is needed and missing, or the landmarks are not those of a hand.
     """
     if isinstance(file, LandmarkFile):
-        return file.motion(model, changes.smooth_frames), file.doubt(model)
-    basis = basis_for(changes.mano_path, model_path)
-    return file.motion(basis), file.doubt(basis)
+        return file.motion(model, options.smooth_frames), file.warning(model)
+    basis = find_basis(options.mano_path, model_path)
+    return file.motion(basis), file.warning(basis)

@@ -1,4 +1,4 @@
-"""A reading in words, for `livehand inspect` and for Blender's file browser."""
+"""A text summary of a motion file, for `livehand inspect` and Blender's file browser."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ _AXES = {
 }
 
 
-def describe(file: MotionFile) -> dict[str, str]:
-    """What the file was taken for, by names for people; notes are numbered."""
-    reading = file.reading
+def file_summary(file: MotionFile) -> dict[str, str]:
+    """How the file is interpreted, by label; notes are numbered."""
+    info = file.info
     facts = {
-        "format": reading.format,
-        "hand": " and ".join(file.sides) + (f" ({reading.side} is read)" if len(file.sides) > 1 else ""),
-        "frames": f"{reading.frames}" + (f", {reading.missing} of them without a hand" if reading.missing else ""),
-        "fps": f"{reading.fps:g}" if reading.fps else "not in the file",
-        "axes": _AXES[reading.space],
-        "place": "in the file" if reading.has_place else "not in the file: the wrist stays where it is",
+        "format": info.format,
+        "hand": " and ".join(file.sides) + (f" ({info.side} is read)" if len(file.sides) > 1 else ""),
+        "frames": f"{info.frames}" + (f", {info.missing} of them without a hand" if info.missing else ""),
+        "fps": f"{info.fps:g}" if info.fps else "not in the file",
+        "axes": _AXES[info.space],
+        "place": "in the file" if info.has_translation else "not in the file: the wrist does not move",
     }
     if isinstance(file, LandmarkFile):
         facts["picture"] = "mirrored" if file.is_picture_mirrored else "not mirrored"
     else:
-        facts["mean"] = "in the angles" if reading.has_mean_added else "to be added (needs a MANO file)"
-        count = reading.pca_components
+        facts["mean"] = "in the angles" if info.has_mean_added else "to be added (needs a MANO file)"
+        count = info.pca_components
         facts["angles"] = f"{count} components (needs a MANO file)" if count else "axis-angle"
-    return facts | {f"note {number}": note for number, note in enumerate(reading.notes, 1)}
+    return facts | {f"note {number}": note for number, note in enumerate(info.notes, 1)}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, turn_between
 from ..hand.model import MIRROR_POINT, HandModel
-from ..motion.landmarks.skeleton import Skeleton
+from ..motion.landmarks.skeleton import HandSkeleton
 from ..records.errors import LiveHandError
 from .shape_fit import HandShape, fit_shape, rest_nodes
 from .source_skeleton import JointMap, RestSkeleton
@@ -145,7 +145,7 @@ def _finger_directions(nodes: np.ndarray, finger: int) -> np.ndarray:
 
 def _flexion_axes(model: HandModel) -> list[np.ndarray | None]:
     """[3] unit axis of flexion of every finger's knuckle in the template's frame, None for the thumb."""
-    axes = Skeleton.of(model).axes[:4, 0, 0]
+    axes = HandSkeleton.of(model).axes[:4, 0, 0]
     # An axis of rotation is mirrored and turned round.
     return [*(axes if model.side == "right" else -axes * MIRROR_POINT), None]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hand.model import MIRROR_POINT, HandModel
-from ..motion.landmarks.skeleton import Skeleton
+from ..motion.landmarks.skeleton import HandSkeleton
 
 NODES = 21  # the wrist, and three joints and the tip of each finger, in MANO's order
 _KNUCKLES = (1, 5, 9, 13)
@@ -34,14 +34,14 @@ class HandShape(NamedTuple):
 
 def rest_nodes(model: HandModel, beta: np.ndarray) -> np.ndarray:
     """[21, 3] m of a hand's shape in the template's frame."""
-    skeleton = Skeleton.of(model)
+    skeleton = HandSkeleton.of(model)
     nodes = skeleton.rest + skeleton.shape @ beta
     return nodes if model.side == "right" else nodes * MIRROR_POINT
 
 
 def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
     """Shape and size after another hand's nodes [21, 3] in any rest pose; NaN where a tip is not known."""
-    skeleton = Skeleton.of(model)
+    skeleton = HandSkeleton.of(model)
     wanted = _lengths(nodes)
     known = np.isfinite(wanted)
     wanted = wanted[known]

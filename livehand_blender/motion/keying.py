@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 
 from ...backend.hand.model import HandModel
-from ...backend.motion.motion import HandMotion, mirrored, motion_of
-from ...backend.motion.spaces import Space, moved, rest_wrists, to_blender
-from ...backend.motion.resampling import at_fps
+from ...backend.motion.motion import HandMotion, mirrored, motion_from_poses
+from ...backend.motion.resampling import resampled
+from ...backend.motion.spaces import Space, rest_wrists, to_blender, transformed
 from ...backend.records.errors import LiveHandError
 from ..rig.keyframes import keyframe_theta, keyframe_transl
 from ..rig.pose import hand_side, read_hand_pose
@@ -64,12 +64,12 @@ def key_motion(
     side = hand_side(armature)
     motion = of_side(motion, armature, placement.mirrors)
     if placement.matches_fps and motion.fps is not None:
-        motion = at_fps(motion, scene.render.fps / scene.render.fps_base)
+        motion = resampled(motion, scene.render.fps / scene.render.fps_base)
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _of_shape(motion, beta if placement.sets_shape else np.array(armature.livehand.beta), model.for_side(side))
     if placement.space != "hand":
         to_armature = np.linalg.inv(np.array(armature.matrix_world)) @ _to_world(placement)
-        motion = moved(motion, to_armature, rest_wrists(model.for_side(side), motion.beta))
+        motion = transformed(motion, to_armature, rest_wrists(model.for_side(side), motion.beta))
     frames = placement.start_frame + np.arange(len(motion))
     keyframe_theta(armature, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
     if placement.keys_place:
@@ -111,7 +111,7 @@ def sample_motion(context: bpy.types.Context, armature: bpy.types.Object, frames
             poses.append(read_hand_pose(armature, context.evaluated_depsgraph_get()))
     finally:
         scene.frame_set(int(np.floor(before)), subframe=before % 1)
-    return motion_of(poses, scene.render.fps / scene.render.fps_base)
+    return motion_from_poses(poses, scene.render.fps / scene.render.fps_base)
 
 
 def _to_world(placement: Placement) -> np.ndarray:

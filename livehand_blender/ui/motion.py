@@ -11,8 +11,9 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...backend.motion.summary import describe
-from ...backend.motion.import_options import Changes, changed, motion_from, open_files
+from ...backend.motion.import_options import ImportOptions, motion_and_warning, with_options
+from ...backend.motion.open_files import open_files
+from ...backend.motion.summary import file_summary
 from ...backend.records.errors import LiveHandError
 from ..motion.keying import Placement, key_motion
 from ..retarget.importing import RIG_SUFFIXES
@@ -71,17 +72,17 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
     def _key_poses(self, context: bpy.types.Context, armature: bpy.types.Object) -> tuple[str, str | None]:
         """What was keyed, and what speaks against the reading."""
         model, model_path = model_of(armature)
-        changes = self._changes()
-        file = changed(open_files(self._paths()), changes)
-        motion, doubt = motion_from(file, changes, model, model_path)
+        options = self._options()
+        file = with_options(open_files(self._paths()), options)
+        motion, doubt = motion_and_warning(file, options, model, model_path)
         placement = replace(
             self._placement(),
-            space=file.reading.space,
-            keys_place=self.key_place and file.reading.has_place,
+            space=file.info.space,
+            keys_place=self.key_place and file.info.has_translation,
             camera=self._camera(context.scene),
         )
         count = key_motion(context.scene, armature, model, motion, placement)
-        return f"{count} frames of {file.reading.format}", doubt
+        return f"{count} frames of {file.info.format}", doubt
 
     def _key_rig(self, context: bpy.types.Context, armature: bpy.types.Object) -> tuple[str, None]:
         """As `_key_poses`, of an armature in a file."""
@@ -103,7 +104,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         named = [folder / entry.name for entry in self.files if entry.name] if folder else []
         return sorted(named) or [Path(bpy.path.abspath(self.filepath))]
 
-    def _changes(self) -> Changes:
+    def _options(self) -> ImportOptions:
         fields = {name: getattr(self, name) for name in ("side", "space", "unit") if getattr(self, name) != "AUTO"}
         if self.mean != "AUTO":
             fields["has_mean_added"] = self.mean == "ADDED"
@@ -112,7 +113,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         if self.fps:
             fields["fps"] = self.fps
         mano_path = Path(bpy.path.abspath(self.mano_path)) if self.mano_path else None
-        return Changes(fields, mano_path, self.is_picture_mirrored, self.smooth_frames)
+        return ImportOptions(fields, mano_path, self.is_picture_mirrored, self.smooth_frames)
 
     def _camera(self, scene: bpy.types.Scene) -> np.ndarray | None:
         if not self.through_camera:
@@ -157,7 +158,7 @@ def _is_rig(paths: list[Path]) -> bool:
 
 def _told(paths: list[Path]) -> list[str]:
     try:
-        facts = [f"{name.capitalize()}: {value}" for name, value in describe(open_files(paths)).items()]
+        facts = [f"{name.capitalize()}: {value}" for name, value in file_summary(open_files(paths)).items()]
     except LiveHandError as error:
         facts = [str(error)]
     return [line for fact in facts for line in textwrap.wrap(fact, _LINE_CHARACTERS)]

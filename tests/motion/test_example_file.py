@@ -12,10 +12,10 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_it_is_two_seconds_of_a_left_hand_without_a_place():
-    reading = open_motion_file(EXAMPLES / "take.json").reading
+    reading = open_motion_file(EXAMPLES / "take.json").info
     assert (reading.format, reading.side, reading.frames, reading.fps) == ("MediaPipe landmarks", "left", 24, 12)
-    assert not reading.has_place
-    assert open_motion_file(EXAMPLES / "take.json").doubt(load_default_hand()) is None
+    assert not reading.has_translation
+    assert open_motion_file(EXAMPLES / "take.json").warning(load_default_hand()) is None
 
 
 def test_its_script_makes_it():

@@ -18,13 +18,13 @@ from livehand.backend.motion.landmarks.articulation import (
     free_angles,
     within_limits,
 )
+from livehand.backend.motion.landmarks.fit import METRIC, LandmarkNoise, fit_landmarks, likelier_side
 from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
-from livehand.backend.motion.landmarks.fit import METRIC, Trust, fit_landmarks, likelier_side
-from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton, derivative_of_nodes
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, node_jacobian
 from livehand.backend.records.errors import LiveHandError
 
 HAND = load_default_hand()
-SKELETON = Skeleton.of(HAND)
+SKELETON = HandSkeleton.of(HAND)
 # MANO's joints to MediaPipe's landmarks, tips appended thumb to pinky: published with many trackers.
 ORDER = [0, 13, 14, 15, 16, 1, 2, 3, 17, 4, 5, 6, 18, 10, 11, 12, 19, 7, 8, 9, 20]
 FINGER = {"thumb": 15, "index": 3, "middle": 6, "ring": 12, "pinky": 9}
@@ -65,7 +65,7 @@ def test_natural_poses_with_noise_are_found_again():
     """The promise of the docs, on fewer poses: 8 degrees a joint, 5 mm at the tips, from 3 mm of noise."""
     theta, beta, transl, rng = natural(40, seed=1)
     true = landmarks(theta, beta, transl)
-    fit = fit_landmarks(true + rng.normal(size=true.shape) * 0.003, HAND, "right", trust=METRIC)
+    fit = fit_landmarks(true + rng.normal(size=true.shape) * 0.003, HAND, "right", noise=METRIC)
     assert fit.scale == 1
     assert angle_deg(fit.motion.theta, theta)[:, 1:].mean() < 6
     tips = landmarks(fit.motion.theta, fit.motion.beta, fit.motion.transl)[:, 4::4] - true[:, 4::4]
@@ -76,14 +76,14 @@ def test_gestures_without_noise_are_found_closely():
     axes = FingerAxes.of_default_hand()
     theta = np.array([theta_of(gesture.angles_deg(), axes) for gesture in GESTURES.values()])
     true = landmarks(theta, np.zeros(10), np.zeros((len(theta), 3)))
-    fit = fit_landmarks(true, HAND, "right", trust=METRIC)
+    fit = fit_landmarks(true, HAND, "right", noise=METRIC)
     assert angle_deg(fit.motion.theta, theta).mean() < 2.5
     assert fit.rms_m < 0.0012
 
 
 def test_landmarks_that_tell_nothing_give_the_mean_of_natural_poses():
     theta, beta, transl, _ = natural(2, seed=10)
-    fit = fit_landmarks(landmarks(theta, beta, transl), HAND, "right", trust=Trust(10.0, fits_scale=False))
+    fit = fit_landmarks(landmarks(theta, beta, transl), HAND, "right", noise=LandmarkNoise(10.0, fits_scale=False))
     mean = SKELETON.local_rotations(all_angles(NaturalPoses.of_gestures().mean[None]))[0]
     np.testing.assert_allclose(axis_angle_to_matrix(fit.motion.theta[:, 1:]), np.stack([mean, mean]), atol=1e-3)
     np.testing.assert_allclose(fit.motion.beta, 0, atol=1e-3)
@@ -155,14 +155,14 @@ def test_nodes_of_angles_are_the_plain_chains():
     matrices = np.concatenate([root[:, None], SKELETON.local_rotations(angles)], 1)
     rest = SKELETON.rest + SKELETON.shape @ beta
     np.testing.assert_allclose(posed.nodes, bent(matrices, beta, wrist - rest[0]), atol=1e-12)
-    of_rest, of_beta = SKELETON.shape_terms(posed.turned)
+    of_rest, of_beta = SKELETON.shape_terms(posed.rotations)
     np.testing.assert_allclose(posed.nodes - wrist[:, None], of_rest + of_beta @ beta, atol=1e-12)
 
 
 def test_derivatives_are_the_differences_quotients():
     free, root, wrist, beta = random_bends(2, seed=6)
     offsets = SKELETON.offsets(beta)
-    slopes = derivative_of_nodes(SKELETON.pose(root, wrist, all_angles(free), offsets))
+    slopes = node_jacobian(SKELETON.pose(root, wrist, all_angles(free), offsets))
     for column in (0, 2, 4, *(6 + FREE[[0, 1, 3, 16, 18, 20]])):
         step = np.zeros(51)
         step[column] = 1e-6
