@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.commands.render_motion import add_arguments, chosen_frames, posed_upright, reach, run, write_png
+from livehand.backend.commands.render_motion import (
+    add_arguments,
+    frame_indices,
+    posed_upright,
+    run,
+    sampled_vertices,
+    write_png,
+)
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
@@ -42,17 +49,17 @@ def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
 def test_the_hand_reaches_as_far_as_in_all_its_frames(gestures):
     motion = posed_upright(gestures, HAND)
     both = [posed_vertices(HAND, motion.pose(index)) for index in (0, 1)]
-    np.testing.assert_array_equal(reach(motion, [0, 1], HAND), np.concatenate(both))
+    np.testing.assert_array_equal(sampled_vertices(motion, [0, 1], HAND), np.concatenate(both))
     many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
-    assert len(reach(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
+    assert len(sampled_vertices(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
 
 
 def test_frames_count_from_one():
     motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
-    assert chosen_frames(motion, None) == [0, 1, 2]
-    assert chosen_frames(motion, (3, 1)) == [2, 0]
+    assert frame_indices(motion, None) == [0, 1, 2]
+    assert frame_indices(motion, (3, 1)) == [2, 0]
     with pytest.raises(LiveHandError, match=r"in 1-3, as the file's do, got \[0, 4\]"):
-        chosen_frames(motion, (0, 2, 4))
+        frame_indices(motion, (0, 2, 4))
 
 
 def test_pngs_are_srgb_with_straight_alpha(tmp_path):
