@@ -8,7 +8,7 @@ import numpy as np
 
 from ...hand.model import JOINT_NAMES
 from ...records.errors import LiveHandError
-from .mesh_graph import components, pinched_vertices, torn_half_edges, welded
+from ...geometry.mesh_tables import components, pinched_vertices, torn_half_edges, welded
 from .skinned_surface import SkinnedSurface
 
 _ONE_PLACE_M = 1e-5

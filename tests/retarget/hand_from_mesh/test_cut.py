@@ -7,7 +7,7 @@ import pytest
 from livehand.backend.hand.cap import capped
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.hand_from_mesh.cut import Wrist, cut_hand
-from livehand.backend.retarget.hand_from_mesh.mesh_graph import (
+from livehand.backend.geometry.mesh_tables import (
     components,
     open_half_edges,
     pinched_vertices,
