@@ -21,7 +21,7 @@ from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS, HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.rest_alignment import Alignment
+from ...backend.retarget.rest_alignment import RestAlignment
 from ...backend.retarget.source_skeleton import JointMap
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
@@ -113,12 +113,12 @@ def check_editable(context: bpy.types.Context, hand: bpy.types.Object) -> None:
         raise LiveHandError(f"{hand.name} must be visible in the view layer to get new bones; show it first")
 
 
-def _add_bones(context: bpy.types.Context, hand: bpy.types.Object, alignment: Alignment) -> None:
+def _add_bones(context: bpy.types.Context, hand: bpy.types.Object, alignment: RestAlignment) -> None:
     side: Side = hand.livehand.side
     frames = rest_frames(hand, side)
     heads = np.array([hand.data.bones[bone_name(joint, side)].head_local for joint in range(16)], np.float64)
     # What the other bones see of our joints, at rest.
-    fitted = alignment.frames.swapaxes(1, 2) @ alignment.turns @ frames
+    fitted = alignment.frames.swapaxes(1, 2) @ alignment.rotations @ frames
     step_m = alignment.frames[0].T @ (alignment.wrist - alignment.heads[0]) / np.mean(hand.matrix_world.to_scale())
     with _editing(context, hand) as bones:
         for joint in range(16):

@@ -15,8 +15,8 @@ from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
+from ...backend.retarget.joint_guess import JointGuess, guess_joints
 from ...backend.retarget.rest_alignment import align, source_nodes
-from ...backend.retarget.joint_guess import Guess, guess_joints
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
 from .skeleton import read_skeleton
@@ -156,7 +156,7 @@ def _has_operator(module: str, name: str) -> bool:
     return True
 
 
-def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side) -> tuple[bpy.types.Object, Guess]:
+def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side) -> tuple[bpy.types.Object, JointGuess]:
     armatures = [thing for thing in scene.objects if thing.type == "ARMATURE"]
     if not armatures:
         raise LiveHandError(f"{path.name} must hold an armature, it has none; write it with its skeleton")

@@ -13,7 +13,7 @@ import bmesh
 import bpy
 
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.hand_from_mesh.hand_model import OwnHand
+from ...backend.retarget.hand_from_mesh.hand_model import MeshHand
 from ..capture.look import MODEL_KEY
 from .rest_mesh import RestMesh
 
@@ -22,7 +22,7 @@ _SUBDIVISION = (
 )  # fmt: skip
 
 
-def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHand, sha256: str) -> None:
+def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> None:
     """Write the .blend, its pictures packed, and leave the open file as it is.
 
     Args:
@@ -53,7 +53,7 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHan
         bpy.data.meshes.remove(data)
 
 
-def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy.types.Object:
+def _look_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bpy.types.Object:
     data = bpy.data.meshes.new("Hand")
     for slot in source.material_slots:
         data.materials.append(slot.material)
@@ -73,7 +73,7 @@ def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy
     return look
 
 
-def _keep_the_hand(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+def _keep_the_hand(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
     """Only the hand's polygons and vertices, in the order of the model's."""
     number = cut.verts.layers.int.new("livehand_vertex")
     cut.verts.ensure_lookup_table()
@@ -96,7 +96,7 @@ def _keep_the_hand(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
         cut.verts.layers.deform.remove(layer)
 
 
-def _close(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+def _close(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
     """The cap's faces, in the material of the skin beside them; its edge stays where it is under subdivision."""
     cut.verts.ensure_lookup_table()
     crease = cut.edges.layers.float.get("crease_edge") or cut.edges.layers.float.new("crease_edge")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.rest_alignment import Alignment, align
+from ...backend.retarget.rest_alignment import RestAlignment, align
 from ...backend.retarget.retarget import SourceMotion
 from ...backend.retarget.source_skeleton import JointMap
 from .size import present_shape
@@ -18,7 +18,7 @@ from .skeleton import read_skeleton
 
 def align_hand(
     hand: bpy.types.Object, model: HandModel, source: bpy.types.Object, joint_map: JointMap, fits_shape: bool
-) -> Alignment:
+) -> RestAlignment:
     """Our hand on the source's rest pose, of its proportions or of its own present shape and size.
 
     Raises:

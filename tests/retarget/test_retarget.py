@@ -160,10 +160,11 @@ def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not():
     tails[3:16:3] = rest.heads[3:16:3] + 0.3 * (with_tips.heads[16:] - rest.heads[3:16:3])
     told = type(rest)(rest.names, rest.parents, rest.heads, tails, rest.frames)
     map_without = joint_map("right", (None,) * 5)
-    np.testing.assert_allclose(align(told, map_without, load_default_hand(), MEAN).turns, truth.turns, atol=1e-9)
+    aligned = align(told, map_without, load_default_hand(), MEAN)
+    np.testing.assert_allclose(aligned.rotations, truth.rotations, atol=1e-9)
     straight = align(rest, map_without, load_default_hand(), MEAN)
-    assert np.isfinite(straight.turns).all()
-    np.testing.assert_allclose(straight.turns[[1, 2, 14]], truth.turns[[1, 2, 14]], atol=0.3)
+    assert np.isfinite(straight.rotations).all()
+    np.testing.assert_allclose(straight.rotations[[1, 2, 14]], truth.rotations[[1, 2, 14]], atol=0.3)
 
 
 @pytest.mark.parametrize("seed", range(4))

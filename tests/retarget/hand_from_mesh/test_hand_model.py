@@ -18,7 +18,7 @@ from livehand.backend.retarget.hand_from_mesh.joint_weights import joint_weights
 from livehand.backend.retarget.hand_from_mesh.regressor import joint_regressor
 from livehand.backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
 from livehand.backend.retarget.hand_from_mesh.template_frame import world2template
-from livehand.backend.retarget.source_skeleton import JointMap, RestSkeleton
+from livehand.backend.retarget.source_skeleton import JointMap, SourceSkeleton
 
 TURN = axis_angle_to_matrix(np.array([0.7, -1.9, 0.4]))
 PLACE = np.array([0.3, -2.0, 1.1])
@@ -41,7 +41,7 @@ def rig(side="right", scale=1.0):
     hand = load_default_hand().for_side(side)
     vertices, joints = ((points @ TURN.T + PLACE) / scale for points in (hand.v_template, hand.joints))
     frames = np.tile(np.eye(3), (16, 1, 1))
-    skeleton = RestSkeleton(JOINT_NAMES, PARENTS, joints, joints + 0.01 / scale, frames)
+    skeleton = SourceSkeleton(JOINT_NAMES, PARENTS, joints, joints + 0.01 / scale, frames)
     surface = SkinnedSurface(vertices, hand.f, np.arange(len(hand.f)), hand.lbs_weights)
     return surface, skeleton, JointMap(side, JOINT_NAMES)
 
@@ -89,7 +89,7 @@ def test_a_hand_in_other_units_is_refused_with_the_unit(scale, said):
 def test_a_hand_said_to_be_the_other_one_is_refused(side):
     surface, skeleton, joint_map = rig(side)
     other = "left" if side == "right" else "right"
-    with pytest.raises(LiveHandError, match=f"say that it is the {side} one"):
+    with pytest.raises(LiveHandError, match=f"choose the {side} side"):
         make_hand_model(surface, skeleton, replace(joint_map, side=other))
 
 
@@ -138,7 +138,7 @@ def test_bones_that_are_no_joints_go_to_the_one_above():
         parents.append(9 if name[-1] == "1" else len(parents) - 1)
     heads = np.arange(3 * len(names)).reshape(-1, 3) / 10.0
     heads[9] = heads[3] + 1e-4
-    skeleton = RestSkeleton(names, tuple(parents), heads, heads, np.tile(np.eye(3), (len(names), 1, 1)))
+    skeleton = SourceSkeleton(names, tuple(parents), heads, heads, np.tile(np.eye(3), (len(names), 1, 1)))
     joint_of = joints_of_bones(skeleton, JointMap("right", JOINT_NAMES))
     assert joint_of[:11].tolist() == [-1, -1, -1, 0, 0, 1, 2, 3, 3, 0, 0]
     assert joint_of[11:].tolist() == [JOINT_NAMES.index(name) for name in fingers]
