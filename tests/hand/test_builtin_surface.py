@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from livehand.backend.hand.builtin.anatomy import BONES, DIGITS, FINGERS
 from livehand.backend.hand.builtin.asset import read_extras
-from livehand.backend.hand.builtin.beauty import detailed_surface
+from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.builtin.dependencies import needs
 from livehand.backend.hand.builtin.frames import build_to_template, swap_distal, template_to_build
 from livehand.backend.hand.builtin.loop import neighbour_mean, subdivide
