@@ -8,12 +8,13 @@ called.
 from __future__ import annotations
 
 import io
-import pickle
 from typing import Any
 
 import numpy as np
 
-from ..hand.pickled_arrays import Array, ArrayKind, Dtype, Stub, require
+from ..hand.pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
+
+_REFUSAL = "a pickle of poses may not use {}, which could run code; save plain numpy arrays as .npz instead"
 
 
 def read_plain_pickle(raw: bytes) -> Any:
@@ -23,7 +24,7 @@ def read_plain_pickle(raw: bytes) -> Any:
         LiveHandError: the pickle names a global other than those of numpy arrays of plain numbers.
         Exception: a damaged pickle can raise nearly anything; the caller names the file.
     """
-    return _plain(_PlainUnpickler(io.BytesIO(raw), encoding="latin1").load())
+    return _plain(RestrictedUnpickler(io.BytesIO(raw), _ALLOWED, _REFUSAL).load())
 
 
 class _AnyDtype(Dtype):
@@ -84,23 +85,6 @@ _ALLOWED = {
         ("numeric._frombuffer", _Buffer),
     )
 } | {"numpy.ndarray": ArrayKind, "numpy.dtype": _AnyDtype, "_codecs.encode": _Bytes}
-
-
-class _PlainUnpickler(pickle.Unpickler):
-    """An unpickler that allows the globals of numpy arrays only."""
-
-    def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """The stand-in of a global.
-
-        Raises:
-            LiveHandError: the global is not allowed.
-        """
-        name = f"{module_name}.{global_name}"
-        require(
-            name in _ALLOWED,
-            f"a pickle of poses may not use {name}, which could run code; save plain numpy arrays as .npz instead",
-        )
-        return _ALLOWED[name]
 
 
 def _plain(value: Any) -> Any:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..hand.gestures import FINGERS
-from ..hand.model import JOINT_NAMES
+from ..hand.model import JOINT_NAMES, MANO_FINGERS
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Side
 from .bone_names import METACARPAL, TIP, BoneName, parse_bone_name
@@ -111,14 +110,14 @@ def _named_hand(skeleton: SourceSkeleton, names: dict[int, BoneName], side: Side
     wrist = _wrist(skeleton, names, [bones for bones in fingers.values() if bones])
     joints = [
         _finger(skeleton, {bone: names[bone] for bone in fingers[finger]}, wrist, finger == "thumb")
-        for finger in FINGERS
+        for finger in MANO_FINGERS
     ]
     return _guess_of(skeleton, wrist, joints, side)
 
 
 def _bones_of_fingers(names: dict[int, BoneName]) -> dict[str, list[int]]:
     """The bones of each finger, named or numbered. Numbers begin at the thumb unless bones are named after it."""
-    fingers = {finger: [k for k, name in names.items() if name.finger == finger] for finger in FINGERS}
+    fingers = {finger: [k for k, name in names.items() if name.finger == finger] for finger in MANO_FINGERS}
     numbers = sorted({name.finger_number for name in names.values() if name.finger_number is not None})
     order = ("thumb", "index", "middle", "ring", "pinky")[bool(fingers["thumb"]) :]
     if len(numbers) == len(order):
