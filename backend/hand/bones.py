@@ -1,9 +1,9 @@
 """Names and rest frames of the bones of a hand's rig.
 
 A hand has 16 bones that an animator rotates, named after MANO's joints (`index1.R`), five fingertip targets
-(`IK-index.R`), and 32 hidden helpers: a deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and per finger
-joint a bone that the finger controls rotate (`MCH-index1.R`). docs/rig.md gives the reasons. In a bone's rest frame, Y
-is along the bone, X is the flexion axis (a positive angle closes the hand) and Z points towards the palm.
+(`IK-index.R`), and 32 hidden helpers: a deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and a bone
+for the finger controls per finger joint (`MCH-index1.R`). docs/rig.md gives the reasons. In a bone's rest frame, Y is
+along the bone, X is the flexion axis (a positive angle closes the hand) and Z points towards the palm.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def finger_axes(model: HandModel) -> FingerAxes:
 
 
 def euler_rad(angles_deg: np.ndarray, side: Side) -> np.ndarray:
-    """Angles X, Y, Z [..., 3] rad in a joint's frame, order YZX as in Blender, of flexion, abduction, twist [..., 3]."""
+    """X, Y, Z angles [..., 3] rad in a joint's frame (Blender's order YZX) of flexion, abduction, twist [..., 3]."""
     flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)
     sign = 1 if side == "right" else -1
     return np.stack([flexion, sign * twist, -sign * abduction], -1)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import pickle
 import re
 from collections.abc import Mapping
-from typing import IO, Any
+from io import BufferedIOBase
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ _NUMBER_CODE = re.compile(r"[biuf][1248]")  # booleans, integers and floats; no 
 class RestrictedUnpickler(pickle.Unpickler):
     """An unpickler that allows only the given globals and replaces them by stand-ins."""
 
-    def __init__(self, file: IO[bytes], allowed: Mapping[str, Any], refusal: str):
+    def __init__(self, file: BufferedIOBase, allowed: Mapping[str, Any], refusal: str):
         """`refusal` is the message about any other global, with {} for its name."""
         super().__init__(file, encoding="latin1")
         self._allowed, self._refusal = allowed, refusal

@@ -16,15 +16,13 @@ from livehand.backend.commands.render_motion import (
 )
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
-from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
-
-HAND = load_default_hand()
 
 
 @pytest.fixture
@@ -36,22 +34,22 @@ def gestures(tmp_path):
     return path
 
 
-def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
-    motion = posed_upright(gestures, HAND)
+def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(hand, gestures):
+    motion = posed_upright(gestures, hand)
     for index in range(2):
-        vertices, joints = posed_arrays(HAND, motion.pose(index))
+        vertices, joints = posed_arrays(hand, motion.pose(index))
         np.testing.assert_allclose(joints[0], 0, atol=1e-9)
         assert joints[4, 2] > 0.05  # the middle knuckle above the wrist
         assert vertices[:, 2].max() > joints[4, 2]
     assert motion.side == "left"
 
 
-def test_the_hand_reaches_as_far_as_in_all_its_frames(gestures):
-    motion = posed_upright(gestures, HAND)
-    both = [posed_vertices(HAND, motion.pose(index)) for index in (0, 1)]
-    np.testing.assert_array_equal(sampled_vertices(motion, [0, 1], HAND), np.concatenate(both))
+def test_the_hand_reaches_as_far_as_in_all_its_frames(hand, gestures):
+    motion = posed_upright(gestures, hand)
+    both = [posed_vertices(hand, motion.pose(index)) for index in (0, 1)]
+    np.testing.assert_array_equal(sampled_vertices(motion, [0, 1], hand), np.concatenate(both))
     many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
-    assert len(sampled_vertices(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
+    assert len(sampled_vertices(many, list(range(1000)), hand)) == 200 * len(hand.v_template)
 
 
 def test_frames_count_from_one():

@@ -5,17 +5,16 @@ import runpy
 from pathlib import Path
 
 import numpy as np
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.open_files import open_motion_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_it_is_two_seconds_of_a_left_hand_without_a_place():
+def test_it_is_two_seconds_of_a_left_hand_without_a_place(hand):
     reading = open_motion_file(EXAMPLES / "take.json").info
     assert (reading.format, reading.side, reading.frames, reading.fps) == ("MediaPipe landmarks", "left", 24, 12)
     assert not reading.has_translation
-    assert open_motion_file(EXAMPLES / "take.json").warning(load_default_hand()) is None
+    assert open_motion_file(EXAMPLES / "take.json").warning(hand) is None
 
 
 def test_its_script_makes_it():
@@ -25,9 +24,9 @@ def test_its_script_makes_it():
     assert made == saved
 
 
-def test_its_fingers_are_bent_as_the_numbers_say():
+def test_its_fingers_are_bent_as_the_numbers_say(hand):
     """Flexion of the knuckles and joints after it, summed over index to little finger, falls as fingers are put up."""
-    motion = open_motion_file(EXAMPLES / "take.json").motion(load_default_hand())
+    motion = open_motion_file(EXAMPLES / "take.json").motion(hand)
     bend = np.linalg.norm(motion.theta[:, 1:13].reshape(-1, 4, 3, 3), axis=-1).sum(-1)  # index, middle, pinky, ring
     up = bend < 1.2
     assert up[0].sum() == 0

@@ -9,7 +9,6 @@ import pickle
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.mano_basis import ManoBasis, load_mano_basis
 from livehand.backend.motion.motion import HandMotion
@@ -333,8 +332,8 @@ def test_a_doubtful_mean_is_told(tmp_path):
     assert "may be absolute already" in file.with_changes(has_mean_added=False).warning(BASIS)
 
 
-def test_mean_and_components_come_from_the_users_file(tmp_path):
-    model = load_default_hand()
+def test_mean_and_components_come_from_the_users_file(hand, tmp_path):
+    model = hand
     arrays = {"v_template": model.v_template, "hands_mean": MEAN.ravel(), "hands_components": COMPONENTS}
     np.savez(tmp_path / "MANO_LEFT.npz", **arrays)
     basis = load_mano_basis(tmp_path / "MANO_LEFT.npz")

@@ -5,7 +5,6 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, axis_angle_to_quaternion
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import HandMotion, mirrored, motion_from_poses
 from livehand.backend.motion.resampling import resampled, sampled_at, slerp, smoothed
 from livehand.backend.motion.spaces import SPACES, rest_wrists, to_blender, transformed
@@ -41,8 +40,8 @@ def test_what_is_no_motion_is_refused(changes, message):
         motion(**changes)
 
 
-def test_the_mirrored_motion_is_the_mirror_image_of_the_surface():
-    hand, right = load_default_hand(), motion()
+def test_the_mirrored_motion_is_the_mirror_image_of_the_surface(hand):
+    right = motion()
     left = mirrored(right)
     assert left.side == "left"
     expected = posed_vertices(hand, right.pose(3)) * MIRROR_POINT
@@ -108,9 +107,9 @@ def test_smoothing_takes_jitter_and_leaves_a_steady_turn():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_moved_motion_moves_the_surface(side):
+def test_a_moved_motion_moves_the_surface(hand, side):
     """Against the slow way: pose, then transform the vertices."""
-    hand, still = load_default_hand(), motion(side=side)
+    still = motion(side=side)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = axis_angle_to_matrix(np.array([0.3, -1.2, 2.0])), (0.1, 0.2, -0.3)
     carried = transformed(still, matrix, rest_wrists(hand.for_side(side), still.beta))

@@ -47,8 +47,8 @@ def rig(side="right", scale=1.0):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_built_in_hand_comes_back_as_itself(side, tmp_path):
-    hand = load_default_hand().for_side(side)
+def test_the_built_in_hand_comes_back_as_itself(hand, side, tmp_path):
+    hand = hand.for_side(side)
     path = tmp_path / ("mine.npz" if side == "right" else "mine_left.npz")
     made = make_hand_model(*rig(side))
     save_hand_model(made, path, {"made_by": "a test"})
@@ -69,12 +69,12 @@ def test_the_built_in_hand_comes_back_as_itself(side, tmp_path):
         assert json.loads(str(arrays["provenance"])) == {"made_by": "a test"}
 
 
-def test_the_world_is_carried_to_the_template():
+def test_the_world_is_carried_to_the_template(hand):
     surface, *_ = rig(scale=0.01)
     made = make_hand_model(*rig(scale=0.01), scale=0.01)
     carried = surface.vertices_m @ made.world2template[:3, :3].T + made.world2template[:3, 3]
     np.testing.assert_allclose(carried, made.arrays["v_template"], atol=1e-12)
-    np.testing.assert_allclose(made.arrays["v_template"], load_default_hand().v_template, atol=1e-12)
+    np.testing.assert_allclose(made.arrays["v_template"], hand.v_template, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_a_hand_said_to_be_the_other_one_is_refused(side):
         make_hand_model(surface, skeleton, replace(joint_map, side=other))
 
 
-def test_a_flat_hand_may_be_either():
-    joints = load_default_hand().joints * [1, 0, 1]
+def test_a_flat_hand_may_be_either(hand):
+    joints = hand.joints * [1, 0, 1]
     for side in ("right", "left"):
         world2template(joints, side)
 
@@ -150,8 +150,7 @@ def test_bones_that_are_no_joints_go_to_the_one_above():
     np.testing.assert_allclose(folded, np.eye(16)[[0, 3, 0]])
 
 
-def test_regressor_rows_are_exact_and_local():
-    hand = load_default_hand()
+def test_regressor_rows_are_exact_and_local(hand):
     rows = joint_regressor(hand.v_template, hand.joints)
     np.testing.assert_allclose(rows @ hand.v_template, hand.joints, atol=1e-15)
     np.testing.assert_allclose(rows.sum(1), 1, atol=1e-12)
