@@ -67,16 +67,18 @@ def align(
     """
     model = model.for_side(joint_map.side)
     bones = [skeleton.index(bone) for bone in joint_map.bones]
-    theirs = source_nodes(skeleton, joint_map)
-    shape = shape or _same_shape(model, theirs) or fit_shape(model, theirs)
-    ours = shape.scale * rest_nodes(model, shape.beta)
-    palm = _rotation_between(ours[_PALM], theirs[_PALM])
-    wrist = theirs[_PALM].mean(0) + palm @ (ours[0] - ours[_PALM].mean(0))
-    joints = _rotation_between(ours[_JOINTS], theirs[_JOINTS])
-    if _coincide(ours[_JOINTS], theirs[_JOINTS], joints):
-        rotations, wrist = [joints] * 16, theirs[0]
+    rig_nodes = source_nodes(skeleton, joint_map)
+    shape = shape or _same_shape(model, rig_nodes) or fit_shape(model, rig_nodes)
+    model_nodes = shape.scale * rest_nodes(model, shape.beta)
+    palm = _rotation_between(model_nodes[_PALM], rig_nodes[_PALM])
+    wrist = rig_nodes[_PALM].mean(0) + palm @ (model_nodes[0] - model_nodes[_PALM].mean(0))
+    joints = _rotation_between(model_nodes[_JOINTS], rig_nodes[_JOINTS])
+    if _coincide(model_nodes[_JOINTS], rig_nodes[_JOINTS], joints):
+        rotations, wrist = [joints] * 16, rig_nodes[0]
     else:
-        rotations = [palm, *_finger_rotations(palm, ours, _directions(skeleton, bones, theirs), _flexion_axes(model))]
+        rig_bones, axes = _directions(skeleton, bones, rig_nodes), _flexion_axes(model)
+        fingers = (_finger_rotations(palm, _bones(model_nodes, k), rig_bones[k], axes[k]) for k in range(5))
+        rotations = [palm, *(rotation for finger in fingers for rotation in finger)]
     return RestAlignment(model, shape, np.array(rotations), wrist, skeleton.frames[bones], skeleton.heads[bones])
 
 
@@ -101,37 +103,29 @@ def source_nodes(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
     return np.array(nodes)
 
 
-def _rotation_between(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def _rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """[3, 3] the rotation that best aligns points [N, 3] with others, about their centres."""
-    return turn_between(ours - ours.mean(0), theirs - theirs.mean(0))
+    return turn_between(points - points.mean(0), others - others.mean(0))
 
 
-def _same_shape(model: HandModel, theirs: np.ndarray) -> HandShape | None:
-    """The mean shape, if its joints coincide with theirs at some scale; tips differ between rigs and are ignored."""
-    own, other = rest_nodes(model, np.zeros(10))[_JOINTS], theirs[_JOINTS]
+def _same_shape(model: HandModel, rig_nodes: np.ndarray) -> HandShape | None:
+    """The mean shape, if its joints coincide with the rig's at some scale; tips differ between rigs and are ignored."""
+    own, other = rest_nodes(model, np.zeros(10))[_JOINTS], rig_nodes[_JOINTS]
     scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
     is_same = _coincide(scale * own, other, _rotation_between(own, other))
     return HandShape(np.zeros(10), scale) if is_same else None
 
 
-def _coincide(ours: np.ndarray, theirs: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether all 16 joints, rigidly moved, lie on theirs."""
-    own, other = ours - ours.mean(0), theirs - theirs.mean(0)
+def _coincide(model_nodes: np.ndarray, rig_nodes: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether all 16 joints, rigidly moved, lie on the rig's."""
+    own, other = model_nodes - model_nodes.mean(0), rig_nodes - rig_nodes.mean(0)
     error = np.linalg.norm(own @ rotation.T - other, axis=1).max()
-    return bool(error < _SAME_POSITION * np.linalg.norm(theirs[4] - theirs[0]))
-
-
-def _finger_rotations(
-    palm: np.ndarray, ours: np.ndarray, theirs: np.ndarray, axes: list[np.ndarray | None]
-) -> list[np.ndarray]:
-    """[3, 3] of joints 1 to 15, from the model's nodes [21, 3] and the directions [5, 3, 3] of the rig's bones."""
-    fingers = (_rotations_of_finger(palm, _finger_directions(ours, k), theirs[k], axes[k]) for k in range(5))
-    return [rotation for finger in fingers for rotation in finger]
+    return bool(error < _SAME_POSITION * np.linalg.norm(rig_nodes[4] - rig_nodes[0]))
 
 
 def _directions(skeleton: SourceSkeleton, bones: list[int], nodes: np.ndarray) -> np.ndarray:
     """[5, 3, 3] unit directions of every finger's three bones; without a tip, of the last bone or the one before."""
-    directions = np.array([_finger_directions(nodes, finger) for finger in range(5)])
+    directions = np.array([_bones(nodes, finger) for finger in range(5)])
     for finger in np.flatnonzero(np.isnan(directions[:, 2, 0])):
         last = bones[3 * finger + 3]
         tail = unit(skeleton.tails[last] - skeleton.heads[last])
@@ -140,7 +134,7 @@ def _directions(skeleton: SourceSkeleton, bones: list[int], nodes: np.ndarray) -
     return directions
 
 
-def _finger_directions(nodes: np.ndarray, finger: int) -> np.ndarray:
+def _bones(nodes: np.ndarray, finger: int) -> np.ndarray:
     return unit(np.diff(nodes[4 * finger + 1 : 4 * finger + 5], axis=0))
 
 
@@ -151,22 +145,22 @@ def _flexion_axes(model: HandModel) -> list[np.ndarray | None]:
     return [*(axes if model.side == "right" else -axes * MIRROR_POINT), None]
 
 
-def _rotations_of_finger(
-    palm: np.ndarray, ours: np.ndarray, theirs: np.ndarray, axis: np.ndarray | None
+def _finger_rotations(
+    palm: np.ndarray, model_bones: np.ndarray, rig_bones: np.ndarray, axis: np.ndarray | None
 ) -> list[np.ndarray]:
-    """Three [3, 3] that rotate the model's bones [3, 3] at rest onto the directions of the rig's.
+    """Three [3, 3] that rotate the model's bones [3, 3] of a finger at rest onto the directions [3, 3] of the rig's.
 
     Without a flexion axis [3], as for the thumb, which rotates at its root as well, the roll is not corrected.
     """
     rotations, parent = [], palm
-    for joint in range(3):
-        parent = _shortest_rotation(parent @ ours[joint], theirs[joint]) @ parent
+    for model_bone, rig_bone in zip(model_bones, rig_bones, strict=True):
+        parent = _shortest_rotation(parent @ model_bone, rig_bone) @ parent
         rotations.append(parent)
     if axis is None:
         return rotations
-    own, other = rotations[0] @ _bend_axis(ours, axis), _bend_axis(theirs, rotations[0] @ axis)
-    roll = _angle_about(theirs[0], own, other)
-    return [axis_angle_to_matrix(roll * theirs[joint]) @ rotations[joint] for joint in range(3)]
+    knuckle = rotations[0]
+    roll = _angle_about(rig_bones[0], knuckle @ _bend_axis(model_bones, axis), _bend_axis(rig_bones, knuckle @ axis))
+    return [axis_angle_to_matrix(roll * bone) @ rotation for bone, rotation in zip(rig_bones, rotations, strict=True)]
 
 
 def _bend_axis(directions: np.ndarray, guess: np.ndarray) -> np.ndarray:

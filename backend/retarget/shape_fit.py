@@ -9,11 +9,9 @@ import numpy as np
 from ..hand.model import MIRROR_POINT, HandModel
 from ..motion.landmarks.skeleton import HandSkeleton
 
-NODES = 21  # the wrist, and three joints and the tip of each finger, in MANO's order
-_KNUCKLES = (1, 5, 9, 13)
-_THUMB = 17
+# The 21 nodes are the wrist, and three joints and the tip of each finger, in MANO's order.
 # Pairs of nodes at a fixed distance: every finger's bones, and all pairs in the palm, which includes the thumb's root.
-_PALM = (0, *_KNUCKLES, _THUMB)
+_PALM = (0, 1, 5, 9, 13, 17)
 _PAIRS = np.array(
     [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2, 3)]
     + [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
