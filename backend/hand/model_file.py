@@ -92,7 +92,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with path.open("rb") as file:
             archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
+            if isinstance(archive, np.ndarray):
                 raise ValueError("a single array")
             return {key: archive[key] for key in archive.files}
     except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:

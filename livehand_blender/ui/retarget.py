@@ -6,14 +6,14 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
-from ...backend.hand.model import JOINT_NAMES
+from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.joint_guess import guess_joints
 from ...backend.retarget.source_skeleton import JointMap
 from ..retarget.bake import bake
 from ..retarget.follow import check_editable, follow, is_following, stop_following
 from ..retarget.skeleton import read_skeleton
-from ..rig.retarget_properties import FINGERS, tip_property
+from ..rig.retarget_properties import tip_property
 from .active_hand import HandTab, OnHand, active_hand, model_of, polled_hand
 
 
@@ -49,7 +49,7 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
         guess = guess_joints(read_skeleton(hand.other_rig.armature), _side(hand))
         for joint, bone in zip(JOINT_NAMES, guess.bones, strict=True):
             setattr(hand.other_rig, joint, bone or "")
-        for finger, bone in zip(FINGERS, guess.tips, strict=True):
+        for finger, bone in zip(MANO_FINGERS, guess.tips, strict=True):
             setattr(hand.other_rig, tip_property(finger), bone or "")
         if guess.missing:
             self.report({"WARNING"}, f"No bones of a {guess.side} hand were found for {', '.join(guess.missing)}")
@@ -214,5 +214,5 @@ def _joint_map(armature: bpy.types.Object) -> JointMap:
         LiveHandError: a joint has no bone, or two have the same.
     """
     rig = armature.livehand.other_rig
-    tips = tuple(getattr(rig, tip_property(finger)) or None for finger in FINGERS)
+    tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
     return JointMap(_side(armature.livehand), tuple(getattr(rig, joint) for joint in JOINT_NAMES), tips)

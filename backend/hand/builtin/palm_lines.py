@@ -11,7 +11,7 @@ from .smooth import unit
 
 with needs("scipy"):
     from scipy.interpolate import CubicSpline
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _STEP = 0.5  # mm between samples of a line
 _WAVELENGTHS = (9, 17, 31)  # mm, of the waves that make a line look natural
@@ -69,7 +69,7 @@ VEINS = (
 def line_mask(line: SkinLine, points: np.ndarray) -> np.ndarray:
     """[N] in [0, strength]: mask of the line at points [N, 3] of any height (anatomical frame)."""
     samples = _samples(line)
-    distance, nearest = cKDTree(samples).query(points[:, [0, 2]])
+    distance, nearest = KDTree(samples).query(points[:, [0, 2]])
     to_end = np.minimum(nearest, len(samples) - 1 - nearest)
     return line.strength * np.exp(-0.5 * (distance / line.width) ** 2) * np.clip(to_end / line.fade, 0, 1)
 

@@ -29,7 +29,7 @@ from .smooth import unit
 with needs("scipy"):
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _STEP = 0.8  # mm between samples of the centreline
 _EXTENSION = 14.0  # mm of straight centreline past the last bone, so that the tip's cap has a frame
@@ -92,7 +92,7 @@ class Ray:
     tangent: np.ndarray
     dorsal: np.ndarray
     lateral: np.ndarray
-    tree: cKDTree
+    tree: KDTree
     stations: np.ndarray
     section_curves: tuple[PchipInterpolator, PchipInterpolator, PchipInterpolator]
 
@@ -178,7 +178,7 @@ def _build_ray(digit: str) -> Ray:
         tangent=tangent,
         dorsal=dorsal,
         lateral=np.cross(tangent, dorsal),
-        tree=cKDTree(centre),
+        tree=KDTree(centre),
         stations=stations,
         section_curves=_section_curves(stations, profile(digit)),
     )

@@ -16,7 +16,7 @@ from .rays import Ray
 with needs("scipy"):
     from scipy import sparse
     from scipy.sparse.linalg import splu
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _JOINTS = 16
 _SMOOTHINGS = 12
@@ -45,7 +45,7 @@ def transferred_weights(
     A mean over the nearest source vertices, weighted by the agreement of normals, so that a finger gets no weights of
     its neighbour across the gap.
     """
-    distance, nearest = cKDTree(source[0]).query(vertices, k=_NEIGHBOURS)
+    distance, nearest = KDTree(source[0]).query(vertices, k=_NEIGHBOURS)
     agreement = np.einsum("vkc,vc->vk", vertex_normals(*source)[nearest], normals)
     share = np.exp(-((distance / _NEIGHBOUR_WIDTH) ** 2)) * np.clip(agreement, 0.01, 1) ** 2 + 1e-12
     share /= share.sum(1, keepdims=True)
