@@ -34,7 +34,7 @@ def gestures(tmp_path):
     return path
 
 
-def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(hand, gestures):
+def test_a_hand_in_its_own_space_stands_upright_with_its_wrist_at_the_origin(hand, gestures):
     motion = posed_upright(gestures, hand)
     for index in range(2):
         vertices, joints = posed_arrays(hand, motion.pose(index))
@@ -92,7 +92,7 @@ def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
     np.testing.assert_array_equal(own, built_in)
 
 
-def test_a_pose_file_becomes_pictures(gestures, tmp_path):
+def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}

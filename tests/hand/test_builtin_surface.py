@@ -84,7 +84,7 @@ def test_sign_of_the_distance_at_known_points(rays):
     assert (signed_distance(rays, corners) > 0).all()
 
 
-def test_details_are_small_and_stay_on_the_digits(rays, hand):
+def test_details_are_small_and_only_on_the_digits(rays, hand):
     points = swap_distal(template_to_build(hand.v_template))
     change = signed_distance(rays, points, True) - signed_distance(rays, points, False)
     assert 0.2 < np.abs(change).max() < 1.5
@@ -210,7 +210,7 @@ def test_only_the_built_in_right_hand_has_a_detailed_surface(hand):
         detailed_surface(hand.for_side("left"))
 
 
-def test_a_missing_package_is_told_with_its_command():
+def test_the_error_for_a_missing_package_names_the_command():
     with pytest.raises(LiveHandError, match="pip install"), needs("scipy"):
         raise ImportError("No module named 'scipy'")
 

@@ -132,7 +132,7 @@ def test_exactly_seven_globals_are_allowed():
     assert {name.replace(" ", ".") for name in GLOBALS.values()} == set(_ALLOWED)
 
 
-def test_arrays_come_back_as_they_were(hand, right_file):
+def test_arrays_are_read_unchanged(hand, right_file):
     arrays = read_mano_pickle(right_file)
     np.testing.assert_array_equal(arrays["v_template"], hand.v_template)
     np.testing.assert_array_equal(arrays["weights"], hand.lbs_weights)
@@ -161,7 +161,7 @@ def test_a_left_pickle_loads_as_the_exact_mirror_of_the_right_one(right_file, tm
         np.testing.assert_array_equal(getattr(left, name), getattr(mirrored, name), err_msg=name)
 
 
-def test_a_left_file_that_is_already_mended_stays_as_it_is(hand, tmp_path):
+def test_a_corrected_left_file_is_read_unchanged(hand, tmp_path):
     content = mano_content("left")
     content["shapedirs"] = hand.for_side("left").shapedirs
     left = load_hand_model(write(tmp_path / "left.pkl", content))

@@ -164,7 +164,7 @@ def test_what_is_no_npz_is_refused(arrays, tmp_path):
         load_hand_model(tmp_path / "single.npy")
 
 
-def test_no_file_and_a_folder_are_told(tmp_path):
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path):
         with pytest.raises(LiveHandError, match="no hand model at"):
             load_hand_model(path)

@@ -1,4 +1,4 @@
-"""The take that comes with the walk-through: what it is taken for, and that its script makes it anew."""
+"""The recording of the walk-through: how it is interpreted, and that its script reproduces it."""
 
 import json
 import runpy
@@ -10,14 +10,14 @@ from livehand.backend.motion.open_files import open_motion_file
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_it_is_two_seconds_of_a_left_hand_without_a_place(hand):
+def test_it_is_two_seconds_of_a_left_hand_without_translation(hand):
     reading = open_motion_file(EXAMPLES / "take.json").info
     assert (reading.format, reading.side, reading.frames, reading.fps) == ("MediaPipe landmarks", "left", 24, 12)
     assert not reading.has_translation
     assert open_motion_file(EXAMPLES / "take.json").warning(hand) is None
 
 
-def test_its_script_makes_it():
+def test_its_script_reproduces_it():
     made = runpy.run_path(str(EXAMPLES / "make_take.py"))["take"]()
     saved = json.loads((EXAMPLES / "take.json").read_text())
     np.testing.assert_allclose(made.pop("world_landmarks"), saved.pop("world_landmarks"), atol=1.5e-4)

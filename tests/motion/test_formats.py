@@ -50,7 +50,7 @@ def opened(path, **expected):
 @pytest.mark.parametrize(
     "changes", [{}, {"fps": None, "side": "left"}, {"beta": np.random.default_rng(0).normal(size=(T, 10))}]
 )
-def test_our_own_out_and_in_again(tmp_path, changes):
+def test_own_format_round_trip(tmp_path, changes):
     motion = HandMotion(**{"theta": absolute(POSE), "beta": BETA, "transl": TRANS, "fps": 23.976, **changes})
     write_motion(motion, tmp_path / "wave.npz")
     again = opened(tmp_path / "wave.npz", format="LiveHand", space="hand", has_mean_added=True).motion()
@@ -60,7 +60,7 @@ def test_our_own_out_and_in_again(tmp_path, changes):
     assert [path.name for path in tmp_path.iterdir()] == ["wave.npz"]
 
 
-def test_ours_is_written_as_npz_into_a_folder_that_is_there(tmp_path):
+def test_a_motion_is_written_as_npz_into_an_existing_folder(tmp_path):
     motion = HandMotion(absolute(POSE), BETA, TRANS)
     with pytest.raises(LiveHandError, match=r"\.npz file, got wave\.json"):
         write_motion(motion, tmp_path / "wave.json")
@@ -319,7 +319,7 @@ def test_a_reading_is_turned_round_without_the_file(tmp_path):
             file.with_changes(**change)
 
 
-def test_a_doubtful_mean_is_told(tmp_path):
+def test_a_doubtful_mean_gives_a_warning(tmp_path):
     flat = np.concatenate([np.zeros((20, 3)), RNG.normal(size=(20, 45)) * 0.1], 1)
     np.savez(tmp_path / "take.npz", poses=flat)
     file = open_pose_file(tmp_path / "take.npz")

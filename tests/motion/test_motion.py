@@ -58,7 +58,7 @@ def test_poses_become_a_motion_of_one_shape_and_one_side():
         motion_from_poses([*poses, HandPose.rest("right")])
 
 
-def test_a_turn_at_constant_speed_stays_one_at_any_rate():
+def test_a_constant_rotation_speed_is_kept_at_any_rate():
     """Closed form: 0.3 rad a frame about one axis, through more than half a turn, at 30 -> 24 and -> 120 fps."""
     theta = np.zeros((13, 16, 3))
     angle = 0.3 * np.arange(13)

@@ -93,7 +93,7 @@ def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(hand, s
     assert (motion.side, motion.fps) == (side, 24.0)
 
 
-def test_where_all_joints_lie_alike_tips_have_no_say(hand):
+def test_tips_are_ignored_if_all_joints_coincide(hand):
     """A rig's tip bones stand where it likes, and a model's own tips are vertices: neither is part of the rest pose."""
     rest, posed, turn, _ = ours_elsewhere("right", 4, scale=0.01)
     heads = rest.heads.copy()

@@ -81,7 +81,7 @@ def test_gestures_without_noise_are_found_closely(hand):
     assert fit.rms_m < 0.0012
 
 
-def test_landmarks_that_tell_nothing_give_the_mean_of_natural_poses(hand):
+def test_uninformative_landmarks_give_the_mean_of_natural_poses(hand):
     theta, beta, transl, _ = natural(2, seed=10)
     fit = fit_landmarks(landmarks(theta, beta, transl), hand, "right", noise=LandmarkNoise(10.0, fits_scale=False))
     mean = SKELETON.local_rotations(all_angles(NaturalPoses.of_gestures().mean[None]))[0]
@@ -209,7 +209,7 @@ def test_limits_hold(hand):
         (np.random.default_rng(0).normal(size=(2, 21, 3)) * 50, "in metres, got one .* times as large"),
     ],
 )
-def test_what_is_no_hand_is_refused(hand, points, message):
+def test_landmarks_of_no_hand_are_refused(hand, points, message):
     with pytest.raises(LiveHandError, match=message):
         fit_landmarks(points, hand, "right")
 

@@ -60,7 +60,7 @@ def test_mediapipe_csv_with_gaps(tmp_path, pattern):
     assert (file.info.frames, file.info.missing) == (4, 1)
 
 
-def test_gaps_in_json_are_bridged(hand, tmp_path):
+def test_gaps_in_json_are_filled(hand, tmp_path):
     pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     (tmp_path / "take.json").write_text(json.dumps([pose.tolist(), None, [], (pose + 0.03).tolist()]))
     motion = opened(tmp_path / "take.json").motion(hand)
@@ -68,7 +68,7 @@ def test_gaps_in_json_are_bridged(hand, tmp_path):
     np.testing.assert_allclose(motion.transl[1] - motion.transl[0], 0.01, atol=2e-4)
 
 
-def test_world_landmarks_have_no_place_and_tracked_ones_have(hand, tmp_path):
+def test_world_landmarks_have_no_translation_and_tracked_ones_have(hand, tmp_path):
     middle = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     middle, away = middle - middle.mean(0) + [0.02, 0, 0], np.array([0, 0, 0.4])
     for name, points in (("world", middle), ("tracked", middle + away), ("mm", 1000 * middle)):
@@ -112,7 +112,7 @@ def test_webxr_measures_and_mediapipe_guesses_its_scale(hand, tmp_path):
     assert opened(tmp_path / "x.npz").fit(hand).scale == 1
 
 
-def test_a_mirrored_picture_is_turned_back(hand, tmp_path):
+def test_a_mirrored_picture_is_unmirrored(hand, tmp_path):
     """A right hand before a selfie camera: MediaPipe says "Right", and sees the shape of a left hand."""
     pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     seen = pose * [-1, 1, 1]

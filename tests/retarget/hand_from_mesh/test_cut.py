@@ -138,7 +138,7 @@ def test_welding_joins_near_vertices_of_open_edges_only():
     np.testing.assert_array_equal(merged_vertices(np.zeros((3, 3)), closed, 1e-5), [0, 1, 2])
 
 
-def test_what_is_no_surface_is_told_by_place(character):
+def test_errors_of_non_manifold_meshes_name_the_joint(character):
     surface, weights, share = character
     torn = replace(
         surface,

@@ -47,7 +47,7 @@ def rig(side="right", scale=1.0):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_built_in_hand_comes_back_as_itself(hand, side, tmp_path):
+def test_the_built_in_hand_round_trip(hand, side, tmp_path):
     hand = hand.for_side(side)
     path = tmp_path / ("mine.npz" if side == "right" else "mine_left.npz")
     made = make_hand_model(*rig(side))
@@ -103,7 +103,7 @@ def test_a_flat_hand_may_be_either(hand):
     ("name", "side", "remedy"),
     [("mine.npz", "left", "mine_left.npz"), ("left.npz", "right", "right.npz"), ("mine.blend", "right", "end with")],
 )
-def test_a_file_whose_name_tells_another_side_is_refused(name, side, remedy, tmp_path):
+def test_a_file_name_of_the_other_side_is_refused(name, side, remedy, tmp_path):
     made = replace(make_hand_model(*rig()), side=side)
     with pytest.raises(LiveHandError, match=remedy):
         save_hand_model(made, tmp_path / name, {})
