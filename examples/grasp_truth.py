@@ -12,7 +12,7 @@ from pathlib import Path
 import bpy
 import livehand
 import numpy as np
-from livehand.backend.hand.builtin.beauty import detailed_surface
+from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.skin import SkinTone, baked_material

@@ -16,7 +16,7 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model import MIRROR_POINT, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
-from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
 
 COUNT = 24
 FPS = 12
@@ -33,7 +33,7 @@ def take() -> dict:
 
 def landmarks() -> np.ndarray:
     """[COUNT, 21, 3] m, of a left hand in the camera's axes."""
-    skeleton = Skeleton.of(load_default_hand())
+    skeleton = HandSkeleton.of(load_default_hand())
     lean = LEAN_RAD * np.sin(np.linspace(0, 2 * np.pi, COUNT))
     root = axis_angle_to_matrix(lean[:, None] * [0.0, 1, 0]) @ UPRIGHT
     angles = np.deg2rad(angles_deg()).reshape(COUNT, 5, 3, 3)

@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 from example_file import write_example
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from livehand.backend.hand.gestures import FINGERS, GESTURES, FingerAxes, theta_of
-from livehand.backend.hand.model import UPRIGHT
+from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.model import MANO_FINGERS, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
@@ -116,7 +116,7 @@ def finger_angles_deg(frame: float) -> np.ndarray:
     """[15, 3] flexion, abduction and twist of joints 1..15, with each finger's own delay."""
     angles = np.empty((15, 3))
     gestures = np.array([EASED_GESTURES[key.gesture].angles_deg() for key in MOTION])
-    for finger, name in enumerate(FINGERS):
+    for finger, name in enumerate(MANO_FINGERS):
         joints = slice(3 * finger, 3 * finger + 3)
         angles[joints] = eased(frame - DELAY_FRAMES[name], gestures[:, joints])
     return angles

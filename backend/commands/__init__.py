@@ -1,1 +1,1 @@
-"""Commands that join several rooms."""
+"""Command-line commands that use several packages of the backend."""

@@ -1,4 +1,4 @@
-"""`livehand inspect`: what a hand model, avatar, capture or pose file holds; its reader is imported when needed."""
+"""`livehand inspect` prints what a hand model, avatar, capture or pose file holds. Readers are imported when needed."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def _run(args: argparse.Namespace) -> dict:
 
 
 def inspect(path: Path) -> dict:
-    """What the file holds, by its kind.
+    """The facts of a file or folder, by name; `kind` says what it is.
 
     Raises:
-        LiveHandError: nothing there, or no kind of file we know.
+        LiveHandError: the file is missing, damaged or of no known kind.
     """
     if not path.exists():
         raise LiveHandError(
@@ -52,7 +52,7 @@ def _is_capture(folder: Path) -> bool:
 
 
 def _pickle_facts(path: Path) -> dict:
-    """A hand's, or a pose file's; what neither reads is reported as the hand it most likely was meant to be."""
+    """The facts of a hand model or pose file; if neither can be read, the hand model's error is raised."""
     try:
         return _hand_facts(path)
     except LiveHandError as error:
@@ -63,10 +63,10 @@ def _pickle_facts(path: Path) -> dict:
 
 
 def _motion_facts(path: Path) -> dict:
-    from ..motion.describe import describe
-    from ..motion.opening import open_motion_file
+    from ..motion.open_files import open_motion_file
+    from ..motion.summary import file_summary
 
-    return {"kind": "motion", **describe(open_motion_file(path))}
+    return {"kind": "motion", **file_summary(open_motion_file(path))}
 
 
 def _avatar_facts(path: Path) -> dict:
@@ -111,7 +111,7 @@ def _hand_facts(path: Path) -> dict:
 
 
 def _hand_provenance(path: Path) -> dict:
-    """Of a model of somebody's mesh, which says what it was made of."""
+    """The source of a model made from a user's mesh."""
     arrays = _read_arrays(path) if path.suffix == ".npz" else {}
     return {"provenance": json.loads(str(arrays["provenance"]))} if "provenance" in arrays else {}
 
@@ -138,4 +138,4 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise LiveHandError(f"{path} must be a readable .npz ({error})") from error
 
 
-COMMAND = Command("inspect", "tell what a hand model, avatar, capture or pose file holds", _add_arguments, _run)
+COMMAND = Command("inspect", "print what a hand model, avatar, capture or pose file holds", _add_arguments, _run)

@@ -1,6 +1,6 @@
-"""`livehand render` of a pose file, without Blender: the hand alone, from the front, as PNGs with alpha.
+"""`livehand render` of a pose file, without Blender: PNGs with alpha of the hand alone, seen from the front.
 
-The wrist stays where it is and turns as in the file. A file in a camera's axes is seen from that camera.
+The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera.
 """
 
 from __future__ import annotations
@@ -17,53 +17,57 @@ import numpy as np
 from ..geometry.framing import fitting_camera
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
-from ..motion.landmarks.track import LandmarkFile
-from ..motion.mano_basis import ManoBasis, basis_for
+from ..motion.landmarks.landmark_file import LandmarkFile
+from ..motion.mano_basis import ManoBasis, find_basis
 from ..motion.motion import HandMotion
-from ..motion.opening import open_motion_file
-from ..motion.placing import moved, rest_wrists, to_blender
-from ..records.camera import Camera
+from ..motion.open_files import open_motion_file
+from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Shot
 from ..runtime.command import say
 
 if TYPE_CHECKING:
     from ..records.shot import Frame
-    from ..rendering.renderer import Renderer
 
 _FRONT = (0.0, -1.0, 0.0)
-_FILLED = 0.92  # of the picture
+_FILL = 0.92  # share of the image that the hand fills
 _SIZE_PX = (512, 512)
+_FRAMES_FOR_CAMERA = 200
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What a pose file asks for beyond the arguments of `livehand render`."""
-    parser.add_argument("--side", choices=SIDES, help="of a pose file: which of its hands, or which hand it really is")
-    parser.add_argument("--hand", type=Path, metavar="FILE", help="of a pose file: the hand model (default: built-in)")
-    parser.add_argument("--mano", type=Path, metavar="FILE", help="MANO's file, for poses that count from its mean")
+    """Add the options of `livehand render` that apply to pose files only."""
+    parser.add_argument("--side", choices=SIDES, help="pose files: the hand to read, or which hand it really is")
+    parser.add_argument("--hand", type=Path, metavar="FILE", help="pose files: the hand model (default: built-in)")
+    parser.add_argument(
+        "--mano", type=Path, metavar="FILE", help="pose files: MANO's file, where poses count from its mean"
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Render the poses of the one file in `args.shots`; takes the namespace of `livehand render`.
+    """Render the poses of the one file in `args.shots`, with the other arguments of `livehand render`.
 
     Raises:
-        LiveHandError: the file cannot be read, the frames asked for are not in it, or it is not the only one.
+        LiveHandError: the file cannot be read, lacks the frames, or is not the only one.
     """
     if len(args.shots) > 1 or args.jobs > 1 or args.chunk.count > 1:
         raise LiveHandError("a pose file is rendered alone and in one piece; give one file, and no --jobs or --chunk")
     (path,) = args.shots
     from ..avatars.file import load_avatar
+    from ..hand.lbs import posed_vertices
     from ..rendering.renderer import Renderer
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
-    motion = posed_upright(path, hand, args.side, basis_for(args.mano, args.hand))
-    frames = chosen_frames(motion, args.frames)
+    motion = posed_upright(path, hand, args.side, find_basis(args.mano, args.hand))
+    frames = frame_indices(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
-    camera = fitting_camera(reach(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILLED)
+    camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
     started = time.perf_counter()
     for number, index in enumerate(frames, 1):
-        write_png(_rendered(renderer, motion, index, hand, camera), args.output / f"{index + 1:04d}.png")
+        pose = motion.pose(index)
+        frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera))
+        write_png(frame, args.output / f"{index + 1:04d}.png")
         say(f"frame {index + 1} ({number}/{len(frames)})")
     seconds = (time.perf_counter() - started) / len(frames)
     return {
@@ -75,29 +79,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def posed_upright(path: Path, hand: HandModel, side: str | None = None, basis: ManoBasis | None = None) -> HandMotion:
-    """A file's motion in Blender's world, the wrist at the origin; one in the hand's own space stands upright.
+    """A file's motion in Blender's world with the wrist at the origin; a hand in its own space stands upright.
 
     Raises:
-        LiveHandError: unreadable, or MANO's file is needed.
+        LiveHandError: the file is unreadable, or MANO's file is needed and missing.
     """
     file = open_motion_file(path)
-    file = file if side is None else file.turned_round(side=side)
-    if isinstance(file, LandmarkFile):
-        motion = file.motion(hand)
-    else:
-        motion = file.motion(basis)
-    matrix = to_blender(file.reading.space)
-    if file.reading.space == "hand":
+    file = file if side is None else file.with_changes(side=side)
+    motion = file.motion(hand) if isinstance(file, LandmarkFile) else file.motion(basis)
+    matrix = to_blender(file.info.space)
+    if file.info.space == "hand":
         matrix[:3, :3] = upright(motion.side)
     wrists = rest_wrists(hand.for_side(motion.side), motion.betas)
-    return replace(moved(motion, matrix, wrists), transl=-wrists)
+    return replace(transformed(motion, matrix, wrists), transl=-wrists)
 
 
-def chosen_frames(motion: HandMotion, frames: tuple[int, ...] | None) -> list[int]:
-    """Indices of the frames asked for, which count from 1; None: all.
+def frame_indices(motion: HandMotion, frames: tuple[int, ...] | None) -> list[int]:
+    """Indices of the requested frames, which count from 1; all if None.
 
     Raises:
-        LiveHandError: one of them is not there.
+        LiveHandError: the motion lacks a frame.
     """
     if frames is None:
         return list(range(len(motion)))
@@ -107,13 +108,16 @@ def chosen_frames(motion: HandMotion, frames: tuple[int, ...] | None) -> list[in
     return [frame - 1 for frame in frames]
 
 
-def reach(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:
-    """[N, 3] m: vertices of the hand in all frames, or in enough of them to see how far it reaches."""
-    return np.concatenate([_vertices(motion, index, hand) for index in _spread(frames)])
+def sampled_vertices(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:
+    """[N, 3] m: vertices of the hand in at most 200 evenly spaced frames, for framing the camera."""
+    from ..hand.lbs import posed_vertices
+
+    step = -(-len(frames) // _FRAMES_FOR_CAMERA)
+    return np.concatenate([posed_vertices(hand, motion.pose(index)) for index in frames[:: max(1, step)]])
 
 
 def write_png(frame: Frame, path: Path) -> None:
-    """Write a frame as sRGB with straight alpha; the file is whole or not there."""
+    """Write a frame as sRGB with straight alpha, atomically."""
     from PIL import Image
 
     from ..rendering.decode import straight_srgb
@@ -121,17 +125,3 @@ def write_png(frame: Frame, path: Path) -> None:
     partial = path.with_suffix(".partial")
     Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(partial, format="PNG")
     os.replace(partial, path)
-
-
-def _rendered(renderer: Renderer, motion: HandMotion, index: int, hand: HandModel, camera: Camera) -> Frame:
-    return renderer.render(Shot(motion.pose(index), _vertices(motion, index, hand), camera))
-
-
-def _vertices(motion: HandMotion, index: int, hand: HandModel) -> np.ndarray:
-    from ..hand.lbs import posed_vertices
-
-    return posed_vertices(hand, motion.pose(index))
-
-
-def _spread(frames: list[int], most: int = 200) -> list[int]:
-    return frames[:: max(1, -(-len(frames) // most))]

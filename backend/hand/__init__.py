@@ -1,1 +1,1 @@
-"""The MANO-format hand: its file, its skinning, its atlas, and the hand we ship."""
+"""Hand models in MANO's format: files, skinning, atlas, bones, gestures and poses; and the built-in hand."""

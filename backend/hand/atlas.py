@@ -1,4 +1,4 @@
-"""The atlas of a hand: where each face lies in the unit square."""
+"""The texture atlas of a hand: the position of each face in the unit square."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from .cap import flat_cap
 if TYPE_CHECKING:
     import xatlas
 
-_RESOLUTION_PX = 1024  # for which the padding is meant
+_RESOLUTION_PX = 1024  # that the padding refers to
 _PADDING_PX = 4
 _MM = 1e-3
-_CELLS = 128  # of the grid on which free room is looked for: 8 texels each at 1024 px
+_CELLS = 128  # per side of the grid that finds free space: 8 texels each at 1024 px
 _MARGIN = 1  # cells between a cap's chart and its neighbours
-_LEAST_ROOM = 4  # cells
+_LEAST_CELLS = 4  # per side of the free square
 
 
 def unwrap(v_template: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An atlas of a surface: vertices [V, 3] m, faces [F, 3] -> vt [T, 2] in [0, 1], ft [F, 3] into vt.
+    """Make an atlas of a surface: vt [T, 2] in [0, 1] and ft [F, 3] from vertices [V, 3] m and faces [F, 3].
 
-    Charts do not overlap, and lie at least 4 texels of a 1024 px map apart; some are mirrored. Deterministic.
+    Charts do not overlap and are at least 4 texels of a 1024 px map apart; some are mirrored. Deterministic.
     """
     return unwrap_millimetres(v_template / _MM, f)
 
 
 def unwrap_millimetres(vertices: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`unwrap` for vertices in mm. xatlas has absolute tolerances, which a hand in metres comes close to."""
-    # Here, because a hand that brings its own atlas, as the built-in one does, is loaded where these may be missing.
+    """`unwrap` for vertices in mm: the absolute tolerances of xatlas are too large for a hand in metres."""
+    # Imported here because a hand with its own atlas, as the built-in one, loads without these packages.
     try:
         import trimesh
         import xatlas
     except ImportError as error:
         raise LiveHandError(
-            f"a hand without an atlas (vt, ft) needs trimesh and xatlas to make one, one is missing ({error}); "
+            f"a hand without an atlas (vt, ft) needs trimesh and xatlas, one is missing ({error}); "
             "install them with pip, or give a hand model with an atlas"
         ) from error
     normals = trimesh.Trimesh(vertices, f, process=False).vertex_normals
@@ -50,18 +50,18 @@ def unwrap_millimetres(vertices: np.ndarray, f: np.ndarray) -> tuple[np.ndarray,
 def with_cap_chart(
     vt: np.ndarray, ft: np.ndarray, v_template: np.ndarray, f: np.ndarray, cap: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Give the faces `cap` [C, 3] of a hand that brings its own atlas a chart of their own, in its free room.
+    """Add a chart for the faces `cap` [C, 3] in free space of a hand's own atlas.
 
-    vt [T, 2] and ft [F, 3] stay as they are and come first, so that textures painted for the file still fit. The chart
-    has the atlas' mean scale, or is smaller where the room is.
+    vt [T, 2] and ft [F, 3] come first, unchanged, so that textures for the file still fit. The chart has the atlas'
+    mean scale, or a smaller one if the free space requires it.
 
     Raises:
-        LiveHandError: the atlas has no free square of four cells of its 128th part.
+        LiveHandError: the atlas has no free square of 4 x 4 cells of a 128 x 128 grid.
     """
     row, column, size = _largest_free_square(_occupied_cells(vt, ft))
-    if size < _LEAST_ROOM:
+    if size < _LEAST_CELLS:
         raise LiveHandError(
-            "the hand's atlas must have free room for the cap of its open wrist, got none; "
+            "the hand's atlas must have free space for the cap of its open wrist, got none; "
             "leave out vt and ft, so that a new atlas is made"
         )
     places, faces = flat_cap(v_template, cap)
@@ -84,7 +84,7 @@ def _doubled_area(points: np.ndarray, faces: np.ndarray) -> float:
 
 
 def _occupied_cells(vt: np.ndarray, ft: np.ndarray) -> np.ndarray:
-    """[128, 128] bool, row by v and column by u: cells that a face touches; sampled at half a cell."""
+    """[128, 128] bool, row by v and column by u: cells that a face covers, sampled at half a cell."""
     occupied = np.zeros((_CELLS, _CELLS), dtype=bool)
     for corners in vt[ft] * _CELLS:
         steps = 2 * int(np.ceil(np.ptp(corners, axis=0).max())) + 1
@@ -97,7 +97,7 @@ def _occupied_cells(vt: np.ndarray, ft: np.ndarray) -> np.ndarray:
 
 
 def _largest_free_square(occupied: np.ndarray) -> tuple[int, int, int]:
-    """First row, first column and size of the largest square of free cells; size 0 where all are taken."""
+    """First row, first column and size of the largest square of free cells; size 0 if there is none."""
     total = np.pad(occupied.astype(int).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     for size in range(len(occupied), 0, -1):
         taken = total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]

@@ -1,9 +1,9 @@
-"""Names of the bones, and their rest frames.
+"""Names and rest frames of the bones of a hand's rig.
 
-A hand has 16 bones that an animator turns, named after MANO's joints (`index1.R`), five fingertip targets
-(`IK-index.R`), and 32 hidden helpers: one deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and one per
-finger joint that the finger controls turn (`MCH-index1.R`). docs/rig.md says why. The rest frame of a bone has Y along
-the bone, X as the axis of flexion (a positive turn closes the hand) and Z towards the palm.
+A hand has 16 bones that an animator rotates, named after MANO's joints (`index1.R`), five fingertip targets
+(`IK-index.R`), and 32 hidden helpers: a deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and a bone
+for the finger controls per finger joint (`MCH-index1.R`). docs/rig.md gives the reasons. In a bone's rest frame, Y is
+along the bone, X is the flexion axis (a positive angle closes the hand) and Z points towards the palm.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ import numpy as np
 from ..records.shot import Side
 from .model import JOINT_NAMES, HandModel
 
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # as they lie, which MANO's order is not
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # in anatomical order, unlike MANO's
 
 _INDEX1, _MIDDLE1, _PINKY1, _THUMB1 = 1, 4, 7, 13
-# The thumb closes across the palm more than into it.
-_THUMB_PALMAR_SHARE = 0.5
-# A finger straighter than this tells nothing about the plane it bends in, sine of the angle.
-_MIN_BEND = 0.09
-_MIN_AGREEMENT = 0.7
+_THUMB_PALMAR_SHARE = 0.5  # the thumb closes across the palm more than into it
+_MIN_BEND = 0.09  # sine of the angle; a straighter finger does not show the plane it bends in
+_MIN_AGREEMENT = 0.7  # of that plane's normal with the palm's, cosine
 
 
 class RestBones(NamedTuple):
@@ -34,7 +32,7 @@ class RestBones(NamedTuple):
 
 
 def bone_name(joint: int, side: Side) -> str:
-    """The bone an animator turns, as `index1.R`; Blender mirrors poses by the suffix."""
+    """The bone that an animator rotates, as `index1.R`; Blender mirrors poses by the suffix."""
     return f"{JOINT_NAMES[joint]}.{side[0].upper()}"
 
 
@@ -44,12 +42,12 @@ def deform_name(joint: int, side: Side) -> str:
 
 
 def root_name(side: Side) -> str:
-    """The hidden bone that carries the wrist to the shaped hand's wrist joint."""
+    """The hidden bone that moves the wrist to the shaped hand's wrist joint."""
     return f"MCH-root.{side[0].upper()}"
 
 
 def control_name(joint: int, side: Side) -> str:
-    """The hidden bone that the finger controls turn, and that a finger's bone adds to its own rotation."""
+    """The hidden bone that the finger controls rotate; the finger's bone adds this rotation to its own."""
     return f"MCH-{bone_name(joint, side)}"
 
 
@@ -65,7 +63,7 @@ def finger_joints(finger: str) -> tuple[int, int, int]:
 
 
 def rest_bones(model: HandModel) -> RestBones:
-    """Bones of the mean shape, from the model's geometry alone."""
+    """The bones of the mean shape, from the model's geometry."""
     heads = model.joints
     lengths = _bone_lengths(model)
     along = _bone_directions(heads)
@@ -75,10 +73,10 @@ def rest_bones(model: HandModel) -> RestBones:
 
 
 def rest_flexion_deg(model: HandModel) -> np.ndarray:
-    """[15] how far joints 1..15 are bent in the rest pose, from the straight finger.
+    """[15] flexion of joints 1..15 in the rest pose, from the straight finger.
 
-    A finger's last bone goes on as the one before it, and where the thumb's saddle joint would be straight no one can
-    see: both count as straight.
+    It is zero for a finger's last joint, whose bone continues the one before it, and for the thumb's saddle joint,
+    which has no defined straight position.
     """
     rest = rest_bones(model)
     along = rest.frames[..., 1]
@@ -91,7 +89,7 @@ def rest_flexion_deg(model: HandModel) -> np.ndarray:
 
 
 def _bone_directions(joints: np.ndarray) -> np.ndarray:
-    """[16, 3] unit, towards the next joint; a finger's last bone goes on as the one before it."""
+    """[16, 3] unit, towards the next joint; a finger's last bone continues the one before it."""
     along = np.empty((16, 3))
     along[0] = joints[_MIDDLE1] - joints[0]
     along[1:] = np.roll(joints[1:], -1, 0) - joints[1:]
@@ -111,7 +109,7 @@ def _bone_lengths(model: HandModel) -> np.ndarray:
 
 
 def _flexion_axes(along: np.ndarray, joints: np.ndarray, side: Side) -> np.ndarray:
-    """[16, 3] unit, across the bone: the axis about which a positive turn moves the bone towards the palm."""
+    """[16, 3] unit, across the bone: a positive rotation about it moves the bone towards the palm."""
     palmar = _palmar(joints, side)
     across = _unit(joints[_PINKY1] - joints[_INDEX1])
     towards = np.tile(palmar, (16, 1))
@@ -130,7 +128,7 @@ def _palmar(joints: np.ndarray, side: Side) -> np.ndarray:
 
 
 def _bend_axis(along: np.ndarray, joints: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """[3] normal of the plane a resting finger is bent in, or the guess where it is straight or bends sideways."""
+    """[3] normal of the plane of a finger's bend at rest; the guess if it is straight or bends sideways."""
     normal = np.cross(along[0], along[1])
     bend = np.linalg.norm(normal)
     axis = normal / max(bend, _MIN_BEND)

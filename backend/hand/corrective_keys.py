@@ -1,7 +1,8 @@
-"""Pose correctives as few shape keys: displacements [V, 3] m times a linear form of (R - I) of one joint.
+"""Factors pose correctives into few shape keys: displacements [V, 3] m times a linear form of (R - I) of one joint.
 
 MANO adds posedirs [V, 3, 135] times the row-major entries of R - I of joints 1..15. Each joint's nine columns are
-factored (SVD) and what moves nothing is dropped: nine keys a joint at most, one where a model has one bulge per joint.
+factored by SVD, and components that move nothing are dropped. At most nine keys per joint remain; one if the model has
+a single bulge per joint.
 """
 
 from __future__ import annotations
@@ -10,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Largest Frobenius norm of R - I is sqrt(8); a component that can move no vertex by more than this, in m, is dropped.
-_NEGLIGIBLE_M = 1e-7
-_LARGEST_FEATURE = 8**0.5
+_NEGLIGIBLE_M = 1e-7  # components that move no vertex by more are dropped
+_LARGEST_FEATURE = 8**0.5  # largest Frobenius norm of R - I
 
 
 class Corrective(NamedTuple):
@@ -36,15 +36,15 @@ def _of_joint(joint: int, columns: np.ndarray) -> list[Corrective]:
 
 
 def quaternion_form(form: np.ndarray, frame: np.ndarray) -> dict[str, float]:
-    """Coefficients of the same linear form in products of the bone's own unit quaternion (w, x, y, z).
+    """The same linear form in products of the bone's own unit quaternion (w, x, y, z).
 
     Args:
         form: [3, 3], applied to R - I in the model's frame.
         frame: [3, 3] rest orientation B of the bone, where R = B basis B^T.
 
     Returns:
-        By product ("x*x", "w*z", ...): sum of coefficient times product equals sum(form * (R - I)). The constant
-        vanishes, so nothing cancels near rest.
+        Coefficient by product ("x*x", "w*z", ...): the weighted sum of products equals sum(form * (R - I)). There is no
+        constant term, so no cancellation near rest.
     """
     c = frame.T @ form @ frame
     return {

@@ -1,7 +1,7 @@
-"""Named hand gestures as joint angles, and random natural poses mixed from them.
+"""Hand gestures as joint angles, and random natural poses mixed from them.
 
-Angles in degrees, about anatomical axes of the rest pose: flexion bends a finger towards the palm, abduction turns it
-towards the thumb, twist turns it about its own bone. They become MANO `theta` (axis-angle, rad) through `FingerAxes`.
+Angles are in degrees about anatomical axes of the rest pose: flexion bends a finger towards the palm, abduction rotates
+it towards the thumb, twist rotates it about its own bone. `FingerAxes` converts them to MANO's theta (axis-angle, rad).
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from .model import MANO_FINGERS
 
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")  # MANO's order
-_ROW = {name: 3 * k for k, name in enumerate(FINGERS)}  # first joint of each finger among the 15
+_ROW = {name: 3 * k for k, name in enumerate(MANO_FINGERS)}  # first joint of each finger among the 15
 
-# Whole numbers read better in the table below, and the tests' type checker takes no int for a float.
+# The tests' type checker does not accept an int as a float.
 Degrees = float | int
 Flexion = dict[str, tuple[Degrees, Degrees, Degrees]]
 
 
 @dataclass(frozen=True)
 class FingerAxes:
-    """Anatomical axes of the 16 joints in the template's frame, unit vectors [16, 3] (the wrist's are zero)."""
+    """Anatomical axes of the 16 joints in the template's frame: unit vectors [16, 3], zero for the wrist."""
 
     flexion: np.ndarray
     dorsal: np.ndarray
@@ -32,14 +32,14 @@ class FingerAxes:
 
     @classmethod
     def of_default_hand(cls) -> FingerAxes:
-        """The built-in hand's axes, which lie beside it in its file."""
+        """The axes in the built-in hand's file."""
         with np.load(Path(str(resources.files(str(__package__)) / "hand_default.npz"))) as arrays:
             return cls(arrays["flex_axis"], arrays["dorsal_dir"], arrays["bone_dir"])
 
 
 @dataclass(frozen=True)
 class Gesture:
-    """Joint angles of a hand, degrees; a finger that is not named keeps its rest angle.
+    """Joint angles of a hand, degrees; fingers that are not named stay at rest.
 
     Attributes:
         flexion: of the four fingers' MCP, PIP and DIP joints.
@@ -63,7 +63,7 @@ class Gesture:
 
 
 def _fingers(mcp: Degrees, pip: Degrees, dip: Degrees) -> Flexion:
-    return {name: (mcp, pip, dip) for name in FINGERS[:4]}
+    return {name: (mcp, pip, dip) for name in MANO_FINGERS[:4]}
 
 
 GESTURES: dict[str, Gesture] = {
@@ -103,7 +103,7 @@ GESTURES: dict[str, Gesture] = {
 
 
 def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None = None) -> np.ndarray:
-    """Joint angles [15, 3] deg -> theta [16, 3] rad. `root` [3] is the wrist's axis-angle, rad."""
+    """Theta [16, 3] rad of joint angles [15, 3] deg and the wrist's axis-angle `root` [3] rad."""
     theta = np.zeros((16, 3))
     theta[0] = 0 if root is None else root
     for joint in range(1, 16):
@@ -120,8 +120,8 @@ def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None =
 def sample_angles_deg(rng: np.random.Generator, count: int) -> np.ndarray:
     """[count, 15, 3] random natural joint angles.
 
-    A sparse random mix of the gestures for the whole hand, each finger drawn part of the way to a mix of its own, and
-    a few degrees of noise on every flexion and on the abduction at the knuckles.
+    Each is a sparse random mix of the gestures. Every finger is then blended by a random share with a mix of its own,
+    and a few degrees of noise are added to all flexions and to the abductions of the knuckles.
     """
     library = np.stack([gesture.angles_deg() for gesture in GESTURES.values()])
     sharpness = np.full(len(library), 0.35)

@@ -1,7 +1,6 @@
-"""Anatomical frames of the joints: X the axis of flexion, Y the bone, Z towards the palm.
+"""Anatomical frames of the joints: X is the flexion axis, Y is along the bone, Z points towards the palm.
 
-The built-in hand brings its axes in its file. For another hand they are the bones' own rest frames, which are read from
-its joints (`bones.rest_bones`).
+The built-in hand's are in its file. Another hand's are the rest frames of its bones (`bones.rest_bones`).
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from .gestures import FingerAxes
 from .model import HandModel
 from .model_file import load_default_hand
 
-# A mirror image keeps a bone's Y and Z in place of X, so that its frame stays right-handed.
+# Mirrors a frame and then negates its X axis, so that it stays right-handed.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def joint_frames(model: HandModel) -> np.ndarray:
-    """[16, 3, 3] in the template's frame, columns X, Y, Z; the wrist's is its bone's."""
+    """[16, 3, 3] in the template's frame, columns X, Y, Z; the wrist has the frame of its bone."""
     frames = rest_bones(model).frames.copy()
     if model.sha256 == load_default_hand().sha256:
         axes = FingerAxes.of_default_hand()
@@ -29,13 +28,13 @@ def joint_frames(model: HandModel) -> np.ndarray:
 
 
 def finger_axes(model: HandModel) -> FingerAxes:
-    """The axes about which gestures turn a right hand's joints."""
+    """The axes of the angles of gestures, for a right hand."""
     frames = joint_frames(model)
     return FingerAxes(flexion=frames[..., 0], dorsal=-frames[..., 2], bone=frames[..., 1])
 
 
 def euler_rad(angles_deg: np.ndarray, side: Side) -> np.ndarray:
-    """Flexion, abduction, twist [..., 3] deg -> X, Y, Z [..., 3] rad of a joint's frame, in Blender's order YZX."""
+    """X, Y, Z angles [..., 3] rad in a joint's frame (Blender's order YZX) of flexion, abduction, twist [..., 3]."""
     flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)
     sign = 1 if side == "right" else -1
     return np.stack([flexion, sign * twist, -sign * abduction], -1)

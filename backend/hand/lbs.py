@@ -19,7 +19,7 @@ from .model import HandModel
 
 
 class SkinTensors(NamedTuple):
-    """What skinning needs of a `HandModel`, on one device and in one dtype."""
+    """The arrays of a `HandModel` for skinning, on one device and in one dtype."""
 
     v_template: Tensor
     lbs_weights: Tensor

@@ -1,41 +1,41 @@
-"""Reads MANO v1.2's own `.pkl` files without trusting them.
+"""Reads MANO v1.2's own `.pkl` files as untrusted input.
 
-They are Python-2 pickles of protocol 2: numpy arrays, one scipy sparse matrix and one chumpy expression. A pickle is a
-program that calls what it names. Ours may name seven things; six of them are given as the plain stand-ins below, which
-keep what they are handed and compute nothing until they have been checked, so that neither numpy's unpickling nor scipy
-nor chumpy ever runs. Anything else is refused by its name, before it is called.
+They are Python-2 pickles of protocol 2: numpy arrays, one scipy sparse matrix and one chumpy expression. A pickle calls
+the globals that it names. Seven are allowed, and six of them are replaced by the stand-ins below, which only keep their
+arguments until they have been checked: numpy's unpickling, scipy and chumpy never run. Any other global is refused
+before it is called.
 """
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..records.errors import LiveHandError
-from .pickled_arrays import Array, ArrayKind, Dtype, Stub, require
+from .pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
 
-# What is handed on; the file also holds strings.
+# The file also holds strings, which are ignored.
 _ARRAY_KEYS = (
     "v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs", "J",
     "hands_components", "hands_mean", "hands_coeffs",
 )  # fmt: skip
-_SHAPE_DIRECTIONS = 10  # the file's leaf array holds 20; MANO uses the first ten
+_SHAPE_DIRECTIONS = 10  # the file holds 20; MANO uses the first ten
 
 
 def read_mano_pickle(path: Path | str) -> dict[str, np.ndarray]:
     """The arrays of a MANO `.pkl` under their own names; `J_regressor` dense, `shapedirs` the first ten.
 
     Raises:
-        LiveHandError: the file is cut off, is no pickle, names anything beyond MANO's seven globals, or holds something
-            other than plain numbers where an array is due.
+        LiveHandError: the file is damaged, names a global that is not allowed, or holds anything but plain numbers in
+            an array.
     """
     path = Path(path)
     try:
         with path.open("rb") as file:
-            content = _MANOUnpickler(file, encoding="latin1").load()
+            refusal = "a MANO pickle may not use {}; use the unchanged file from MANO's website"
+            content = RestrictedUnpickler(file, _ALLOWED, refusal).load()
         require(isinstance(content, dict), f"the file must hold a dictionary, got {type(content).__name__}")
         return {key: _as_array(content[key], key) for key in _ARRAY_KEYS if key in content}
     except LiveHandError as error:
@@ -67,7 +67,7 @@ class _Variable(Stub):
     """`chumpy.ch.Ch`: a leaf, the array `x`."""
 
     def numpy(self) -> np.ndarray:
-        """Its value."""
+        """The value."""
         return _as_array(self.entry("x"), "x")
 
 
@@ -75,7 +75,7 @@ class _Selection(Stub):
     """`chumpy.reordering.Select`: the entries `idxs` of the flattened leaf `a`, shaped as `preferred_shape`."""
 
     def numpy(self) -> np.ndarray:
-        """Its value."""
+        """The value."""
         leaf = self.entry("a")
         require(isinstance(leaf, _Variable), f"a selection must be of a Ch, got {type(leaf).__name__}")
         picked = leaf.numpy().ravel()[_as_array(self.entry("idxs"), "idxs")]
@@ -91,20 +91,6 @@ _ALLOWED = {
     "chumpy.ch.Ch": _Variable,
     "__builtin__.set": set,
 }
-
-
-class _MANOUnpickler(pickle.Unpickler):
-    """An unpickler that knows MANO's seven globals and no other."""
-
-    def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """The stand-in of a global.
-
-        Raises:
-            LiveHandError: it is not one of the seven.
-        """
-        name = f"{module_name}.{global_name}"
-        require(name in _ALLOWED, f"a MANO pickle may not use {name}; use the unchanged file from MANO's website")
-        return _ALLOWED[name]
 
 
 def _as_array(value: Any, name: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A hand's length and breadth, and the shape that has given ones."""
+"""The length and breadth of a hand, and the shape with given measurements."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from .model import HandModel
 
 _MIDDLE, _KNUCKLES = (4, 5, 6), (1, 4, 10, 7)
 _STEPS = 8
-# A unit of beta costs as much as missing a measurement by this: small enough to meet it, large enough to stay natural.
-_SHYNESS_M = 1e-4
+# One unit of beta costs as much as an error of this in a measurement.
+_PRIOR_M = 1e-4
 
 
 def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
-    """[2] of the shape beta [10], m: from the wrist joint to the straight middle fingertip, and across the knuckles.
+    """[2] m of the shape beta [10]: from the wrist joint to the straight middle fingertip, and across the knuckles.
 
-    The breadth is that of the skin between index and little finger, in the slice of the template around the knuckles.
+    The breadth is that of the skin from index to little finger, in a slice of the template around the knuckles.
     """
     vertices = model.v_template + model.shapedirs @ beta
     joints = model.J_regressor @ vertices
@@ -27,7 +27,7 @@ def length_and_breadth_m(model: HandModel, beta: np.ndarray) -> np.ndarray:
 
 
 def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
-    """[10] the shape nearest to the mean one that has these measurements (Gauss-Newton on least squares).
+    """[10] the shape with these measurements that is nearest to the mean shape (Gauss-Newton).
 
     Raises:
         LiveHandError: the model has no shapes.
@@ -38,13 +38,13 @@ def fit_beta(model: HandModel, length_m: float, breadth_m: float) -> np.ndarray:
     for _ in range(_STEPS):
         now = length_and_breadth_m(model, beta)
         slope = np.stack([length_and_breadth_m(model, beta + step) - now for step in 1e-4 * np.eye(10)], 1) / 1e-4
-        rest = wanted - now + slope @ beta
-        beta = slope.T @ np.linalg.solve(slope @ slope.T + _SHYNESS_M**2 * np.eye(2), rest)
+        residual = wanted - now + slope @ beta
+        beta = slope.T @ np.linalg.solve(slope @ slope.T + _PRIOR_M**2 * np.eye(2), residual)
     return beta
 
 
 def check_has_shapes(model: HandModel) -> None:
-    """Raise `LiveHandError` where no beta changes the hand, as in a model of somebody's mesh."""
+    """Raise `LiveHandError` if the model has no shape directions, as a model made from a user's mesh."""
     if not model.shapedirs.any():
         raise LiveHandError(
             f"a hand must have shape directions to change its shape, '{model.name}' has none; scale or sculpt its "
@@ -63,7 +63,7 @@ def _across(model: HandModel) -> np.ndarray:
 
 
 def _knuckle_slice(model: HandModel) -> np.ndarray:
-    """Vertices within 8 mm of the knuckles along the hand, the thumb's left out."""
+    """Vertices within 8 mm of the knuckles along the hand, without the thumb."""
     along = model.joints[_MIDDLE[0]] - model.joints[0]
     along = along / np.linalg.norm(along)
     middle = model.joints[list(_KNUCKLES)].mean(0)

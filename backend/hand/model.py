@@ -1,6 +1,6 @@
-"""A hand model in MANO's format: its arrays, numpy, before any pose.
+"""The record of a hand model in MANO's format, unposed, in numpy.
 
-MANO's own names are kept. Right-hand frame of the template: fingers towards -X, back of the hand +Y, thumb +Z, metres.
+Arrays keep MANO's names. Right-hand frame of the template: fingers towards -X, back of the hand +Y, thumb +Z, metres.
 Source of the format: Romero et al. 2017, "Embodied Hands"; MANO v1.2 files.
 """
 
@@ -12,14 +12,13 @@ import numpy as np
 
 from ..records.shot import Side
 
-JOINT_NAMES = (
-    "wrist",
-    *(f"{finger}{k}" for finger in ("index", "middle", "pinky", "ring", "thumb") for k in (1, 2, 3)),
-)
+MANO_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+"""In the order of MANO's joints."""
+JOINT_NAMES = ("wrist", *(f"{finger}{k}" for finger in MANO_FINGERS for k in (1, 2, 3)))
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 
-# Stands the template upright in a world whose Z points up: fingers up, the back of the hand to the front (-Y), a right
-# hand's thumb to the left (-X). It is how captures hold the hand, and so where the avatars' light comes from.
+# From the template's frame to a Z-up world in which the fingers point up, the back of the hand to the front (-Y) and a
+# right hand's thumb to the left (-X). Captures hold the hand in this way, which fixes the light of the avatars.
 UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
@@ -28,12 +27,12 @@ class HandModel:
     """V vertices, F faces, T atlas vertices, 16 joints.
 
     Attributes:
-        name: file stem, for people.
-        side: which hand the template is.
-        sha256: of the file the model came from (mirroring keeps it): the identity an avatar asks for.
+        name: stem of the file's name, for people.
+        side: of the template.
+        sha256: of the model's file, also after mirroring; avatars identify their hand model by it.
         v_template: [V, 3] m.
-        f: [F, 3] vertex indices, outward by the right-hand rule. The surface is closed: where a file's is open at the
-            wrist, as MANO's is, the cap's faces follow the file's own.
+        f: [F, 3] vertex indices, outward by the right-hand rule. The surface is closed: if the file's is open at the
+            wrist, as MANO's is, the faces of a cap follow its own.
         lbs_weights: [V, 16], rows sum to 1.
         J_regressor: [16, V], rows sum to 1.
         parents: [16] index of the parent joint, -1 for the root.
@@ -62,18 +61,18 @@ class HandModel:
         return self.J_regressor @ self.v_template
 
     def for_side(self, side: Side) -> HandModel:
-        """This hand, or its exact mirror image in the plane x = 0 where the other side is asked for."""
+        """This hand if it has this side, else its exact mirror image in the plane x = 0."""
         return self if side == self.side else _mirrored(self)
 
 
 MIRROR_POINT = np.array([-1.0, 1.0, 1.0])
 MIRROR_AXIS_ANGLE = np.array([1.0, -1.0, -1.0])
-# (S R S - ...) in the row-major 3x3 entries of R: the sign each entry takes when R is mirrored.
+# The sign of each row-major entry of a rotation matrix under mirroring.
 _MIRROR_MATRIX = np.outer(MIRROR_POINT, MIRROR_POINT).ravel()
 
 
 def upright(side: Side) -> np.ndarray:
-    """[3, 3] what stands a side's template upright: `UPRIGHT`, or its mirror image for a left hand."""
+    """[3, 3] `UPRIGHT` for the template of a side; the left hand's is the mirror image."""
     return UPRIGHT if side == "right" else UPRIGHT * np.outer(MIRROR_POINT, MIRROR_POINT)
 
 

@@ -1,6 +1,6 @@
-"""Reads hand models: `.npz` files with MANO's keys, and MANO's own `.pkl` files; the built-in hand among them.
+"""Reads hand models: `.npz` files with MANO's keys, such as the built-in hand, and MANO's own `.pkl` files.
 
-What is missing is made: caps where the surface is open, and an atlas. What is wrong is refused by name.
+An open surface is closed by caps, and a missing atlas is made. Errors name the malformed array.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from .atlas import unwrap, with_cap_chart
 from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel
 
-# What a file must hold beside an atlas (vt, ft), which is made where it is missing.
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
 def default_hand_path() -> Path:
-    """Where the built-in hand's file lies."""
+    """The built-in hand's file."""
     return Path(str(resources.files(str(__package__)) / "hand_default.npz"))
 
 
@@ -39,10 +38,10 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
 
     Args:
         path: the file.
-        side: which hand it holds; None reads it from the file's name (`left` in it, or right).
+        side: of the hand; None means left if the file's name contains `left`, else right.
 
     Raises:
-        LiveHandError: no such file, a missing or malformed array, or a pickle that holds anything but a MANO hand.
+        LiveHandError: the file or an array is missing or malformed, or a pickle holds anything but a MANO hand.
     """
     path = Path(path)
     arrays = _read_arrays(path)
@@ -56,19 +55,19 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
 
 
 def load_hands_mean(path: Path | str) -> np.ndarray:
-    """[15, 3] rad: the mean pose of the finger joints that MANO's files hold, and from which many fits count.
+    """[15, 3] rad: the mean pose of the finger joints in a MANO file, from which many data sets count.
 
     Raises:
-        LiveHandError: no such file, or it holds no mean pose.
+        LiveHandError: the file is missing, or has no mean pose.
     """
     return _load_extra(Path(path), "hands_mean", 45).reshape(15, 3)
 
 
 def load_hands_components(path: Path | str) -> np.ndarray:
-    """[45, 45] rad: the principal components of the finger joints in rows, of which many fits are sums.
+    """[45, 45] rad: the principal components of the finger joints in a MANO file, in rows.
 
     Raises:
-        LiveHandError: no such file, or it holds none.
+        LiveHandError: the file is missing, or has no components.
     """
     return _load_extra(Path(path), "hands_components", 45 * 45).reshape(45, 45)
 
@@ -93,7 +92,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with path.open("rb") as file:
             archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
+            if isinstance(archive, np.ndarray):
                 raise ValueError("a single array")
             return {key: archive[key] for key in archive.files}
     except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
@@ -124,7 +123,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
 
 
 def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
-    """One array as float64; indices up to 2^32 are exact in it."""
+    """One array as float64, which represents indices up to 2^32 exactly."""
     if arrays[key].dtype.kind not in "biuf":
         raise LiveHandError(f"{path}: {key} must hold numbers, got dtype {arrays[key].dtype}")
     return arrays[key].astype(np.float64)
@@ -133,7 +132,7 @@ def _numbers(arrays: dict[str, np.ndarray], key: str, path: Path) -> np.ndarray:
 def _closed_mesh(
     arrays: dict[str, np.ndarray], v_template: np.ndarray, path: Path
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces with the caps of open edges, and an atlas (vt, ft) for all of them: the file's own, or a new one."""
+    """Faces including caps, and an atlas (vt, ft) of all of them: the file's own or a new one."""
     faces = _numbers(arrays, "f", path).astype(np.int64)
     _check_triangles(path, ("v_template", v_template, 3), ("f", faces))
     if "vt" not in arrays or "ft" not in arrays:
@@ -148,10 +147,10 @@ def _closed_mesh(
 
 
 def _unmirror_left_shapedirs(shapedirs: np.ndarray, v_template: np.ndarray, side: Side) -> np.ndarray:
-    """Mend MANO_LEFT.pkl, whose shapedirs are the right hand's, not mirrored in x.
+    """Correct MANO_LEFT.pkl, whose shapedirs are those of the right hand, not mirrored in x.
 
-    A direction that grows the hand moves vertices away from the centre along every axis. In an un-mirrored left hand
-    the x part works against the y and z parts; the sign of their summed product over all ten directions tells.
+    A direction that enlarges the hand moves vertices away from the centre along every axis. In an unmirrored left hand
+    the x part has the opposite sign of the y and z parts, which the summed product over all ten directions detects.
     """
     if side == "right":
         return shapedirs

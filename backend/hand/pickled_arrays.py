@@ -1,45 +1,67 @@
-"""Stand-ins for numpy's own classes in pickles that nobody trusts.
+"""An unpickler for untrusted pickles, and stand-ins for numpy's classes in them.
 
-They keep what they are handed and compute nothing until it has been checked, so that numpy's unpickling never runs.
+The stand-ins only keep their arguments until they have been checked, so that numpy's unpickling never runs.
 """
 
 from __future__ import annotations
 
+import pickle
 import re
+from collections.abc import Mapping
+from io import BufferedIOBase
 from typing import Any
 
 import numpy as np
 
 from ..records.errors import LiveHandError
 
-_NUMBER_CODE = re.compile(r"[biuf][1248]")  # numpy's codes of booleans, integers and floats: no objects, no records
+_NUMBER_CODE = re.compile(r"[biuf][1248]")  # booleans, integers and floats; no objects or records
+
+
+class RestrictedUnpickler(pickle.Unpickler):
+    """An unpickler that allows only the given globals and replaces them by stand-ins."""
+
+    def __init__(self, file: BufferedIOBase, allowed: Mapping[str, Any], refusal: str):
+        """`refusal` is the message about any other global, with {} for its name."""
+        super().__init__(file, encoding="latin1")
+        self._allowed, self._refusal = allowed, refusal
+
+    def find_class(self, module_name: str, global_name: str, /) -> Any:
+        """The stand-in of a global.
+
+        Raises:
+            LiveHandError: the global is not allowed.
+        """
+        name = f"{module_name}.{global_name}"
+        require(name in self._allowed, self._refusal.format(name))
+        return self._allowed[name]
 
 
 class Stub:
-    """Stands in for a foreign class: keeps the state it is given. Made without arguments unless a subclass says so."""
+    """A stand-in for a foreign class that keeps its state. It takes no arguments unless a subclass does."""
 
     state: Any = None
 
     def __new__(cls) -> Stub:
-        """Without arguments."""
+        """Take no arguments."""
         return object.__new__(cls)
 
     def __setstate__(self, state: Any) -> None:
         object.__setattr__(self, "state", state)
 
     def entry(self, key: str) -> Any:
-        """One entry of a state that must be a dictionary."""
+        """An entry of the state, which must be a dictionary."""
         require(isinstance(self.state, dict) and key in self.state, f"{type(self).__name__[1:]} must have {key!r}")
         return self.state[key]
 
 
 class Dtype(Stub):
-    """`numpy.dtype`, of plain numbers only."""
+    """`numpy.dtype` of plain numbers."""
 
     code: str
 
     def __new__(cls, code: Any, *_flags: Any) -> Dtype:
-        """Of one of numpy's codes of numbers."""
+        """From one of numpy's codes of plain numbers."""
         require(
             isinstance(code, str) and _NUMBER_CODE.fullmatch(code) is not None,
             f"arrays must hold plain numbers, got dtype {code!r}; object arrays can run code and are refused",
@@ -56,18 +78,18 @@ class Dtype(Stub):
 
 
 class ArrayKind(Stub):
-    """`numpy.ndarray`: only ever named, as `Array`'s first argument."""
+    """`numpy.ndarray`, which may only be named as the first argument of `Array`."""
 
     def __new__(cls) -> ArrayKind:
-        """Refused."""
-        raise LiveHandError("numpy.ndarray may be named, not called; the file is not what it seems")
+        """Refuse to be called."""
+        raise LiveHandError("numpy.ndarray may be named in a pickle, not called; download the file again")
 
 
 class Array(Stub):
     """`numpy.core.multiarray._reconstruct(ndarray, (0,), 'b')`: an empty array whose state follows."""
 
     def __new__(cls, kind: Any, *_placeholder: Any) -> Array:
-        """Of numpy's own class, empty."""
+        """From numpy's own class, empty."""
         require(kind is ArrayKind, f"arrays must be of numpy's own class, got {kind!r}")
         return object.__new__(cls)
 
@@ -83,6 +105,6 @@ class Array(Stub):
 
 
 def require(holds: bool, message: str) -> None:
-    """Raise a `LiveHandError` unless it holds."""
+    """Raise a `LiveHandError` with the message unless the condition holds."""
     if not holds:
         raise LiveHandError(message)

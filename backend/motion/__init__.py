@@ -1,1 +1,1 @@
-"""Pose files: other people's hands in motion as ours, with mean, PCA, side and axes said aloud; and our own format."""
+"""Motions of hands: reads pose and landmark files of many formats, and reads and writes LiveHand's own."""

@@ -1,4 +1,4 @@
-"""A pose file's content, before anyone knows whose: arrays, lists and dictionaries, safely read and plainly checked."""
+"""The content of a pose file of any format: arrays, lists and dictionaries, read without running code."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,16 @@ import numpy as np
 from ..records.errors import LiveHandError
 from .plain_pickle import read_plain_pickle
 
-SUFFIXES = (".npz", ".npy", ".json", ".pkl", ".csv")
-_LARGEST_BYTES = 2 << 30  # unpacked; a zip of a few kilobytes can claim any size
+_LARGEST_BYTES = 2 << 30  # unpacked: a zip bomb of a few kilobytes could fill the memory
 
 
 @dataclass(frozen=True)
 class Document:
-    """What one file holds.
+    """The content of one file.
 
     Attributes:
-        path: where it was read.
-        content: a dictionary, list or array; all numbers still as the file has them.
+        path: of the file.
+        content: a dictionary, list or array, with numbers as the file stores them.
     """
 
     path: Path
@@ -34,14 +33,14 @@ class Document:
 
     @property
     def entries(self) -> dict[str, Any]:
-        """The dictionary it is, or an empty one."""
+        """The content if it is a dictionary, else an empty one."""
         return self.content if isinstance(self.content, dict) else {}
 
-    def numbers(self, value: Any, name: str, *shapes: Sequence[int | None]) -> np.ndarray:
-        """A value of the content as float64 of one of the shapes; None stands for any length.
+    def array(self, value: Any, name: str, *shapes: Sequence[int | None]) -> np.ndarray:
+        """A value of the content as a float64 array of one of the shapes; None stands for any length.
 
         Raises:
-            LiveHandError: no numbers, another shape, or not finite.
+            LiveHandError: the value is not numeric, has another shape, or is not finite.
         """
         try:
             array = np.asarray(value)
@@ -54,15 +53,18 @@ class Document:
             raise LiveHandError(f"{self.path}: {name} must be {wanted}, got {list(array.shape)}; export it again")
         array = array.astype(np.float64)
         if not np.isfinite(array).all():
-            raise LiveHandError(f"{self.path}: {name} must be finite, got NaN or infinity; repair or re-track the take")
+            raise LiveHandError(
+                f"{self.path}: {name} must be finite, got NaN or infinity; repair the file or track the hand again"
+            )
         return array
 
 
 def load_document(path: Path) -> Document:
-    """Read a file by its suffix. Pickles are read by `plain_pickle` only, arrays of objects not at all.
+    """Read a file by its suffix. Pickles are restricted by `plain_pickle`; arrays of objects are refused.
 
     Raises:
-        LiveHandError: missing, of another suffix, damaged, too large, or a pickle that could run code.
+        LiveHandError: the file is missing, has another suffix, is damaged or too large, or is a pickle that could run
+            code.
     """
     if not path.is_file():
         raise LiveHandError(f"no pose file at {path}; give the path of one of {', '.join(SUFFIXES)}")
@@ -70,6 +72,7 @@ def load_document(path: Path) -> Document:
     if suffix not in SUFFIXES:
         raise LiveHandError(f"{path} must be a pose file ({', '.join(SUFFIXES)}), got '{path.suffix}'")
     try:
+        _check_size(path.stat().st_size)
         return Document(path, _READERS[suffix](path))
     except LiveHandError as error:
         raise LiveHandError(f"{path}: {error}") from error
@@ -87,10 +90,10 @@ def _read_npz(path: Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as archive:
         _check_size(sum(member.file_size for member in archive.infolist()))
     with np.load(path, allow_pickle=False) as arrays:
-        return {key: _loaded(arrays, key) for key in arrays.files}
+        return {key: _read_member(arrays, key) for key in arrays.files}
 
 
-def _loaded(arrays: Any, key: str) -> np.ndarray:
+def _read_member(arrays: Any, key: str) -> np.ndarray:
     try:
         return arrays[key]
     except ValueError as error:
@@ -102,7 +105,6 @@ def _loaded(arrays: Any, key: str) -> np.ndarray:
 
 
 def _read_npy(path: Path) -> Any:
-    _check_size(path.stat().st_size)
     raw = path.read_bytes()
     file = io.BytesIO(raw)
     version = np.lib.format.read_magic(file)
@@ -112,22 +114,11 @@ def _read_npy(path: Path) -> Any:
     return np.load(io.BytesIO(raw), allow_pickle=False)
 
 
-def _read_pkl(path: Path) -> Any:
-    _check_size(path.stat().st_size)
-    return read_plain_pickle(path.read_bytes())
-
-
-def _read_json(path: Path) -> Any:
-    _check_size(path.stat().st_size)
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
 def _read_csv(path: Path) -> dict[str, np.ndarray]:
-    """A table of numbers, by the columns' names in lower case; an empty cell is NaN."""
-    _check_size(path.stat().st_size)
+    """The columns of a table by their names in lower case; an empty cell is NaN."""
     names, *rows = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     if not rows or any(len(row) != len(names) for row in rows):
-        raise LiveHandError("a table must have a line of names and as many cells in every line below it")
+        raise LiveHandError("a table must have a header line and as many cells in every line below it")
     columns = zip(names, zip(*rows, strict=True), strict=True)
     return {name.strip().strip('"').lower(): _column(cells) for name, cells in columns}
 
@@ -139,7 +130,14 @@ def _column(cells: Sequence[str]) -> np.ndarray:
         return np.array([cell.strip().strip('"') for cell in cells])
 
 
-_READERS = {".npz": _read_npz, ".npy": _read_npy, ".pkl": _read_pkl, ".json": _read_json, ".csv": _read_csv}
+_READERS: dict[str, Callable[[Path], Any]] = {
+    ".npz": _read_npz,
+    ".npy": _read_npy,
+    ".json": lambda path: json.loads(path.read_text(encoding="utf-8")),
+    ".pkl": lambda path: read_plain_pickle(path.read_bytes()),
+    ".csv": _read_csv,
+}
+SUFFIXES = tuple(_READERS)
 
 
 def _check_size(size_bytes: int) -> None:

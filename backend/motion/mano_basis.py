@@ -1,6 +1,6 @@
-"""MANO's mean pose and its principal components: many files count from the one, in terms of the other.
+"""MANO's mean pose and principal components, which many pose files count from.
 
-They are MANO's, under its licence, and never shipped: they come from the user's own MANO file.
+They come from the user's own MANO file, under MANO's licence, and are never shipped.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from ..records.shot import Side
 
 @dataclass(frozen=True)
 class ManoBasis:
-    """What a MANO file says of poses.
+    """The pose space of a MANO file.
 
     Attributes:
         mean: [15, 3] rad.
         components: [45, 45], each row a direction of [15, 3] rad; coefficients count in standard deviations.
-        side: of the file they are from.
+        side: of the MANO file.
     """
 
     mean: np.ndarray
@@ -31,7 +31,7 @@ class ManoBasis:
     side: Side
 
     def for_side(self, side: Side) -> ManoBasis:
-        """The other hand's are the exact mirror image."""
+        """The basis of a side; the other hand's is the exact mirror image."""
         if side == self.side:
             return self
         mirror = np.tile(MIRROR_AXIS_ANGLE, 15)
@@ -39,20 +39,20 @@ class ManoBasis:
 
 
 def load_mano_basis(path: Path | str, side: Side | None = None) -> ManoBasis:
-    """Of one of MANO's own files, or a `.npz` with its keys; None reads the side from the file's name, as for models.
+    """Read one of MANO's own files, or a `.npz` with its keys; None takes the side from the file's name.
 
     Raises:
-        LiveHandError: no such file, or it lacks them.
+        LiveHandError: the file is missing, or lacks mean or components.
     """
     side = side or ("left" if "left" in Path(path).stem.lower() else "right")
     return ManoBasis(load_hands_mean(path), load_hands_components(path), side)
 
 
-def basis_for(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | None:
-    """Of the MANO file that the user names, or else of the hand's own file where that is one; None: neither.
+def find_basis(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | None:
+    """The basis of the MANO file that the user names, else of the hand's own file; None if neither has one.
 
     Raises:
-        LiveHandError: the user's file is missing, or lacks them.
+        LiveHandError: the file that the user names is missing, or lacks mean or components.
     """
     if mano_path is not None:
         return load_mano_basis(mano_path)
@@ -62,15 +62,15 @@ def basis_for(mano_path: Path | None, hand_path: Path | None) -> ManoBasis | Non
         return None
 
 
-def needed_basis(basis: ManoBasis | None, side: Side, why: str) -> ManoBasis:
-    """The basis of a side.
+def require_basis(basis: ManoBasis | None, side: Side, user: str) -> ManoBasis:
+    """The basis of a side; `user` says in the error message what needs it.
 
     Raises:
-        LiveHandError: there is none.
+        LiveHandError: the basis is None.
     """
     if basis is None:
         raise LiveHandError(
-            f"{why} must be given MANO's hands_mean and hands_components, got no MANO file; choose your MANO_RIGHT.pkl "
-            "or MANO_LEFT.pkl (from MANO's website, under its licence)"
+            f"{user} must be given MANO's hands_mean and hands_components, got no MANO file; choose your "
+            "MANO_RIGHT.pkl or MANO_LEFT.pkl (from MANO's website, under its licence)"
         )
     return basis.for_side(side)

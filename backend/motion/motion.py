@@ -1,4 +1,4 @@
-"""A hand in motion: what every pose file becomes, and what ours holds."""
+"""The motion of one hand: every pose file is read into one, and LiveHand's own files store one."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..records.shot import HandPose, Side
 
 @dataclass(frozen=True)
 class HandMotion:
-    """T poses of one hand, evenly in time.
+    """T poses of one hand at equal time steps.
 
     Attributes:
-        theta: [T, 16, 3] axis-angle per joint, rad, absolute: the mean is in it. Joint 0 turns about the wrist.
+        theta: [T, 16, 3] axis-angle per joint, rad, with MANO's mean pose already added. Joint 0 is the wrist.
         beta: [10] shape, or [T, 10].
         transl: [T, 3] m.
-        fps: frames per second; None where nobody knows.
+        fps: frames per second; None if unknown.
         side: which hand.
 
     Raises:
-        LiveHandError: no frame, shapes that disagree, a number that is not finite, or a rate that is not positive.
+        LiveHandError: there is no frame, shapes disagree, a number is not finite, or the rate is not positive.
     """
 
     theta: np.ndarray
@@ -45,7 +45,7 @@ class HandMotion:
                 raise LiveHandError(f"{name} of {count} frames must be {wanted}, got {list(value.shape)}")
             if not np.isfinite(value).all():
                 raise LiveHandError(
-                    f"{name} must be finite, got NaN or infinity {_where(value, count)}; repair the file"
+                    f"{name} must be finite, got NaN or infinity {_non_finite_frames(value, count)}; repair the file"
                 )
         if self.fps is not None and not (np.isfinite(self.fps) and self.fps > 0):
             raise LiveHandError(f"fps must be a positive number, got {self.fps}")
@@ -55,32 +55,32 @@ class HandMotion:
 
     @property
     def betas(self) -> np.ndarray:
-        """[T, 10], whether the shape changes or not."""
+        """[T, 10], also where the shape is constant."""
         return np.broadcast_to(self.beta, (len(self), 10))
 
     def pose(self, index: int) -> HandPose:
-        """One frame."""
+        """The pose of one frame."""
         return HandPose(self.theta[index], self.betas[index].copy(), self.transl[index], self.side)
 
 
-def motion_of(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion:
-    """Poses of one side, in order, as a motion; one shape where they share it."""
+def motion_from_poses(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion:
+    """The motion through poses of one side; beta is [10] if all poses share it."""
     betas = np.array([pose.beta for pose in poses])
     beta = betas[0] if len(betas) and (betas == betas[0]).all() else betas
     theta, transl = np.array([pose.theta for pose in poses]), np.array([pose.transl for pose in poses])
     sides: set[Side] = {pose.side for pose in poses}
     if len(sides) > 1:
-        raise LiveHandError("a motion must be of one hand, got poses of a right and of a left one; write two files")
+        raise LiveHandError("a motion must be of one hand, got right and left poses; write two files")
     return HandMotion(theta, beta, transl, fps, sides.pop() if sides else "right")
 
 
 def mirrored(motion: HandMotion) -> HandMotion:
-    """The other hand doing the same, seen in the mirror x = 0 of the hand's own space."""
+    """The same motion of the other hand, mirrored at the plane x = 0 of the hand's own space."""
     side: Side = "left" if motion.side == "right" else "right"
     return replace(motion, theta=motion.theta * MIRROR_AXIS_ANGLE, transl=motion.transl * MIRROR_POINT, side=side)
 
 
-def _where(value: np.ndarray, count: int) -> str:
+def _non_finite_frames(value: np.ndarray, count: int) -> str:
     if len(value) != count or value.ndim < 2:
         return "in it"
     rows = np.flatnonzero(~np.isfinite(value.reshape(count, -1)).all(1))

@@ -1,32 +1,34 @@
-"""Pickles of plain data (numbers, text, lists, dictionaries, numpy arrays), read without trusting them.
+"""Reads untrusted pickles of plain data: numbers, text, lists, dictionaries and numpy arrays.
 
-HO-3D keeps its annotations so, and `numpy.save` of a dictionary, as ARCTIC's, is such a pickle behind a header. What
-numpy's own unpickling would call is given as stand-ins; any other name is refused before it is called.
+HO-3D stores its annotations as such pickles. `numpy.save` of a dictionary, as in ARCTIC, writes one behind a header.
+The globals that numpy's own unpickling would call are replaced by stand-ins; any other global is refused before it is
+called.
 """
 
 from __future__ import annotations
 
 import io
-import pickle
 from typing import Any
 
 import numpy as np
 
-from ..hand.pickled_arrays import Array, ArrayKind, Dtype, Stub, require
+from ..hand.pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
+
+_REFUSAL = "a pickle of poses may not use {}, which could run code; save plain numpy arrays as .npz instead"
 
 
 def read_plain_pickle(raw: bytes) -> Any:
-    """What the pickle holds.
+    """The content of a pickle.
 
     Raises:
-        LiveHandError: it names anything beyond numpy's arrays of plain numbers.
-        Exception: a damaged pickle can raise nearly anything else; the caller names the file.
+        LiveHandError: the pickle names a global other than those of numpy arrays of plain numbers.
+        Exception: a damaged pickle can raise nearly anything; the caller names the file.
     """
-    return _plain(_PlainUnpickler(io.BytesIO(raw), encoding="latin1").load())
+    return _plain(RestrictedUnpickler(io.BytesIO(raw), _ALLOWED, _REFUSAL).load())
 
 
 class _AnyDtype(Dtype):
-    """Plain numbers, or `object`, which only the array around a dictionary may be of."""
+    """Plain numbers, or `object`, which is allowed only for the array around a dictionary."""
 
     def __new__(cls, code: Any, *flags: Any) -> Dtype:
         if code not in ("O", "O8"):
@@ -45,14 +47,14 @@ class _Scalar(Stub):
         return scalar
 
     def numpy(self) -> np.ndarray:
-        """Its value, as an array without axes."""
+        """The value, as an array without axes."""
         dtype, raw = self.state
         require(isinstance(dtype, Dtype) and dtype.code != "O", "numbers must be plain, got an object")
         return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, dtype.numpy()).reshape(())
 
 
 class _Buffer(Stub):
-    """`numpy.core.numeric._frombuffer(raw, dtype, shape, order)`: arrays of the newest pickles."""
+    """`numpy.core.numeric._frombuffer(raw, dtype, shape, order)`: arrays in pickles of protocol 5."""
 
     def __new__(cls, raw: Any, dtype: Any, shape: Any, order: Any) -> _Buffer:
         buffer = object.__new__(cls)
@@ -67,7 +69,7 @@ class _Buffer(Stub):
 
 
 class _Bytes(Stub):
-    """`_codecs.encode(text, 'latin1')`: bytes, as the older protocols write them."""
+    """`_codecs.encode(text, 'latin1')`: bytes in pickles of older protocols."""
 
     def __new__(cls, text: Any, encoding: Any) -> bytes:
         require(isinstance(text, str) and encoding == "latin1", f"text must be latin1, got {encoding!r}")
@@ -85,25 +87,8 @@ _ALLOWED = {
 } | {"numpy.ndarray": ArrayKind, "numpy.dtype": _AnyDtype, "_codecs.encode": _Bytes}
 
 
-class _PlainUnpickler(pickle.Unpickler):
-    """An unpickler that knows numpy's arrays and nothing else."""
-
-    def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """The stand-in of a global.
-
-        Raises:
-            LiveHandError: it is none of numpy's arrays.
-        """
-        name = f"{module_name}.{global_name}"
-        require(
-            name in _ALLOWED,
-            f"a pickle of poses may not use {name}, which could run code; save plain numpy arrays as .npz instead",
-        )
-        return _ALLOWED[name]
-
-
 def _plain(value: Any) -> Any:
-    """The stand-ins replaced by what they stand for."""
+    """The value with every stand-in replaced by its array."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -117,7 +102,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_wrapper(array: Array) -> bool:
-    """Whether it is `numpy.save`'s array around one dictionary."""
+    """Whether the array is the one that `numpy.save` wraps a dictionary in."""
     _, shape, dtype, _, items = array.state
     is_object = isinstance(dtype, Dtype) and dtype.code == "O"
     require(

@@ -1,1 +1,1 @@
-"""Hands rigged by other people: their bones as MANO's 16 joints, their motion as theta, their mesh as a hand model."""
+"""Hands of other rigs: maps their bones to MANO's 16 joints, their motion to theta, and their mesh to a hand model."""

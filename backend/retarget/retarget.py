@@ -1,4 +1,4 @@
-"""Another rig's motion as theta and transl of our hand: where their bones point, ours do."""
+"""Retargets another rig's motion to theta and transl of a hand model: its bones point where the rig's do."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 from ..geometry.rotation import matrix_to_axis_angle
 from ..hand.model import PARENTS
 from ..motion.motion import HandMotion
-from ..motion.placing import rest_wrists
+from ..motion.spaces import rest_wrists
 from ..records.errors import LiveHandError
 from ..records.shot import Side
-from .alignment import Alignment
+from .rest_alignment import RestAlignment
 
 
 @dataclass(frozen=True)
 class SourceMotion:
-    """T poses of the 16 mapped bones of another rig in the world.
+    """T poses of the 16 mapped bones of another rig, in the world.
 
     Attributes:
-        frames: [T, 16, 3, 3] rotations, columns a bone's X, Y and Z; as `RestSkeleton.frames`, posed.
-        wrists: [T, 3] m, where the wrist's bone begins.
-        fps: frames per second, None where nobody knows.
+        frames: [T, 16, 3, 3] posed `SourceSkeleton.frames`: rotations whose columns are a bone's X, Y and Z.
+        wrists: [T, 3] m, heads of the wrist's bone.
+        fps: frames per second; None if unknown.
         side: which hand.
 
     Raises:
@@ -45,12 +45,12 @@ class SourceMotion:
             raise LiveHandError("the other rig's pose must be finite, got NaN or infinity; repair its animation")
 
 
-def retarget(source: SourceMotion, alignment: Alignment) -> HandMotion:
-    """Our hand's motion in Blender's world, of the shape that the alignment has; its scale is left to the object."""
-    turned = source.frames @ alignment.frames.swapaxes(1, 2)  # since rest, in the world
-    whole = turned @ alignment.turns
-    above = np.concatenate([np.tile(np.eye(3), (len(whole), 1, 1, 1)), whole[:, list(PARENTS[1:])]], 1)
-    theta = matrix_to_axis_angle(above.swapaxes(2, 3) @ whole)
-    wrists = source.wrists + turned[:, 0] @ (alignment.wrist - alignment.heads[0])
+def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
+    """The motion in Blender's world of a hand of the alignment's shape; the object carries the shape's scale."""
+    since_rest = source.frames @ alignment.frames.swapaxes(1, 2)  # rotations in the world
+    rotations = since_rest @ alignment.rotations
+    parents = np.concatenate([np.tile(np.eye(3), (len(rotations), 1, 1, 1)), rotations[:, list(PARENTS[1:])]], 1)
+    theta = matrix_to_axis_angle(parents.swapaxes(2, 3) @ rotations)
+    wrists = source.wrists + since_rest[:, 0] @ (alignment.wrist - alignment.heads[0])
     beta = alignment.shape.beta
     return HandMotion(theta, beta, wrists - rest_wrists(alignment.model, beta), source.fps, source.side)

@@ -17,7 +17,7 @@ import bpy
 from ...backend.benchmark.cases import SYNC
 from ...backend.benchmark.motion import MotionFrame
 from ...backend.benchmark.stopwatch import Stages, Stopwatch
-from ...backend.hand.builtin.beauty import detailed_surface
+from ...backend.hand.builtin.detailed_surface import detailed_surface
 from ...backend.hand.model_file import load_default_hand
 from ...backend.runtime.stdout import blender_silenced
 from ..capture.bake import bake_skin

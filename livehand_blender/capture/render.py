@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
 from ...backend.captures.plan import CapturePlan
-from ...backend.hand.builtin.beauty import DetailedSurface, detailed_surface
+from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ...backend.geometry.torch_rotation import axis_angle_to_matrix
-from ...backend.hand.builtin.beauty import DetailedSurface
+from ...backend.hand.builtin.detailed_surface import DetailedSurface
 from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, joint_transforms
 from ...backend.hand.model import HandModel

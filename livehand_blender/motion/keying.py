@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 
 from ...backend.hand.model import HandModel
-from ...backend.motion.motion import HandMotion, mirrored, motion_of
-from ...backend.motion.placing import Space, moved, rest_wrists, to_blender
-from ...backend.motion.timing import at_fps
+from ...backend.motion.motion import HandMotion, mirrored, motion_from_poses
+from ...backend.motion.resampling import resampled
+from ...backend.motion.spaces import Space, rest_wrists, to_blender, transformed
 from ...backend.records.errors import LiveHandError
 from ..rig.hand import RiggedHand
 from ..rig.keyframes import keyframe_theta, keyframe_transl
@@ -62,12 +62,12 @@ def key_motion(scene: bpy.types.Scene, hand: RiggedHand, motion: HandMotion, pla
     """
     motion = motion_for_hand(motion, hand, placement.mirrors)
     if placement.matches_fps and motion.fps is not None:
-        motion = at_fps(motion, frame_rate(scene))
+        motion = resampled(motion, frame_rate(scene))
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _with_shape(motion, beta if placement.sets_shape else np.array(hand.properties.beta), hand.model)
     if placement.space != "hand":
         to_armature = np.linalg.inv(np.array(hand.armature.matrix_world)) @ _to_world(placement)
-        motion = moved(motion, to_armature, rest_wrists(hand.model, motion.beta))
+        motion = transformed(motion, to_armature, rest_wrists(hand.model, motion.beta))
     frames = placement.start_frame + np.arange(len(motion))
     keyframe_theta(hand, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
     if placement.keys_place:
@@ -106,7 +106,7 @@ def sample_motion(context: bpy.types.Context, hand: RiggedHand, frames: Iterable
         for frame in frames:
             scene.frame_set(frame)
             poses.append(read_pose(hand, context.evaluated_depsgraph_get()))
-    return motion_of(poses, frame_rate(scene))
+    return motion_from_poses(poses, frame_rate(scene))
 
 
 def _to_world(placement: Placement) -> np.ndarray:

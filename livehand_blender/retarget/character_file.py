@@ -11,8 +11,8 @@ import bpy
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.naming import guess_joints
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.joint_guess import guess_joints
+from ...backend.retarget.source_skeleton import JointMap
 from .importing import import_rig
 from .skeleton import read_skeleton
 

@@ -22,7 +22,7 @@ from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.alignment import Alignment
+from ...backend.retarget.rest_alignment import RestAlignment
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
 from ..rig.hand import RiggedHand
@@ -104,12 +104,12 @@ def _names(side: Side) -> list[str]:
     return [_name(role, joint, side) for role in (_SOURCE, _FITTED, _FOLLOWING) for joint in range(16)]
 
 
-def _add_bones(context: bpy.types.Context, hand: RiggedHand, alignment: Alignment) -> None:
+def _add_bones(context: bpy.types.Context, hand: RiggedHand, alignment: RestAlignment) -> None:
     side, armature = hand.side, hand.armature
     frames = rest_frames(armature, side)
     heads = np.array([hand.bone(joint).bone.head_local for joint in range(16)], np.float64)
     # Rest frames of our joints relative to the source's bones.
-    fitted = alignment.frames.swapaxes(1, 2) @ alignment.turns @ frames
+    fitted = alignment.frames.swapaxes(1, 2) @ alignment.rotations @ frames
     wrist_m = alignment.frames[0].T @ (alignment.wrist - alignment.heads[0]) / np.mean(armature.matrix_world.to_scale())
     with _edit_bones(context, armature) as bones:
         for joint in range(16):

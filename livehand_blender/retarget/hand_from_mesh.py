@@ -12,7 +12,7 @@ import numpy as np
 from ...backend.hand.model_file import load_hand_model
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.hand_model import check_name, make_hand_model, save_hand_model
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.source_skeleton import JointMap
 from ..capture.look import look_path
 from .character_file import skinned_meshes
 from .look_file import save_look

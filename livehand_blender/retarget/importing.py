@@ -15,8 +15,8 @@ from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import Side
-from ...backend.retarget.alignment import align, source_nodes
-from ...backend.retarget.naming import Guess, guess_joints
+from ...backend.retarget.joint_guess import JointGuess, guess_joints
+from ...backend.retarget.rest_alignment import align, source_nodes
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
 from .skeleton import read_skeleton
@@ -167,7 +167,7 @@ def import_rig(path: Path, importer_of: Callable[[str], Importer | None] = _impo
         ) from error
 
 
-def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side) -> tuple[bpy.types.Object, Guess]:
+def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side) -> tuple[bpy.types.Object, JointGuess]:
     armatures = [thing for thing in scene.objects if thing.type == "ARMATURE"]
     if not armatures:
         raise LiveHandError(f"{path.name} must hold an armature, it has none; export it with its skeleton")

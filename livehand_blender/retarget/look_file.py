@@ -14,7 +14,7 @@ import bmesh
 import bpy
 
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.hand_from_mesh.hand_model import OwnHand
+from ...backend.retarget.hand_from_mesh.hand_model import MeshHand
 from ..capture.look import MODEL_KEY
 from .rest_mesh import RestMesh
 
@@ -23,7 +23,7 @@ _SUBDIVISION = (
 )  # fmt: skip
 
 
-def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHand, sha256: str) -> None:
+def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> None:
     """Write the .blend with packed images; the open file is unchanged.
 
     Args:
@@ -54,7 +54,7 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: OwnHan
         bpy.data.meshes.remove(data)
 
 
-def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy.types.Object:
+def _look_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bpy.types.Object:
     data = bpy.data.meshes.new("Hand")
     for slot in source.material_slots:
         data.materials.append(slot.material)
@@ -74,7 +74,7 @@ def _look_object(source: bpy.types.Object, rest: RestMesh, hand: OwnHand) -> bpy
     return look
 
 
-def _remove_the_rest(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+def _remove_the_rest(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
     """Keep only the hand's polygons and vertices, in the model's order."""
     number = cut.verts.layers.int.new("livehand_vertex")
     cut.verts.ensure_lookup_table()
@@ -97,7 +97,7 @@ def _remove_the_rest(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
         cut.verts.layers.deform.remove(layer)
 
 
-def _add_cap(cut: bmesh.types.BMesh, hand: OwnHand) -> None:
+def _add_cap(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
     """Add the cap's faces with the material of the adjacent skin; its edge is creased to survive subdivision."""
     cut.verts.ensure_lookup_table()
     crease = cut.edges.layers.float.get("crease_edge") or cut.edges.layers.float.new("crease_edge")

@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
-from ...backend.retarget.skeleton import RestSkeleton
+from ...backend.retarget.source_skeleton import SourceSkeleton
 
 
 class RestMesh(NamedTuple):
@@ -30,7 +30,7 @@ class RestMesh(NamedTuple):
 
 
 def read_rest_mesh(
-    context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: RestSkeleton
+    context: bpy.types.Context, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: SourceSkeleton
 ) -> RestMesh:
     """The mesh with all modifiers except Subdivision, in the armature's rest pose.
 
@@ -73,7 +73,7 @@ def _at_rest(
 
 
 def _surface(
-    data: bpy.types.Mesh, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: RestSkeleton
+    data: bpy.types.Mesh, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: SourceSkeleton
 ) -> SkinnedSurface:
     data.calc_loop_triangles()
     if not data.loop_triangles:
@@ -103,7 +103,7 @@ def _placed(data: bpy.types.Mesh, matrix: np.ndarray) -> np.ndarray:
 
 
 def _weights(
-    data: bpy.types.Mesh, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: RestSkeleton
+    data: bpy.types.Mesh, mesh: bpy.types.Object, armature: bpy.types.Object, skeleton: SourceSkeleton
 ) -> np.ndarray:
     deforming = {bone.name for bone in armature.data.bones if bone.use_deform}
     column = {group.index: skeleton.names.index(group.name) for group in mesh.vertex_groups if group.name in deforming}

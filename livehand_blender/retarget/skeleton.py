@@ -1,21 +1,21 @@
-"""Any armature -> `RestSkeleton`."""
+"""Any armature -> `SourceSkeleton`."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
-from ...backend.retarget.skeleton import RestSkeleton
+from ...backend.retarget.source_skeleton import SourceSkeleton
 
 
-def read_skeleton(armature: bpy.types.Object) -> RestSkeleton:
+def read_skeleton(armature: bpy.types.Object) -> SourceSkeleton:
     """The rest pose of an armature's bones in the world, by the object's present transform with its scale."""
     bones = _parents_first(armature.data.bones)
     index = {bone.name: number for number, bone in enumerate(bones)}
     world = np.array(armature.matrix_world, np.float64)
     rest = world @ np.array([bone.matrix_local for bone in bones], np.float64).reshape(-1, 4, 4)
     tails = np.array([bone.tail_local for bone in bones], np.float64).reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
-    return RestSkeleton(
+    return SourceSkeleton(
         names=tuple(index),
         parents=tuple(index[bone.parent.name] if bone.parent else -1 for bone in bones),
         heads=rest[:, :3, 3],

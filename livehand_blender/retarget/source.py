@@ -12,10 +12,10 @@ import bpy
 import numpy as np
 
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.alignment import Alignment, align
+from ...backend.retarget.rest_alignment import RestAlignment, align
 from ...backend.retarget.retarget import SourceMotion
 from ...backend.retarget.shape_fit import HandShape
-from ...backend.retarget.skeleton import JointMap
+from ...backend.retarget.source_skeleton import JointMap
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
 from .skeleton import read_skeleton
@@ -34,7 +34,7 @@ class SourceRig:
     joint_map: JointMap
 
 
-def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> Alignment:
+def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> RestAlignment:
     """Our hand on the source's rest pose, with the source's proportions or with its own present shape and size.
 
     Raises:

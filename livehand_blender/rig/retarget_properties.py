@@ -3,8 +3,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, PointerProperty, StringProperty
 
-from ...backend.hand.bones import FINGERS
-from ...backend.hand.model import JOINT_NAMES
+from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
 
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 _SIDES = (
@@ -56,7 +55,7 @@ LIVEHAND_PG_other_rig.__annotations__ |= {
         description="The bone that starts at the fingertip, if there is one",
         override=_OVERRIDE,
     )
-    for finger in FINGERS
+    for finger in MANO_FINGERS
 }
 
 CLASSES = (LIVEHAND_PG_other_rig,)

@@ -11,9 +11,10 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from ...backend.motion.describe import describe
 from ...backend.motion.formats.own import write_motion
-from ...backend.motion.request import Changes, changed, motion_from, open_files
+from ...backend.motion.import_options import ImportOptions, motion_and_warning, with_options
+from ...backend.motion.open_files import open_files
+from ...backend.motion.summary import file_summary
 from ...backend.records.errors import LiveHandError
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
@@ -68,17 +69,17 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
 
     def _key_poses(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """What was keyed, and why the file may have been misread."""
-        changes = self._changes()
-        file = changed(open_files(self._paths()), changes)
-        motion, doubt = motion_from(file, changes, hand.model, hand.model_path)
+        options = self._options()
+        file = with_options(open_files(self._paths()), options)
+        motion, doubt = motion_and_warning(file, options, hand.model, hand.model_path)
         placement = replace(
             self._placement(),
-            space=file.reading.space,
-            keys_place=self.key_place and file.reading.has_place,
+            space=file.info.space,
+            keys_place=self.key_place and file.info.has_translation,
             camera=self._camera(context.scene),
         )
         count = key_motion(context.scene, hand, motion, placement)
-        return f"{count} frames of {file.reading.format}", doubt
+        return f"{count} frames of {file.info.format}", doubt
 
     def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, None]:
         """As `_key_poses`, for an armature in a file."""
@@ -100,7 +101,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         named = [folder / entry.name for entry in self.files if entry.name] if folder else []
         return sorted(named) or [Path(bpy.path.abspath(self.filepath))]
 
-    def _changes(self) -> Changes:
+    def _options(self) -> ImportOptions:
         fields = {name: getattr(self, name) for name in ("side", "space", "unit") if getattr(self, name) != "AUTO"}
         if self.mean != "AUTO":
             fields["has_mean_added"] = self.mean == "ADDED"
@@ -109,7 +110,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         if self.fps:
             fields["fps"] = self.fps
         mano_path = Path(bpy.path.abspath(self.mano_path)) if self.mano_path else None
-        return Changes(fields, mano_path, self.is_picture_mirrored, self.smooth_frames)
+        return ImportOptions(fields, mano_path, self.is_picture_mirrored, self.smooth_frames)
 
     def _camera(self, scene: bpy.types.Scene) -> np.ndarray | None:
         if not self.through_camera:
@@ -172,7 +173,7 @@ def _is_rig(paths: list[Path]) -> bool:
 
 def _described(paths: list[Path]) -> list[str]:
     try:
-        facts = [f"{name.capitalize()}: {value}" for name, value in describe(open_files(paths)).items()]
+        facts = [f"{name.capitalize()}: {value}" for name, value in file_summary(open_files(paths)).items()]
     except LiveHandError as error:
         facts = [str(error)]
     return [line for fact in facts for line in textwrap.wrap(fact, _LINE_CHARACTERS)]

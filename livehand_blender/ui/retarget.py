@@ -6,15 +6,15 @@ import bpy
 from bpy.props import BoolProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
-from ...backend.hand.model import JOINT_NAMES
-from ...backend.retarget.naming import guess_joints
-from ...backend.retarget.skeleton import JointMap
+from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
+from ...backend.retarget.joint_guess import guess_joints
+from ...backend.retarget.source_skeleton import JointMap
 from ..retarget.bake import bake
 from ..retarget.follow import check_editable, follow, is_following, stop_following
 from ..retarget.skeleton import read_skeleton
 from ..retarget.source import SourceRig
 from ..rig.hand import RiggedHand, active_hand
-from ..rig.retarget_properties import FINGERS, tip_property
+from ..rig.retarget_properties import tip_property
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 
@@ -51,7 +51,7 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
         guess = guess_joints(read_skeleton(rig.armature), _side(properties))
         for joint, bone in zip(JOINT_NAMES, guess.bones, strict=True):
             setattr(rig, joint, bone or "")
-        for finger, bone in zip(FINGERS, guess.tips, strict=True):
+        for finger, bone in zip(MANO_FINGERS, guess.tips, strict=True):
             setattr(rig, tip_property(finger), bone or "")
         if guess.missing:
             self.report({"WARNING"}, f"No bones of a {guess.side} hand were found for {', '.join(guess.missing)}")
@@ -191,5 +191,5 @@ def _source(hand: RiggedHand) -> SourceRig:
     """
     rig = hand.properties.other_rig
     bones = tuple(getattr(rig, joint) for joint in JOINT_NAMES)
-    tips = tuple(getattr(rig, tip_property(finger)) or None for finger in FINGERS)
+    tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
     return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips))

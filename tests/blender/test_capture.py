@@ -13,7 +13,7 @@ from livehand.backend.captures.capture import load_capture
 from livehand.backend.captures.plan import CapturePlan
 from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
-from livehand.backend.hand.builtin.beauty import detailed_surface
+from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at

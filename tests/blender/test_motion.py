@@ -10,10 +10,10 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.formats.own import write_motion
-from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.opening import open_pose_file
-from livehand.backend.motion.placing import TO_BLENDER
+from livehand.backend.motion.open_files import open_pose_file
+from livehand.backend.motion.spaces import TO_BLENDER
 from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
@@ -167,7 +167,7 @@ def test_mean_and_components_need_a_mano_file(hand, model, tmp_path):
 
 
 def test_landmarks_are_fitted_onto_the_hand(hand, model, tmp_path):
-    rest = Skeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
+    rest = HandSkeleton.of(load_default_hand()).rest[list(NODES_OF_LANDMARKS)]
     seen = rest if model.side == "right" else rest * [-1, 1, 1]
     label = "Left" if model.side == "right" else "Right"  # MediaPipe's label in a picture that is not mirrored
     np.savez(tmp_path / "l.npz", landmarks=np.tile(seen, (3, 1, 1)), handedness=label)

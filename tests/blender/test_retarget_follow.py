@@ -8,7 +8,7 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.naming import guess_joints
+from livehand.backend.retarget.joint_guess import guess_joints
 from livehand.backend.retarget.shape_fit import rest_nodes
 from livehand.livehand_blender.retarget.bake import bake
 from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following

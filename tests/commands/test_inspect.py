@@ -60,7 +60,7 @@ def test_poses(tmp_path):
     assert inspect(tmp_path / "bad.npz")["is_finite"] is False
 
 
-def test_what_is_none_of_these_is_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("hello")
     np.savez(tmp_path / "other.npz", x=1)
     (tmp_path / "broken.npz").write_bytes(b"PK\x03\x04nothing")
@@ -84,7 +84,7 @@ def test_the_command_prints_facts_or_json(capsys):
     assert err.startswith("livehand inspect: nothing to inspect at nowhere")
 
 
-def test_others_pose_files(tmp_path):
+def test_pose_files_of_other_formats(tmp_path):
     (tmp_path / "take.json").write_text(json.dumps(np.zeros((2, 48)).tolist()))
     facts = inspect(tmp_path / "take.json")
     assert (facts["kind"], facts["format"], facts["frames"], facts["mean"]) == (

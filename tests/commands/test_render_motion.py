@@ -6,18 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.commands.render_motion import add_arguments, chosen_frames, posed_upright, reach, run, write_png
+from livehand.backend.commands.render_motion import (
+    add_arguments,
+    frame_indices,
+    posed_upright,
+    run,
+    sampled_vertices,
+    write_png,
+)
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
-from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
-
-HAND = load_default_hand()
 
 
 @pytest.fixture
@@ -29,30 +34,30 @@ def gestures(tmp_path):
     return path
 
 
-def test_a_hand_of_ours_stands_upright_with_its_wrist_at_the_origin(gestures):
-    motion = posed_upright(gestures, HAND)
+def test_a_hand_in_its_own_space_stands_upright_with_its_wrist_at_the_origin(hand, gestures):
+    motion = posed_upright(gestures, hand)
     for index in range(2):
-        vertices, joints = posed_arrays(HAND, motion.pose(index))
+        vertices, joints = posed_arrays(hand, motion.pose(index))
         np.testing.assert_allclose(joints[0], 0, atol=1e-9)
         assert joints[4, 2] > 0.05  # the middle knuckle above the wrist
         assert vertices[:, 2].max() > joints[4, 2]
     assert motion.side == "left"
 
 
-def test_the_hand_reaches_as_far_as_in_all_its_frames(gestures):
-    motion = posed_upright(gestures, HAND)
-    both = [posed_vertices(HAND, motion.pose(index)) for index in (0, 1)]
-    np.testing.assert_array_equal(reach(motion, [0, 1], HAND), np.concatenate(both))
+def test_the_hand_reaches_as_far_as_in_all_its_frames(hand, gestures):
+    motion = posed_upright(gestures, hand)
+    both = [posed_vertices(hand, motion.pose(index)) for index in (0, 1)]
+    np.testing.assert_array_equal(sampled_vertices(motion, [0, 1], hand), np.concatenate(both))
     many = HandMotion(np.zeros((1000, 16, 3)), np.zeros(10), np.zeros((1000, 3)))
-    assert len(reach(many, list(range(1000)), HAND)) == 200 * len(HAND.v_template)
+    assert len(sampled_vertices(many, list(range(1000)), hand)) == 200 * len(hand.v_template)
 
 
 def test_frames_count_from_one():
     motion = HandMotion(np.zeros((3, 16, 3)), np.zeros(10), np.zeros((3, 3)))
-    assert chosen_frames(motion, None) == [0, 1, 2]
-    assert chosen_frames(motion, (3, 1)) == [2, 0]
+    assert frame_indices(motion, None) == [0, 1, 2]
+    assert frame_indices(motion, (3, 1)) == [2, 0]
     with pytest.raises(LiveHandError, match=r"in 1-3, as the file's do, got \[0, 4\]"):
-        chosen_frames(motion, (0, 2, 4))
+        frame_indices(motion, (0, 2, 4))
 
 
 def test_pngs_are_srgb_with_straight_alpha(tmp_path):
@@ -87,7 +92,7 @@ def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
     np.testing.assert_array_equal(own, built_in)
 
 
-def test_a_pose_file_becomes_pictures(gestures, tmp_path):
+def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}

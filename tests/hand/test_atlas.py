@@ -143,7 +143,7 @@ def test_an_open_file_keeps_its_atlas_and_the_cap_takes_free_room(hand, open_fac
     assert cap.min() >= len(hand.vt)
 
 
-def test_an_atlas_without_free_room_is_told():
+def test_an_atlas_without_free_space_is_refused():
     vt, ft = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
     with pytest.raises(LiveHandError, match="leave out vt and ft"):

@@ -9,7 +9,7 @@ from livehand.backend.hand.builtin.generate import QuadMesh, build_hand, dense_s
 from livehand.backend.hand.builtin.meshes import outward, vertex_normals
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.skinning_weights import dense_weights
-from livehand.backend.hand.model_file import default_hand_path, load_default_hand
+from livehand.backend.hand.model_file import default_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial.transform import Rotation
 
@@ -104,7 +104,7 @@ def test_quads_are_cut_along_the_shorter_diagonal():
     np.testing.assert_array_equal(split_quads(QuadMesh(square, quads[:, ::-1])).shape, faces.shape)
 
 
-def test_an_open_mesh_has_no_outside():
-    model = load_default_hand()
+def test_an_open_mesh_has_no_outside(hand):
+    model = hand
     with pytest.raises(LiveHandError, match="closed"):
         outward(template_to_build(model.v_template), model.f[1:])

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 from livehand.backend.hand.builtin.anatomy import BONES, DIGITS, FINGERS
-from livehand.backend.hand.builtin.asset import read_extras
-from livehand.backend.hand.builtin.beauty import detailed_surface
 from livehand.backend.hand.builtin.dependencies import needs
+from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.builtin.frames import build_to_template, swap_distal, template_to_build
 from livehand.backend.hand.builtin.loop import neighbour_mean, subdivide
 from livehand.backend.hand.builtin.primitives import ball, capsule, ellipsoid, superellipsoid, triangle
@@ -16,16 +15,11 @@ from livehand.backend.hand.builtin.projection import project_to_surface
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.sdf import BOUNDS, signed_distance
 from livehand.backend.hand.builtin.skin_masks import MASK_NAMES
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import default_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial import cKDTree
 
 COORDINATE_MASKS = {"naily", "tfold", "jid"}  # places, not strengths
-
-
-@pytest.fixture(scope="module")
-def model():
-    return load_default_hand()
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +28,8 @@ def rays():
 
 
 @pytest.fixture(scope="module")
-def surface(model):
-    return detailed_surface(model, levels=2)
+def surface(hand):
+    return detailed_surface(hand, levels=2)
 
 
 def test_primitives_against_closed_forms():
@@ -90,22 +84,22 @@ def test_sign_of_the_distance_at_known_points(rays):
     assert (signed_distance(rays, corners) > 0).all()
 
 
-def test_details_are_small_and_stay_on_the_digits(rays, model):
-    points = swap_distal(template_to_build(model.v_template))
+def test_details_are_small_and_only_on_the_digits(rays, hand):
+    points = swap_distal(template_to_build(hand.v_template))
     change = signed_distance(rays, points, True) - signed_distance(rays, points, False)
     assert 0.2 < np.abs(change).max() < 1.5
     assert np.abs(change[points[:, 0] < 0]).max() < 1e-12
 
 
-def test_template_lies_on_the_zero_set(rays, model):
-    distance = signed_distance(rays, swap_distal(template_to_build(model.v_template)), with_details=False)
+def test_template_lies_on_the_zero_set(rays, hand):
+    distance = signed_distance(rays, swap_distal(template_to_build(hand.v_template)), with_details=False)
     assert (np.abs(distance) > 1e-6).sum() <= 2  # in a valley between two fingers, where the distance has a kink
     assert np.abs(distance).max() < 0.5
     assert np.abs(distance).mean() < 1e-3
 
 
-def test_projection_reaches_the_surface_and_keeps_what_is_there(rays, model):
-    vertices = template_to_build(model.v_template)[::10]
+def test_projection_reaches_the_surface_and_keeps_what_is_there(rays, hand):
+    vertices = template_to_build(hand.v_template)[::10]
     pushed = vertices + np.random.default_rng(2).normal(size=vertices.shape) * 0.5
     back = project_to_surface(rays, pushed, with_details=False, steps=6)
     assert np.percentile(np.abs(signed_distance(rays, swap_distal(back), False)), 99) < 1e-3
@@ -113,9 +107,9 @@ def test_projection_reaches_the_surface_and_keeps_what_is_there(rays, model):
     assert np.percentile(kept, 99) < 1e-6
 
 
-def test_frames_round_trip(model):
-    np.testing.assert_allclose(build_to_template(template_to_build(model.v_template)), model.v_template, atol=1e-15)
-    np.testing.assert_array_equal(swap_distal(swap_distal(model.v_template)), model.v_template)
+def test_frames_round_trip(hand):
+    np.testing.assert_allclose(build_to_template(template_to_build(hand.v_template)), hand.v_template, atol=1e-15)
+    np.testing.assert_array_equal(swap_distal(swap_distal(hand.v_template)), hand.v_template)
 
 
 def test_subdivision_keeps_a_regular_plane():
@@ -149,33 +143,33 @@ def test_subdivision_of_a_tetrahedron_by_hand():
     np.testing.assert_allclose(neighbour_mean(faces, 4) @ corners, -corners / 3)
 
 
-def test_detailed_surface_is_a_finer_closed_hand(surface, model):
+def test_detailed_surface_is_a_finer_closed_hand(surface, hand):
     mesh = trimesh.Trimesh(surface.vertices_m, surface.faces, process=False)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.euler_number == 2
     assert 3.3e-4 < mesh.volume < 3.7e-4
-    assert len(surface.faces) == 16 * len(model.f)
+    assert len(surface.faces) == 16 * len(hand.f)
     assert surface.uv.shape == (len(surface.faces), 3, 2)
     assert surface.uv.min() >= 0
     assert surface.uv.max() <= 1
 
 
-def test_detailed_surface_inherits_linear_fields(surface, model):
+def test_detailed_surface_inherits_linear_fields(surface, hand):
     np.testing.assert_allclose(surface.subdivision.sum(1), 1)
     np.testing.assert_allclose(surface.lbs_weights.sum(1), 1)
     assert surface.lbs_weights.min() >= 0
-    np.testing.assert_allclose(surface.lbs_weights, surface.subdivision @ model.lbs_weights)
-    np.testing.assert_allclose(surface.uv[: len(model.f)].mean(), model.vt[model.ft].mean(), atol=0.01)
+    np.testing.assert_allclose(surface.lbs_weights, surface.subdivision @ hand.lbs_weights)
+    np.testing.assert_allclose(surface.uv[: len(hand.f)].mean(), hand.vt[hand.ft].mean(), atol=0.01)
 
 
-def test_detailed_surface_is_close_to_the_template(surface, model):
+def test_detailed_surface_is_close_to_the_template(surface, hand):
     """At three levels, mm: mean 0.53, p99 1.6, max 4.1 off the subdivided template; 0.29, 1.2, 3.3 from its surface."""
-    moved = np.linalg.norm(surface.vertices_m - surface.subdivision @ model.v_template, axis=1) * 1e3
+    moved = np.linalg.norm(surface.vertices_m - surface.subdivision @ hand.v_template, axis=1) * 1e3
     assert 0.4 < moved.mean() < 0.6
     assert 1.0 < np.percentile(moved, 99) < 1.8
     assert moved.max() < 4.5
-    distance = _distances_to_mesh(surface.vertices_m[::5], model.v_template, model.f) * 1e3
+    distance = _distances_to_mesh(surface.vertices_m[::5], hand.v_template, hand.f) * 1e3
     assert distance.mean() < 0.35
     assert np.percentile(distance, 99) < 1.4
     assert distance.max() < 3.6
@@ -206,16 +200,17 @@ def test_masks_lie_where_they_belong(surface):
     assert points[vein, 1].min() > points[palm & (points[:, 0] > 0.02), 1].mean()
     assert points[nail, 0].max() < points[:, 0].max() - 0.1
     assert not (nail & palm).any()
-    tips = read_extras().joints[[3, 6, 9, 12, 15]]
+    with np.load(default_hand_path()) as arrays:
+        tips = arrays["J"][[3, 6, 9, 12, 15]]
     assert np.linalg.norm(points[tip][:, None] - tips, axis=-1).min(1).max() < 0.032
 
 
-def test_only_the_built_in_right_hand_has_a_detailed_surface(model):
+def test_only_the_built_in_right_hand_has_a_detailed_surface(hand):
     with pytest.raises(LiveHandError, match="left hand"):
-        detailed_surface(model.for_side("left"))
+        detailed_surface(hand.for_side("left"))
 
 
-def test_a_missing_package_is_told_with_its_command():
+def test_the_error_for_a_missing_package_names_the_command():
     with pytest.raises(LiveHandError, match="pip install"), needs("scipy"):
         raise ImportError("No module named 'scipy'")
 

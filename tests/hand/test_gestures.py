@@ -35,22 +35,22 @@ def fingertip(finger):
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "pinky"])
-def test_flexion_moves_the_fingertip_towards_the_palm(axes, finger):
+def test_flexion_moves_the_fingertip_towards_the_palm(hand, axes, finger):
     """The back of the hand is +Y: a bent finger's tip goes to -Y and back towards the wrist, at +X."""
     tip = fingertip(finger)
     bent = posed(theta_of(Gesture({finger: (60, 0, 0)}).angles_deg(), axes)).vertices[tip]
-    moved = bent.numpy() - load_default_hand().v_template[tip]
+    moved = bent.numpy() - hand.v_template[tip]
     assert moved[1] < -0.03
     assert moved[0] > 0.01
     assert abs(moved[2]) < 0.03
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "pinky"])
-def test_abduction_moves_the_fingertip_towards_the_thumb(axes, finger):
+def test_abduction_moves_the_fingertip_towards_the_thumb(hand, axes, finger):
     """The thumb is at +Z."""
     tip = fingertip(finger)
     turned = posed(theta_of(Gesture(abduction={finger: 15}).angles_deg(), axes)).vertices[tip]
-    moved = turned.numpy() - load_default_hand().v_template[tip]
+    moved = turned.numpy() - hand.v_template[tip]
     assert moved[2] > 0.01
     assert abs(moved[1]) < 0.01
 
@@ -62,9 +62,9 @@ def test_flexion_of_the_whole_finger_adds_up(axes):
     assert angle == pytest.approx(90, abs=3)
 
 
-def test_a_fist_closes_and_spreading_opens(axes):
+def test_a_fist_closes_and_spreading_opens(hand, axes):
     tips = [fingertip(finger) for finger in ("index", "middle", "ring", "pinky")]
-    wrist = load_default_hand().joints[0]
+    wrist = hand.joints[0]
     reach = {
         name: np.linalg.norm(posed(theta_of(GESTURES[name].angles_deg(), axes)).vertices[tips].numpy() - wrist, axis=1)
         for name in ("fist", "rest", "spread")

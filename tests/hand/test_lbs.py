@@ -5,18 +5,12 @@ import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, joint_transforms, pose_correctives, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
 from scipy.spatial.transform import Rotation
 
 
 @pytest.fixture(scope="module")
-def model():
-    return load_default_hand()
-
-
-@pytest.fixture(scope="module")
-def skin(model):
-    return SkinTensors.of(model, dtype=torch.float64)
+def skin(hand):
+    return SkinTensors.of(hand, dtype=torch.float64)
 
 
 @pytest.fixture(scope="module")
@@ -42,16 +36,16 @@ def random_parameters(seed, batch=()):
     return torch.as_tensor(theta), torch.as_tensor(beta), torch.as_tensor(transl)
 
 
-def reference(model, theta, beta, transl):
+def reference(hand, theta, beta, transl):
     """Loops over joints and vertices, homogeneous coordinates (Romero et al. 2017, eq. 1-5)."""
     theta, beta, transl = (np.asarray(value) for value in (theta, beta, transl))
-    shaped = model.v_template + sum(beta[k] * model.shapedirs[:, :, k] for k in range(10))
-    joints = np.array([sum(model.J_regressor[j, v] * shaped[v] for v in range(len(shaped))) for j in range(16)])
+    shaped = hand.v_template + sum(beta[k] * hand.shapedirs[:, :, k] for k in range(10))
+    joints = np.array([sum(hand.J_regressor[j, v] * shaped[v] for v in range(len(shaped))) for j in range(16)])
     rotations = Rotation.from_rotvec(theta).as_matrix()
     features = np.concatenate([(rotations[j] - np.eye(3)).ravel() for j in range(1, 16)])
-    posed = shaped + sum(features[p] * model.posedirs[:, :, p] for p in range(135))
+    posed = shaped + sum(features[p] * hand.posedirs[:, :, p] for p in range(135))
     world = []
-    for j, parent in enumerate(model.parents):
+    for j, parent in enumerate(hand.parents):
         local = np.eye(4)
         local[:3, :3] = rotations[j]
         local[:3, 3] = joints[j] - (joints[parent] if parent >= 0 else 0)
@@ -63,44 +57,44 @@ def reference(model, theta, beta, transl):
         from_rest.append(world[j] @ to_joint)
     vertices = np.zeros_like(posed)
     for v in range(len(posed)):
-        blended = sum(model.lbs_weights[v, j] * from_rest[j] for j in range(16))
+        blended = sum(hand.lbs_weights[v, j] * from_rest[j] for j in range(16))
         vertices[v] = (blended @ np.append(posed[v], 1))[:3]
     return vertices + transl, np.array([matrix[:3, 3] for matrix in world]) + transl, np.array(from_rest)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_against_the_slow_reference(model, skin, seed):
+def test_against_the_slow_reference(hand, skin, seed):
     parameters = random_parameters(seed)
-    vertices, joints, transforms = reference(model, *parameters)
+    vertices, joints, transforms = reference(hand, *parameters)
     posed = pose_hand(skin, *parameters)
     np.testing.assert_allclose(posed.vertices, vertices, atol=1e-12)
     np.testing.assert_allclose(posed.joints, joints, atol=1e-12)
     np.testing.assert_allclose(posed.transforms, transforms, atol=1e-12)
 
 
-def test_rest_is_the_template(model, skin):
+def test_rest_is_the_template(hand, skin):
     zero = torch.zeros(3, dtype=torch.float64)
     posed = pose_hand(skin, torch.zeros(16, 3, dtype=torch.float64), torch.zeros(10, dtype=torch.float64), zero)
-    np.testing.assert_allclose(posed.vertices, model.v_template, atol=1e-15)
-    np.testing.assert_allclose(posed.joints, model.joints, atol=1e-15)
+    np.testing.assert_allclose(posed.vertices, hand.v_template, atol=1e-15)
+    np.testing.assert_allclose(posed.joints, hand.joints, atol=1e-15)
     np.testing.assert_allclose(posed.transforms, np.tile(np.eye(4), (16, 1, 1)), atol=1e-15)
 
 
-def test_shape_alone_adds_its_directions(model, skin):
+def test_shape_alone_adds_its_directions(hand, skin):
     _, beta, _ = random_parameters(3)
     posed = pose_hand(skin, torch.zeros(16, 3, dtype=torch.float64), beta, torch.zeros(3, dtype=torch.float64))
-    np.testing.assert_allclose(posed.vertices, model.v_template + model.shapedirs @ beta.numpy(), atol=1e-15)
+    np.testing.assert_allclose(posed.vertices, hand.v_template + hand.shapedirs @ beta.numpy(), atol=1e-15)
 
 
-def test_the_root_turns_about_the_wrist_joint(model, skin):
+def test_the_root_turns_about_the_wrist_joint(hand, skin):
     theta = torch.zeros(16, 3, dtype=torch.float64)
     theta[0] = torch.tensor([0.3, -1.1, 0.8])
     zero = torch.zeros(10, dtype=torch.float64)
     posed = pose_hand(skin, theta, zero, zero[:3])
     rotation = Rotation.from_rotvec(theta[0].numpy()).as_matrix()
-    expected = (model.v_template - model.joints[0]) @ rotation.T + model.joints[0]
+    expected = (hand.v_template - hand.joints[0]) @ rotation.T + hand.joints[0]
     np.testing.assert_allclose(posed.vertices, expected, atol=1e-14)
-    np.testing.assert_allclose(posed.joints[0], model.joints[0], atol=1e-15)
+    np.testing.assert_allclose(posed.joints[0], hand.joints[0], atol=1e-15)
 
 
 def test_translation_moves_everything_alike(skin):
@@ -111,19 +105,19 @@ def test_translation_moves_everything_alike(skin):
     torch.testing.assert_close(moved.transforms, still.transforms)
 
 
-def test_a_finger_moves_only_what_hangs_on_it(model, skin):
+def test_a_finger_moves_only_what_hangs_on_it(hand, skin):
     theta = torch.zeros(16, 3, dtype=torch.float64)
     theta[5] = torch.tensor([0.0, 0.0, 1.0])
     posed = pose_hand(skin, theta, torch.zeros(10, dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
-    moved = np.abs(posed.vertices.numpy() - model.v_template).max(1) > 1e-12
-    hangs = model.lbs_weights[:, [5, 6]].sum(1) > 0
-    bulges = np.abs(model.posedirs[:, :, 36:45]).max((1, 2)) > 0
+    moved = np.abs(posed.vertices.numpy() - hand.v_template).max(1) > 1e-12
+    hangs = hand.lbs_weights[:, [5, 6]].sum(1) > 0
+    bulges = np.abs(hand.posedirs[:, :, 36:45]).max((1, 2)) > 0
     assert moved.any()
     assert not (moved & ~hangs & ~bulges).any()
 
 
-def test_the_left_hand_is_the_exact_mirror_of_the_right(model, skin):
-    left = SkinTensors.of(model.for_side("left"), dtype=torch.float64)
+def test_the_left_hand_is_the_exact_mirror_of_the_right(hand, skin):
+    left = SkinTensors.of(hand.for_side("left"), dtype=torch.float64)
     for seed in range(3):
         theta, beta, transl = random_parameters(seed)
         mirror = torch.as_tensor(MIRROR_POINT)
@@ -133,10 +127,10 @@ def test_the_left_hand_is_the_exact_mirror_of_the_right(model, skin):
         torch.testing.assert_close(left_hand.joints, right_hand.joints * mirror, atol=1e-14, rtol=0)
 
 
-def test_mirroring_twice_gives_the_hand_back(model):
-    twice = model.for_side("left").for_side("right")
+def test_mirroring_twice_gives_the_hand_back(hand):
+    twice = hand.for_side("left").for_side("right")
     for name in ("v_template", "f", "ft", "shapedirs", "posedirs"):
-        np.testing.assert_array_equal(getattr(twice, name), getattr(model, name))
+        np.testing.assert_array_equal(getattr(twice, name), getattr(hand, name))
 
 
 def test_a_batch_is_a_loop(skin):
@@ -162,8 +156,8 @@ def test_transforms_carry_rest_joints_to_posed_joints(skin):
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-8, 1e-3, 1.0, 3.0])
-def test_gradients_are_finite(model, scale):
-    skin = SkinTensors.of(model)
+def test_gradients_are_finite(hand, scale):
+    skin = SkinTensors.of(hand)
     theta, beta, transl = (value.float().requires_grad_() for value in random_parameters(7))
     pose_hand(skin, theta * scale, beta, transl).vertices.square().sum().backward()
     for value in (theta, beta, transl):
@@ -210,7 +204,7 @@ def test_joint_transforms_of_a_two_link_chain_by_hand():
     torch.testing.assert_close(transforms[0] @ point, point)
 
 
-def test_type_follows_the_tensors(model):
-    skin = SkinTensors.of(model)
+def test_type_follows_the_tensors(hand):
+    skin = SkinTensors.of(hand)
     posed = pose_hand(skin, torch.zeros(16, 3), torch.zeros(10), torch.zeros(3))
     assert posed.vertices.dtype == torch.float32

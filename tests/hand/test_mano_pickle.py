@@ -132,8 +132,8 @@ def test_exactly_seven_globals_are_allowed():
     assert {name.replace(" ", ".") for name in GLOBALS.values()} == set(_ALLOWED)
 
 
-def test_arrays_come_back_as_they_were(right_file):
-    arrays, hand = read_mano_pickle(right_file), load_default_hand()
+def test_arrays_are_read_unchanged(hand, right_file):
+    arrays = read_mano_pickle(right_file)
     np.testing.assert_array_equal(arrays["v_template"], hand.v_template)
     np.testing.assert_array_equal(arrays["weights"], hand.lbs_weights)
     np.testing.assert_array_equal(arrays["shapedirs"], hand.shapedirs)
@@ -146,8 +146,8 @@ def test_arrays_come_back_as_they_were(right_file):
     assert "bs_type" not in arrays
 
 
-def test_a_right_pickle_loads_as_the_hand_it_was_made_of(right_file):
-    loaded, hand = load_hand_model(right_file), load_default_hand()
+def test_a_right_pickle_loads_as_the_hand_it_was_made_of(hand, right_file):
+    loaded = load_hand_model(right_file)
     assert loaded.side == "right"
     for name in ("v_template", "f", "lbs_weights", "parents", "shapedirs", "posedirs", "J_regressor"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(hand, name), err_msg=name)
@@ -161,11 +161,11 @@ def test_a_left_pickle_loads_as_the_exact_mirror_of_the_right_one(right_file, tm
         np.testing.assert_array_equal(getattr(left, name), getattr(mirrored, name), err_msg=name)
 
 
-def test_a_left_file_that_is_already_mended_stays_as_it_is(tmp_path):
+def test_a_corrected_left_file_is_read_unchanged(hand, tmp_path):
     content = mano_content("left")
-    content["shapedirs"] = load_default_hand().for_side("left").shapedirs
+    content["shapedirs"] = hand.for_side("left").shapedirs
     left = load_hand_model(write(tmp_path / "left.pkl", content))
-    np.testing.assert_array_equal(left.shapedirs, load_default_hand().for_side("left").shapedirs)
+    np.testing.assert_array_equal(left.shapedirs, hand.for_side("left").shapedirs)
 
 
 def test_neither_scipy_nor_chumpy_is_needed(right_file, monkeypatch):

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
-from livehand.backend.hand.model_file import REQUIRED_KEYS, default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import REQUIRED_KEYS, default_hand_path, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 
 
@@ -20,8 +20,7 @@ def write(path, arrays, **changes):
     return path
 
 
-def test_the_built_in_hand():
-    hand = load_default_hand()
+def test_the_built_in_hand(hand):
     assert (hand.name, hand.side) == ("hand_default", "right")
     assert hand.sha256 == hashlib.sha256(default_hand_path().read_bytes()).hexdigest()
     assert hand.v_template.shape == (1272, 3)
@@ -32,18 +31,16 @@ def test_the_built_in_hand():
     np.testing.assert_allclose(hand.joints[0], [0.095, 0, 0], atol=1e-5)
 
 
-def test_the_frame_is_manos():
+def test_the_frame_is_manos(hand):
     """Fingers towards -X, back of the hand +Y, thumb +Z; metres."""
-    hand = load_default_hand()
     names = list(JOINT_NAMES)
     assert hand.joints[names.index("middle3"), 0] < hand.joints[0, 0] - 0.12
     assert hand.joints[names.index("thumb3"), 2] > hand.joints[names.index("pinky3"), 2] + 0.05
     assert hand.v_template[:, 0].max() - hand.v_template[:, 0].min() == pytest.approx(0.216, abs=0.001)
 
 
-def test_a_copy_of_the_file_is_the_same_hand(arrays, tmp_path):
+def test_a_copy_of_the_file_is_the_same_hand(hand, arrays, tmp_path):
     copy = load_hand_model(write(tmp_path / "copy.npz", arrays))
-    hand = load_default_hand()
     for name in ("v_template", "f", "lbs_weights", "J_regressor", "shapedirs", "posedirs", "vt", "ft"):
         np.testing.assert_array_equal(getattr(copy, name), getattr(hand, name))
     assert copy.sha256 != hand.sha256  # not compressed: another file
@@ -62,8 +59,7 @@ def test_twenty_shape_directions_are_cut_to_ten(arrays, tmp_path):
     np.testing.assert_array_equal(hand.shapedirs, arrays["shapedirs"])
 
 
-def test_for_side_is_itself_or_the_mirror():
-    hand = load_default_hand()
+def test_for_side_is_itself_or_the_mirror(hand):
     assert hand.for_side("right") is hand
     left = hand.for_side("left")
     assert left.side == "left"
@@ -168,7 +164,7 @@ def test_what_is_no_npz_is_refused(arrays, tmp_path):
         load_hand_model(tmp_path / "single.npy")
 
 
-def test_no_file_and_a_folder_are_told(tmp_path):
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path):
         with pytest.raises(LiveHandError, match="no hand model at"):
             load_hand_model(path)

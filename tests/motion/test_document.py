@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from livehand.backend.motion import document as documents
 from livehand.backend.motion.document import load_document
-from livehand.backend.motion.opening import open_motion_file
+from livehand.backend.motion.open_files import open_motion_file
 from livehand.backend.records.errors import LiveHandError
 
 
@@ -26,7 +26,7 @@ def refused(path, message):
 
 
 @pytest.mark.parametrize("name", ["bad.pkl", "bad.npy", "bad.npz"])
-def test_what_would_run_code_is_refused_before_it_runs(tmp_path, name):
+def test_pickles_that_would_run_code_are_refused_before_they_run(tmp_path, name):
     path, made = tmp_path / name, tmp_path / "made"
     if name == "bad.npz":
         np.savez(path, poses=np.array([Harm(made)], object))
@@ -76,12 +76,12 @@ def test_files_cut_short_anywhere_are_refused(tmp_path, name):
         ("a.txt", "hello", r"must be a pose file .* got '.txt'"),
     ],
 )
-def test_text_that_is_no_pose(tmp_path, name, text, message):
+def test_text_without_poses_is_refused(tmp_path, name, text, message):
     (tmp_path / name).write_text(text, encoding="latin1")
     refused(tmp_path / name, message)
 
 
-def test_numbers_that_are_none(tmp_path):
+def test_malformed_numbers_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     poses = np.zeros((3, 48))
     poses[1, 7] = np.nan
@@ -114,7 +114,7 @@ def test_a_missing_file_and_an_empty_folder(tmp_path):
     refused(tmp_path / "empty", "must hold pose files")
 
 
-def test_pickles_hold_what_they_held(tmp_path):
+def test_pickles_are_read_unchanged(tmp_path):
     content = {
         "f": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
         "scalar": np.float32(2.5),

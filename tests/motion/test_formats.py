@@ -9,12 +9,11 @@ import pickle
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.describe import describe
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.mano_basis import ManoBasis, load_mano_basis
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.opening import open_motion_file, open_pose_file, open_pose_files
+from livehand.backend.motion.open_files import open_motion_file, open_pose_file, open_pose_files
+from livehand.backend.motion.summary import file_summary
 from livehand.backend.records.errors import LiveHandError
 
 RNG = np.random.default_rng(5)
@@ -41,7 +40,7 @@ def same_turns(theta, expected, atol=1e-7):
 def opened(path, **expected):
     file = open_pose_file(path)
     for name, value in expected.items():
-        assert getattr(file.reading, name) == value, name
+        assert getattr(file.info, name) == value, name
     return file
 
 
@@ -51,7 +50,7 @@ def opened(path, **expected):
 @pytest.mark.parametrize(
     "changes", [{}, {"fps": None, "side": "left"}, {"beta": np.random.default_rng(0).normal(size=(T, 10))}]
 )
-def test_our_own_out_and_in_again(tmp_path, changes):
+def test_own_format_round_trip(tmp_path, changes):
     motion = HandMotion(**{"theta": absolute(POSE), "beta": BETA, "transl": TRANS, "fps": 23.976, **changes})
     write_motion(motion, tmp_path / "wave.npz")
     again = opened(tmp_path / "wave.npz", format="LiveHand", space="hand", has_mean_added=True).motion()
@@ -61,7 +60,7 @@ def test_our_own_out_and_in_again(tmp_path, changes):
     assert [path.name for path in tmp_path.iterdir()] == ["wave.npz"]
 
 
-def test_ours_is_written_as_npz_into_a_folder_that_is_there(tmp_path):
+def test_a_motion_is_written_as_npz_into_an_existing_folder(tmp_path):
     motion = HandMotion(absolute(POSE), BETA, TRANS)
     with pytest.raises(LiveHandError, match=r"\.npz file, got wave\.json"):
         write_motion(motion, tmp_path / "wave.json")
@@ -83,7 +82,7 @@ def test_amass_hands_are_absolute_and_wrists_turn_with_the_body(tmp_path):
         ("right", 111, (0, 3, 6, 9, 14, 17, 19, 21)),
         ("left", 66, (0, 3, 6, 9, 13, 16, 18, 20)),
     ):
-        motion = file.turned_round(side=side).motion()
+        motion = file.with_changes(side=side).motion()
         np.testing.assert_array_equal(motion.theta[:, 1:], poses[:, start : start + 45].reshape(T, 15, 3))
         for t in range(T):
             turn = np.eye(3)
@@ -108,7 +107,7 @@ def test_smplx_by_its_own_names_and_arctics(tmp_path):
     for name, format, fps in (("x.npz", "SMPL-X", None), ("s01.smplx.npy", "ARCTIC SMPL-X", 30.0)):
         file = opened(tmp_path / name, format=format, has_mean_added=True, fps=fps)
         np.testing.assert_allclose(file.motion().theta[:, 1:].reshape(T, 45), -POSE[:, 3:])
-        np.testing.assert_allclose(file.turned_round(side="left").motion().theta[:, 1:].reshape(T, 45), POSE[:, 3:])
+        np.testing.assert_allclose(file.with_changes(side="left").motion().theta[:, 1:].reshape(T, 45), POSE[:, 3:])
 
 
 def test_smplx_with_few_components_counts_from_the_mean(tmp_path):
@@ -124,12 +123,12 @@ def test_smplx_with_few_components_counts_from_the_mean(tmp_path):
     right = file.motion(BASIS).theta[:, 1:]
     np.testing.assert_allclose(right, (coefficients @ COMPONENTS[:12]).reshape(T, 15, 3) + MEAN)
     # MANO's left mean and components are the right ones mirrored, so equal coefficients are mirror images.
-    np.testing.assert_allclose(file.turned_round(side="left").motion(BASIS).theta[:, 1:], right * MIRROR)
+    np.testing.assert_allclose(file.with_changes(side="left").motion(BASIS).theta[:, 1:], right * MIRROR)
     np.testing.assert_allclose(file.motion(BASIS.for_side("left")).theta[:, 1:], right)
     with pytest.raises(LiveHandError, match=r"hands_mean and hands_components, got no MANO file.*MANO_RIGHT"):
         file.motion()
     with pytest.raises(LiveHandError, match="pca_components must be one of 12"):
-        file.turned_round(pca_components=45)
+        file.with_changes(pca_components=45)
 
 
 # Data sets of hands.
@@ -140,7 +139,7 @@ def test_arctic_mano_counts_from_the_mean_of_its_side(tmp_path):
     np.save(tmp_path / "box.mano.npy", {"right": hand, "left": hand}, allow_pickle=True)
     file = opened(tmp_path / "box.mano.npy", format="ARCTIC MANO", has_mean_added=False, fps=30.0)
     np.testing.assert_allclose(file.motion(BASIS).theta, absolute(POSE, MEAN))
-    left = file.turned_round(side="left").motion(BASIS)
+    left = file.with_changes(side="left").motion(BASIS)
     np.testing.assert_allclose(left.theta, absolute(POSE, MEAN * MIRROR))
     np.testing.assert_allclose(left.transl, TRANS)
     np.testing.assert_allclose(left.beta, BETA)
@@ -161,8 +160,8 @@ def test_neural_annot_counts_from_the_mean_and_bridges_frames_without_the_hand(t
     right = file.motion(BASIS)
     same_turns(right.theta[[0, 2]], absolute(POSE[[0, 2]], MEAN))
     np.testing.assert_allclose(right.transl, [TRANS[0], (TRANS[0] + TRANS[2]) / 2, TRANS[2]])
-    left = file.turned_round(side="left")
-    assert (left.reading.frames, left.reading.missing) == (2, 0)
+    left = file.with_changes(side="left")
+    assert (left.info.frames, left.info.missing) == (2, 0)
     same_turns(left.motion(BASIS).theta, absolute(POSE[[3, 1]], MEAN * MIRROR))
     assert open_pose_file(path, capture=8).sides == ("left",)
     with pytest.raises(LiveHandError, match="must hold '9'"):
@@ -193,11 +192,11 @@ def test_hamer_left_hands_are_mirrored_right_ones(tmp_path):
 
 def test_hamer_both_hands_in_one_file_and_a_side_that_was_wrong(tmp_path):
     np.savez(tmp_path / "both.npz", **hamer([1, 0, 0, 1]))
-    file = opened(tmp_path / "both.npz", has_place=False)
+    file = opened(tmp_path / "both.npz", has_translation=False)
     same_turns(file.motion().theta, absolute(POSE[[0, 3]]))
-    same_turns(file.turned_round(side="left").motion().theta, absolute(POSE[[1, 2]]) * MIRROR)
+    same_turns(file.with_changes(side="left").motion().theta, absolute(POSE[[1, 2]]) * MIRROR)
     np.savez(tmp_path / "one.npz", **hamer([1] * T))
-    wrong = open_pose_file(tmp_path / "one.npz").turned_round(side="left").motion()
+    wrong = open_pose_file(tmp_path / "one.npz").with_changes(side="left").motion()
     same_turns(wrong.theta, absolute(POSE) * MIRROR)
 
 
@@ -245,7 +244,7 @@ def test_dexycb_labels_are_components_from_the_mean_and_zeros_are_gaps(tmp_path)
     same_turns(motion.theta[kept, 1:], expected[kept], 1e-5)
     same_turns(motion.theta[kept, 0], POSE[kept, :3], 1e-5)
     np.testing.assert_allclose(motion.transl[kept], TRANS[kept], atol=1e-6)
-    left = file.turned_round(side="left").motion(BASIS)
+    left = file.with_changes(side="left").motion(BASIS)
     same_turns(left.theta[kept, 1:], expected[kept] * MIRROR, 1e-5)
     stacked = np.concatenate([POSE[:, :3], coefficients, TRANS], 1) * [[1], [0], [1], [1]]
     np.savez(tmp_path / "all.npz", pose_m=stacked)
@@ -275,7 +274,7 @@ def test_freihand_counts_from_the_mean_and_has_no_place(tmp_path):
     np.testing.assert_allclose(motion.theta, absolute(POSE, MEAN))
     np.testing.assert_allclose(motion.beta[1], BETA)
     assert not motion.transl.any()
-    opened(tmp_path / "training_mano.json", has_place=False)
+    opened(tmp_path / "training_mano.json", has_translation=False)
 
 
 # Bare numbers.
@@ -293,7 +292,7 @@ def test_raw_numbers(tmp_path, width, suffix):
     else:
         path.write_text(json.dumps(numbers.tolist()))
     file = opened(path, format="Raw MANO", has_mean_added=True, fps=25.0 if suffix == "npz" else None)
-    assert file.reading.has_place == (width > 48)
+    assert file.info.has_translation == (width > 48)
     motion = file.motion()
     np.testing.assert_allclose(motion.theta, absolute(POSE))
     np.testing.assert_allclose(motion.transl, TRANS if width > 48 else np.zeros((T, 3)))
@@ -306,35 +305,35 @@ def test_a_reading_is_turned_round_without_the_file(tmp_path):
     np.savez(path, poses=np.concatenate([POSE, TRANS], 1))
     file = open_pose_file(path)
     path.unlink()
-    np.testing.assert_allclose(file.turned_round(has_mean_added=False).motion(BASIS).theta, absolute(POSE, MEAN))
-    left = file.turned_round(has_mean_added=False, side="left", unit="mm", fps=12.0)
+    np.testing.assert_allclose(file.with_changes(has_mean_added=False).motion(BASIS).theta, absolute(POSE, MEAN))
+    left = file.with_changes(has_mean_added=False, side="left", unit="mm", fps=12.0)
     np.testing.assert_allclose(left.motion(BASIS).theta, absolute(POSE, MEAN * MIRROR))
     np.testing.assert_allclose(left.motion(BASIS).transl, TRANS / 1000)
     assert (left.motion(BASIS).side, left.motion(BASIS).fps) == ("left", 12.0)
-    components = file.turned_round(pca_components=45, has_mean_added=True).motion(BASIS).theta
+    components = file.with_changes(pca_components=45, has_mean_added=True).motion(BASIS).theta
     np.testing.assert_allclose(components[:, 1:], (POSE[:, 3:] @ COMPONENTS).reshape(T, 15, 3))
-    same = file.turned_round(has_mean_added=False).turned_round(has_mean_added=True)
+    same = file.with_changes(has_mean_added=False).with_changes(has_mean_added=True)
     np.testing.assert_array_equal(same.motion().theta, file.motion().theta)
     for change in ({"side": "both"}, {"space": "w_up"}, {"unit": "ft"}):
         with pytest.raises(LiveHandError, match=f"{next(iter(change))} must be one of"):
-            file.turned_round(**change)
+            file.with_changes(**change)
 
 
-def test_a_doubtful_mean_is_told(tmp_path):
+def test_a_doubtful_mean_gives_a_warning(tmp_path):
     flat = np.concatenate([np.zeros((20, 3)), RNG.normal(size=(20, 45)) * 0.1], 1)
     np.savez(tmp_path / "take.npz", poses=flat)
     file = open_pose_file(tmp_path / "take.npz")
-    assert "may count from MANO's mean" in file.doubt()
-    relative = file.turned_round(has_mean_added=False)
-    assert relative.doubt(BASIS) is None
+    assert "may count from MANO's mean" in file.warning()
+    relative = file.with_changes(has_mean_added=False)
+    assert relative.warning(BASIS) is None
     np.savez(tmp_path / "take.npz", poses=flat + np.r_[np.zeros(3), MEAN.ravel()])
     file = open_pose_file(tmp_path / "take.npz")
-    assert file.doubt(BASIS) is None
-    assert "may be absolute already" in file.turned_round(has_mean_added=False).doubt(BASIS)
+    assert file.warning(BASIS) is None
+    assert "may be absolute already" in file.with_changes(has_mean_added=False).warning(BASIS)
 
 
-def test_mean_and_components_come_from_the_users_file(tmp_path):
-    model = load_default_hand()
+def test_mean_and_components_come_from_the_users_file(hand, tmp_path):
+    model = hand
     arrays = {"v_template": model.v_template, "hands_mean": MEAN.ravel(), "hands_components": COMPONENTS}
     np.savez(tmp_path / "MANO_LEFT.npz", **arrays)
     basis = load_mano_basis(tmp_path / "MANO_LEFT.npz")
@@ -356,7 +355,7 @@ def test_files_of_a_take_must_be_alike(tmp_path):
 
 def test_a_reading_in_words(tmp_path):
     np.savez(tmp_path / "labels_0.npz", pose_m=np.ones((1, 51)))
-    facts = describe(open_motion_file(tmp_path / "labels_0.npz"))
+    facts = file_summary(open_motion_file(tmp_path / "labels_0.npz"))
     assert facts["format"] == "DexYCB"
     assert facts["mean"] == "to be added (needs a MANO file)"
     assert facts["angles"] == "45 components (needs a MANO file)"

@@ -5,10 +5,9 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, axis_angle_to_quaternion
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.motion import HandMotion, mirrored, motion_of
-from livehand.backend.motion.placing import SPACES, moved, rest_wrists, to_blender
-from livehand.backend.motion.timing import at_fps, at_frames, slerp, smoothed
+from livehand.backend.motion.motion import HandMotion, mirrored, motion_from_poses
+from livehand.backend.motion.resampling import resampled, sampled_at, slerp, smoothed
+from livehand.backend.motion.spaces import SPACES, rest_wrists, to_blender, transformed
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 
@@ -41,8 +40,8 @@ def test_what_is_no_motion_is_refused(changes, message):
         motion(**changes)
 
 
-def test_the_mirrored_motion_is_the_mirror_image_of_the_surface():
-    hand, right = load_default_hand(), motion()
+def test_the_mirrored_motion_is_the_mirror_image_of_the_surface(hand):
+    right = motion()
     left = mirrored(right)
     assert left.side == "left"
     expected = posed_vertices(hand, right.pose(3)) * MIRROR_POINT
@@ -52,21 +51,21 @@ def test_the_mirrored_motion_is_the_mirror_image_of_the_surface():
 
 def test_poses_become_a_motion_of_one_shape_and_one_side():
     poses = [HandPose(np.full((16, 3), k), np.ones(10), np.zeros(3), "left") for k in range(3)]
-    joined = motion_of(poses, 24.0)
+    joined = motion_from_poses(poses, 24.0)
     assert (len(joined), joined.beta.shape, joined.side, joined.fps) == (3, (10,), "left", 24.0)
     assert joined.pose(2).theta[0, 0] == 2
     with pytest.raises(LiveHandError, match="of one hand"):
-        motion_of([*poses, HandPose.rest("right")])
+        motion_from_poses([*poses, HandPose.rest("right")])
 
 
-def test_a_turn_at_constant_speed_stays_one_at_any_rate():
+def test_a_constant_rotation_speed_is_kept_at_any_rate():
     """Closed form: 0.3 rad a frame about one axis, through more than half a turn, at 30 -> 24 and -> 120 fps."""
     theta = np.zeros((13, 16, 3))
     angle = 0.3 * np.arange(13)
     theta[:, 4, 2] = (angle + np.pi) % (2 * np.pi) - np.pi
     turning = motion(13, theta=theta, transl=np.outer(np.arange(13), [1.0, 0, 0]))
     for fps, count in ((24.0, 10), (120.0, 49), (30.0, 13)):
-        other = at_fps(turning, fps)
+        other = resampled(turning, fps)
         assert (len(other), other.fps) == (count, fps)
         expected = axis_angle_to_matrix(np.outer(0.3 * np.arange(count) * 30 / fps, [0, 0, 1.0]))
         np.testing.assert_allclose(axis_angle_to_matrix(other.theta[:, 4]), expected, atol=1e-9)
@@ -75,14 +74,14 @@ def test_a_turn_at_constant_speed_stays_one_at_any_rate():
 
 def test_a_rate_that_nobody_knows_is_not_converted():
     with pytest.raises(LiveHandError, match="must be known"):
-        at_fps(motion(fps=None), 24.0)
+        resampled(motion(fps=None), 24.0)
     with pytest.raises(LiveHandError, match="positive"):
-        at_fps(motion(), -1.0)
+        resampled(motion(), -1.0)
 
 
 def test_gaps_are_bridged_at_the_right_places():
     known = motion(3)
-    whole = at_frames(known, np.arange(6), places=np.array([0, 1, 5]))
+    whole = sampled_at(known, np.arange(6), times=np.array([0, 1, 5]))
     np.testing.assert_allclose(axis_angle_to_matrix(whole.theta[[0, 1, 5]]), axis_angle_to_matrix(known.theta))
     np.testing.assert_allclose(whole.transl[3], (known.transl[1] + known.transl[2]) / 2)
 
@@ -108,12 +107,12 @@ def test_smoothing_takes_jitter_and_leaves_a_steady_turn():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_moved_motion_moves_the_surface(side):
+def test_a_moved_motion_moves_the_surface(hand, side):
     """Against the slow way: pose, then transform the vertices."""
-    hand, still = load_default_hand(), motion(side=side)
+    still = motion(side=side)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = axis_angle_to_matrix(np.array([0.3, -1.2, 2.0])), (0.1, 0.2, -0.3)
-    carried = moved(still, matrix, rest_wrists(hand.for_side(side), still.beta))
+    carried = transformed(still, matrix, rest_wrists(hand.for_side(side), still.beta))
     for index in (0, 4):
         expected = posed_vertices(hand, still.pose(index)) @ matrix[:3, :3].T + matrix[:3, 3]
         np.testing.assert_allclose(posed_vertices(hand, carried.pose(index)), expected, atol=1e-9)

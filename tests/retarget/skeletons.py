@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from livehand.backend.hand.model import PARENTS
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.retarget.skeleton import RestSkeleton
+from livehand.backend.retarget.source_skeleton import SourceSkeleton
 
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 
@@ -49,4 +49,4 @@ def skeleton(bones, turn=None, scale=1.0, shift=(0, 0, 0), rng=None):
     if rng is not None:
         frames = np.linalg.qr(rng.normal(size=(len(names), 3, 3)))[0]
         frames *= np.sign(np.linalg.det(frames))[:, None, None]
-    return RestSkeleton(tuple(names), tuple(parents), heads, heads + 0.01 * frames[:, :, 1], frames)
+    return SourceSkeleton(tuple(names), tuple(parents), heads, heads + 0.01 * frames[:, :, 1], frames)

@@ -11,12 +11,12 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import mirrored
-from livehand.backend.motion.placing import rest_wrists
+from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.alignment import align
+from livehand.backend.retarget.rest_alignment import align
 from livehand.backend.retarget.retarget import SourceMotion, retarget
 from livehand.backend.retarget.shape_fit import HandShape, fit_shape, rest_nodes
-from livehand.backend.retarget.skeleton import JointMap
+from livehand.backend.retarget.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
 hand_bones, skeleton = LIB["hand_bones"], LIB["skeleton"]
@@ -81,8 +81,8 @@ def apart_deg(a, b):
 
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(side, seed):
-    model = load_default_hand()
+def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(hand, side, seed):
+    model = hand
     rest, posed, turn, shift = ours_elsewhere(side, seed)
     thetas = np.random.default_rng(seed).normal(size=(4, 16, 3)) * 0.6
     motion = retarget(posed(thetas), align(rest, joint_map(side), model))
@@ -93,24 +93,24 @@ def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(side, s
     assert (motion.side, motion.fps) == (side, 24.0)
 
 
-def test_where_all_joints_lie_alike_tips_have_no_say():
+def test_tips_are_ignored_if_all_joints_coincide(hand):
     """A rig's tip bones stand where it likes, and a model's own tips are vertices: neither is part of the rest pose."""
     rest, posed, turn, _ = ours_elsewhere("right", 4, scale=0.01)
     heads = rest.heads.copy()
     heads[16:] += np.random.default_rng(4).normal(size=(5, 3)) * 0.004 * 0.01
     thetas = np.random.default_rng(5).normal(size=(4, 16, 3)) * 0.6
-    alignment = align(replace(rest, heads=heads), joint_map("right"), load_default_hand())
+    alignment = align(replace(rest, heads=heads), joint_map("right"), hand)
     assert alignment.shape.scale == pytest.approx(0.01, rel=1e-9)
     np.testing.assert_array_equal(alignment.shape.beta, 0)
     np.testing.assert_allclose(retarget(posed(thetas), alignment).theta, in_world(thetas, turn), atol=1e-6)
 
 
-def test_units_and_the_place_of_the_object_do_not_matter():
+def test_units_and_the_place_of_the_object_do_not_matter(hand):
     thetas = np.array([gesture(name) for name in ("fist", "pinch", "point")])
     results = []
     for scale in (0.01, 1.0, 100.0):
         rest, posed, *_ = ours_elsewhere("right", 3, gesture("spread", root=(0, 0, 0)), scale=scale)
-        alignment = align(rest, joint_map("right"), load_default_hand())
+        alignment = align(rest, joint_map("right"), hand)
         assert alignment.shape.scale == pytest.approx(scale, rel=1e-4)
         results.append(retarget(posed(thetas), alignment).theta)
     np.testing.assert_allclose(results[0], results[1], atol=1e-6)
@@ -119,12 +119,12 @@ def test_units_and_the_place_of_the_object_do_not_matter():
 
 @pytest.mark.parametrize("name", ["open", "spread", "relaxed", "fist"])
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_another_rest_pose_of_our_hand_makes_little_difference(name, side):
+def test_another_rest_pose_of_our_hand_makes_little_difference(hand, name, side):
     """Directions are exact; how far a bone is turned about itself is told by the bones' places only, so nearly."""
     rest, posed, turn, _ = ours_elsewhere(side, 1, gesture(name, side, (0, 0, 0)))
     thetas = np.array([gesture(other, side) for other in ("rest", "fist", "pinch", "point", "spread")])
-    motion = retarget(posed(thetas), align(rest, joint_map(side), load_default_hand(), MEAN))
-    nodes = rest_nodes(load_default_hand().for_side(side), np.zeros(10))
+    motion = retarget(posed(thetas), align(rest, joint_map(side), hand, MEAN))
+    nodes = rest_nodes(hand.for_side(side), np.zeros(10))
     for theta, wanted in zip(motion.theta, in_world(thetas, turn), strict=True):
         np.testing.assert_allclose(forward(nodes, theta)[1], forward(nodes, wanted)[1], atol=1e-6)
     off = apart_deg(motion.theta, in_world(thetas, turn))
@@ -132,15 +132,15 @@ def test_another_rest_pose_of_our_hand_makes_little_difference(name, side):
     assert off[:, 13:].max() < (1 if name in ("open", "spread") else 25)
 
 
-def test_bones_point_where_theirs_do_whatever_both_hands_are():
+def test_bones_point_where_theirs_do_whatever_both_hands_are(hand):
     """A hand of other proportions, bent at random: every bone but the palm's has the direction of its source."""
     rng = np.random.default_rng(5)
     rest, posed, *_ = ours_elsewhere("right", 5, rng.normal(size=(16, 3)) * 0.3, rng.normal(size=10) * 2)
     thetas = rng.normal(size=(3, 16, 3)) * 0.7
-    alignment = align(rest, joint_map("right"), load_default_hand())
+    alignment = align(rest, joint_map("right"), hand)
     source = posed(thetas)
     motion = retarget(source, alignment)
-    nodes = rest_nodes(load_default_hand(), alignment.shape.beta)
+    nodes = rest_nodes(hand, alignment.shape.beta)
     for frame in range(3):
         turned = source.frames[frame] @ rest.frames[:16].swapaxes(1, 2)
         points = forward(nodes, motion.theta[frame])[1]
@@ -152,25 +152,26 @@ def test_bones_point_where_theirs_do_whatever_both_hands_are():
             np.testing.assert_allclose(cosines, 1, atol=1e-9)
 
 
-def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not():
+def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not(hand):
     rest, *_ = ours_elsewhere("right", 0, tips=(None,) * 5)
     with_tips, *_ = ours_elsewhere("right", 0)
-    truth = align(with_tips, joint_map("right"), load_default_hand(), MEAN)
+    truth = align(with_tips, joint_map("right"), hand, MEAN)
     tails = rest.tails.copy()
     tails[3:16:3] = rest.heads[3:16:3] + 0.3 * (with_tips.heads[16:] - rest.heads[3:16:3])
     told = type(rest)(rest.names, rest.parents, rest.heads, tails, rest.frames)
     map_without = joint_map("right", (None,) * 5)
-    np.testing.assert_allclose(align(told, map_without, load_default_hand(), MEAN).turns, truth.turns, atol=1e-9)
-    straight = align(rest, map_without, load_default_hand(), MEAN)
-    assert np.isfinite(straight.turns).all()
-    np.testing.assert_allclose(straight.turns[[1, 2, 14]], truth.turns[[1, 2, 14]], atol=0.3)
+    aligned = align(told, map_without, hand, MEAN)
+    np.testing.assert_allclose(aligned.rotations, truth.rotations, atol=1e-9)
+    straight = align(rest, map_without, hand, MEAN)
+    assert np.isfinite(straight.rotations).all()
+    np.testing.assert_allclose(straight.rotations[[1, 2, 14]], truth.rotations[[1, 2, 14]], atol=0.3)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_known_shape_and_size_are_found(seed):
+def test_a_known_shape_and_size_are_found(hand, seed):
     rng = np.random.default_rng(seed)
     beta, scale = rng.normal(size=10), rng.uniform(0.5, 2)
-    model = load_default_hand()
+    model = hand
     theirs = scale * forward(rest_nodes(model, beta), rng.normal(size=(16, 3)) * 0.3)[1]
     found = fit_shape(model, theirs)
     ours = found.scale * rest_nodes(model, found.beta)
@@ -185,18 +186,18 @@ def test_a_known_shape_and_size_are_found(seed):
     np.testing.assert_allclose(lengths[0], lengths[1], atol=0.001 * scale)
 
 
-def test_a_left_hand_drives_a_right_one_as_in_a_mirror():
+def test_a_left_hand_drives_a_right_one_as_in_a_mirror(hand):
     thetas = np.array([gesture("fist", "left"), gesture("point", "left")])
     rest, posed, *_ = ours_elsewhere("left", 2)
-    left = retarget(posed(thetas), align(rest, joint_map("left"), load_default_hand()))
+    left = retarget(posed(thetas), align(rest, joint_map("left"), hand))
     np.testing.assert_allclose(mirrored(left).theta[:, 1:], thetas[:, 1:] * MIRROR_AXIS_ANGLE, atol=1e-6)
 
 
-def test_joints_in_one_place_and_poses_that_are_not_finite_are_refused():
+def test_joints_in_one_place_and_poses_that_are_not_finite_are_refused(hand):
     rest, posed, *_ = ours_elsewhere("right")
     rest.heads[2] = rest.heads[1]
     with pytest.raises(LiveHandError, match="joints must lie apart, got 'index1' or the next"):
-        align(rest, joint_map("right"), load_default_hand())
+        align(rest, joint_map("right"), hand)
     good = posed(np.zeros((1, 16, 3)))
     with pytest.raises(LiveHandError, match="finite"):
         SourceMotion(good.frames * np.nan, good.wrists, None, "right")

@@ -1,10 +1,10 @@
-"""The built-in hand: where it comes from (an implicit surface after anatomical tables) and its detailed surface.
+"""The generator of the built-in hand, an implicit surface from anatomical tables, and its detailed surface.
 
-Everything in this folder is in millimetres, in one of two right-hand frames with the wrist joint at the origin:
+All modules use millimetres, in one of two right-hand frames with the wrist joint at the origin:
 
-- the *anatomical* frame, in which the surface is defined: d distal, h dorsal (height), r radial (towards the thumb);
-- the *build* frame, in which meshes lie: x = -d, y = h, z = r, the axes of MANO.
+- the *anatomical* frame, which defines the surface: d distal, h dorsal (height), r radial (towards the thumb);
+- the *build* frame, which meshes use: x = -d, y = h, z = r, the axes of MANO.
 
-The template, `hand_default.npz`, is the build frame shifted by (95, 0, 0) mm and told in metres (`frames.py`). The
-shipped file is data; nothing here runs to load or pose it. Building it needs the extra `capture` (scipy, scikit-image).
+The template in `hand_default.npz` is the build frame shifted by (95, 0, 0) mm, in metres (`frames.py`). Loading or
+posing the shipped file runs none of this. Generating it needs the extra `capture` (scipy, scikit-image).
 """

@@ -1,6 +1,6 @@
-"""The hand's numbers: bone lengths, where each ray lies, how thick it is. Millimetres, anatomical frame, degrees.
+"""The anatomical tables: bone lengths, positions and thicknesses of the rays. Millimetres, anatomical frame, degrees.
 
-Honesty of the sources: bone lengths after Buryanov & Kotiuk 2010 (doi 10.4067/S0717-95022010000300015), quoted from
+Sources: bone lengths after Buryanov & Kotiuk 2010 (doi 10.4067/S0717-95022010000300015), quoted from
 memory. Breadths, depths and palm sections are tuned by eye within remembered ranges of Greiner 1991 and DIN 33402,
 unverified. The layout of the rays (points, directions, rest flexion) is tuned by eye. Checked: finger lengths against
 Chatzioglou 2024, 63.9 / 70.7 / 65.5 / 53.3 mm; ours are 59.9 / 68.0 / 65.6 / 52.2, all within one standard deviation.
@@ -10,17 +10,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..model import MANO_FINGERS
+
 Point = tuple[float, float, float]
 
-# MANO's order of the digits; joint 1 + 3 * i + k is joint k of digit i.
-DIGITS = ("index", "middle", "pinky", "ring", "thumb")
-# The fingers from the radial to the ulnar side, as they lie side by side.
+# Joint 1 + 3 * i + k is joint k of digit i.
+DIGITS = MANO_FINGERS
+# From the radial to the ulnar side.
 FINGERS = ("index", "middle", "ring", "pinky")
 
 
 @dataclass(frozen=True)
 class BoneLengths:
-    """Lengths of one digit's bones, and of the soft tip beyond the last one. A thumb has no middle phalanx: 0."""
+    """Lengths of a digit's bones and of the soft tip beyond the last one. The thumb's middle phalanx is 0."""
 
     metacarpal: float
     proximal: float
@@ -36,14 +38,14 @@ class BoneLengths:
 
 @dataclass(frozen=True)
 class FingerLayout:
-    """Where a finger lies.
+    """The position of a finger.
 
     Attributes:
         mcp: its first joint.
-        metacarpal_base: the other end of the metacarpal. The distance of the two points, not the table's metacarpal
-            length, is what the surface uses.
-        abduction: of the finger's direction, positive to the thumb's side.
-        tilt: of its dorsal direction, positive to the thumb's side.
+        metacarpal_base: the other end of the metacarpal. The surface uses the distance of the two points, not the
+            metacarpal length of the table.
+        abduction: of the finger's direction, positive towards the thumb.
+        tilt: of its dorsal direction, positive towards the thumb.
         rest_flexion: of the three joints.
     """
 
@@ -56,7 +58,7 @@ class FingerLayout:
 
 @dataclass(frozen=True)
 class ThumbLayout:
-    """Where the thumb lies: its first joint, the directions of its three bones, and its dorsal direction."""
+    """The position of the thumb: its first joint, the directions of its three bones, and its dorsal direction."""
 
     cmc: Point
     directions: tuple[Point, Point, Point]
@@ -65,7 +67,7 @@ class ThumbLayout:
 
 @dataclass(frozen=True)
 class Profile:
-    """Half-sizes of a digit's cross-section at the stations that `rays.py` places along it."""
+    """Half-sizes of a digit's cross-section at the stations of `rays.py`."""
 
     half_breadth: tuple[float, ...]
     dorsal_depth: tuple[float, ...]
@@ -98,7 +100,7 @@ THUMB_LAYOUT = ThumbLayout(
     dorsal=(-0.30, 0.50, 0.81),
 )
 
-# How thick each finger is, relative to the index finger.
+# Relative to the index finger.
 FINGER_THICKNESS = {"index": 1.0, "middle": 1.03, "ring": 0.965, "pinky": 0.85}
 
 # Stations: metacarpal base, its middle, MCP, web, 3/4 of the proximal phalanx, PIP, middle of the middle phalanx, DIP,

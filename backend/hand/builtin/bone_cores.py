@@ -1,7 +1,7 @@
-"""Which parts of the surface follow one bone only: the fixed labels between which skinning weights are spread.
+"""Labels the parts of the surface that follow one bone only; skinning weights are interpolated between them.
 
-Hard cores of the phalanges, an oblique cut at the MCP joints (the palmar side follows the palm further out), and the
-palm up to the knuckles. Points in the anatomical frame, mm.
+The parts are the middles of the phalanges, with an oblique cut at the MCP joints (the palmar side follows the palm
+further out), and the palm up to the knuckles. Points in the anatomical frame, mm.
 """
 
 from __future__ import annotations

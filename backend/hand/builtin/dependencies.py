@@ -1,4 +1,4 @@
-"""The optional packages of this folder, and what to say where one is missing."""
+"""The error for a missing optional package of this folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...records.errors import LiveHandError
 
 @contextmanager
 def needs(package: str) -> Iterator[None]:
-    """Around an import of `package`: a missing one becomes a LiveHandError that names the command to run."""
+    """Turn a failed import of `package` into a `LiveHandError` that names the command to install it."""
     try:
         yield
     except ImportError as error:

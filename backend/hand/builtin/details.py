@@ -1,4 +1,4 @@
-"""Small relief on the digits, as offsets of the signed distance: creases, folds, nails. Millimetres, + carves."""
+"""Creases, folds and nails of the digits, as offsets of the signed distance in mm; positive ones carve."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from .rays import Ray, RayCoordinates, Section
 from .smooth import bump, smoothstep
 
-# Palmar creases about a joint, place and relative depth: a finger's PIP has two, the others one.
+# Palmar creases of a joint, as position and relative depth: a finger's PIP joint has two, the others one.
 _FIRST_CREASES = ((-1.3, 0.55), (1.4, 0.45))
 _LAST_CREASES = ((0.0, 0.7),)
 _KNUCKLE_FOLDS = (-4.2, -2.2, 0.0, 2.2, 4.2)
 
 
 class NailCoordinates(NamedTuple):
-    """Place on a digit's nail: `along` [N], -1 at its root and 1 at its free end, and `rim` [N], 1 on its outline."""
+    """Coordinates on a nail: `along` [N], -1 at its root and 1 at its free end, and `rim` [N], 1 on its outline."""
 
     along: np.ndarray
     rim: np.ndarray
 
 
 def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoordinates:
-    """Where points lie relative to the nail, seen from the back of the digit."""
+    """The nail coordinates of points, seen from the back of the digit."""
     length = ray.bones.distal * (0.64 if ray.is_thumb else 0.62)
     end = ray.length - 1.6
     start = end - length
@@ -33,7 +33,7 @@ def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoor
 
 
 def detail_offset(rays: dict[str, Ray], at: dict[str, RayCoordinates]) -> np.ndarray:
-    """[N] what to add to the hand's signed distance at points whose ray coordinates are `at`."""
+    """[N] offset of the hand's signed distance at points with ray coordinates `at`."""
     offset = np.zeros_like(at["index"].along)
     for digit, ray in rays.items():
         section = ray.section(at[digit].along)

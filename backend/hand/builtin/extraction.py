@@ -1,4 +1,4 @@
-"""A triangle mesh of the hand's surface: marching cubes in a narrow band, then Taubin's smoothing. Build frame, mm."""
+"""Extracts a triangle mesh of the hand: marching cubes in a narrow band, then Taubin smoothing. Build frame, mm."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .sdf import BOUNDS, signed_distance
 with needs("scipy"):
     from scipy.ndimage import map_coordinates
 
-_COARSE = 4.0  # mm: grid on which the band is looked for
-_BAND = 4.0  # mm: where the interpolated coarse distance is nearer, the fine grid is evaluated
+_COARSE = 4.0  # mm: spacing of the grid that finds the band
+_BAND = 4.0  # mm: where the interpolated coarse distance is smaller, the fine grid is evaluated
 
 
 def extract_mesh(rays: dict[str, Ray], spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +31,7 @@ def extract_mesh(rays: dict[str, Ray], spacing: float) -> tuple[np.ndarray, np.n
 
 
 def _band_volume(rays: dict[str, Ray], spacing: float) -> np.ndarray:
-    """[X, Y, Z] distances: the hand's own within the band, interpolated outside it where only the sign counts."""
+    """[X, Y, Z] distances: exact within the band, interpolated outside it, where only the sign matters."""
     low, high = BOUNDS
     coarse_axes = [np.arange(low[i], high[i] + _COARSE, _COARSE) for i in range(3)]
     grid = np.stack(np.meshgrid(*coarse_axes, indexing="ij"), -1)

@@ -1,4 +1,4 @@
-"""The frames of this folder (see its docstring) and the way to the template."""
+"""Conversions between the frames of this folder (see its docstring) and the template's."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 # The anatomical and the build frame differ by the sign of the first axis; the swap is its own inverse.
 _SWAP = np.array([-1.0, 1.0, 1.0])
 
-# From the build frame to the template's, mm: the wrist joint lies where MANO has it.
+# From the build frame to the template's, mm: the wrist joint is where MANO has it.
 _TEMPLATE_OFFSET = np.array([95.0, 0.0, 0.0])
 _MM = 1e-3
 
 
 def swap_distal(vectors: np.ndarray) -> np.ndarray:
-    """Points or directions [..., 3], anatomical -> build or build -> anatomical."""
+    """Points or directions [..., 3], from the anatomical to the build frame or back."""
     return vectors * _SWAP
 
 

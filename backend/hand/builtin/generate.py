@@ -1,11 +1,11 @@
-"""The main road from anatomy to `hand_default.npz`.
+"""Generates `hand_default.npz` from the anatomical tables.
 
     anatomy -> rays -> signed distance -> dense mesh -> [quads] -> template -> weights, shapes, joints, correctives,
     atlas
 
-The quads come from Blender's QuadriFlow, which the backend may not call, and whose counts change with small edits of
-the surface: so the built hand ships as data, and the command line below starts from its quads. To remesh anew,
-`livehand_blender/capture/quad_remesh.py` makes the quads from `dense_surface()` and runs this same road.
+The quads come from Blender's QuadriFlow, which the backend may not call and whose vertex count changes with small edits
+of the surface. So the hand ships as data, and the command line below starts from its quads. To remesh it,
+`livehand_blender/capture/quad_remesh.py` makes quads from `dense_surface()` and calls the same functions.
 
     python -m livehand.backend.hand.builtin.generate OUT.npz
 """
@@ -20,8 +20,7 @@ import numpy as np
 
 from ..atlas import unwrap_millimetres
 from ..model import JOINT_NAMES, PARENTS
-from ..model_file import load_default_hand
-from .asset import read_extras
+from ..model_file import default_hand_path, load_default_hand
 from .extraction import extract_mesh
 from .frames import build_to_template, template_to_build
 from .joint_frames import JointFrames, joint_frames
@@ -34,7 +33,7 @@ from .shape_directions import shape_directions
 from .skinning_weights import dense_weights, transferred_weights
 
 _DENSE_SPACING = 1.6  # mm
-_NO_PARENT = 4294967295  # what MANO's files hold for the root
+_NO_PARENT = 4294967295  # of the root in MANO's files
 
 
 class QuadMesh(NamedTuple):
@@ -69,8 +68,9 @@ def build_hand(quads: QuadMesh) -> dict[str, np.ndarray]:
 
 
 def shipped_quads() -> QuadMesh:
-    """The quads of the hand we ship; they lie on the surface already."""
-    return QuadMesh(template_to_build(load_default_hand().v_template), read_extras().quads)
+    """The quads of the shipped hand, which are on the surface already."""
+    with np.load(default_hand_path(), allow_pickle=False) as arrays:
+        return QuadMesh(template_to_build(load_default_hand().v_template), arrays["quads"])
 
 
 def dense_surface() -> tuple[np.ndarray, np.ndarray]:
@@ -79,12 +79,12 @@ def dense_surface() -> tuple[np.ndarray, np.ndarray]:
 
 
 def projected_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
-    """A remesher's quads, moved onto the surface."""
+    """Quads of a remesher, projected onto the surface."""
     return QuadMesh(project_to_surface(build_rays(), vertices, with_details=False, steps=4), quads)
 
 
 def split_quads(mesh: QuadMesh) -> np.ndarray:
-    """Triangles [2 Q, 3], outward: every quad cut along its shorter diagonal, first halves before second ones."""
+    """Triangles [2 Q, 3], outward: quads cut along their shorter diagonal, all first halves, then all second ones."""
     v, q = mesh
     first = np.linalg.norm(v[q[:, 0]] - v[q[:, 2]], axis=1) < np.linalg.norm(v[q[:, 1]] - v[q[:, 3]], axis=1)
     halves = [
@@ -111,7 +111,7 @@ def _joint_arrays(frames: JointFrames) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    """Command line: write the built-in hand anew from its shipped quads."""
+    """Command line: write the built-in hand, made from its shipped quads."""
     parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy and its shipped quads.")
     parser.add_argument("out", type=Path, help="the .npz to write")
     write_hand(parser.parse_args().out, build_hand(shipped_quads()))

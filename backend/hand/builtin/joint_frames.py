@@ -1,4 +1,4 @@
-"""Where the joints are and how they bend, from the rays. Build frame; the axes are the template's too."""
+"""Positions and axes of the joints, from the rays. Build frame; directions are the same in the template's frame."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from .frames import swap_distal
 from .rays import Ray
 
-_PAST_JOINT = 8.0  # mm along the bone, where the rounded centreline has the bone's own direction
+_PAST_JOINT = 8.0  # mm along the bone, where the rounded centreline has the bone's direction
 
 
 class JointFrames(NamedTuple):

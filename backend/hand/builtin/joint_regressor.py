@@ -1,4 +1,4 @@
-"""Joints as weighted means of vertices: non-negative, local, right for the template and for its shape directions."""
+"""Fits the joint regressor: non-negative local weights that fit the template and its shape directions."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from .shape_directions import ShapeDirections
 with needs("scipy"):
     from scipy.optimize import nnls
 
-_WRIST_REACH, _REACH = 160, 70  # how many of the nearest vertices take part
+_WRIST_VERTICES, _JOINT_VERTICES = 160, 70  # number of nearest vertices with a weight
 _SUM_STRENGTH = 30.0  # of the equation that the weights sum to 1; the others are in mm
-_SPREAD_STRENGTH = 0.6  # of the wish for small, spread weights
+_SPREAD_STRENGTH = 0.6  # of the regularisation, which spreads the weights
 
 
 def joint_regressor(vertices: np.ndarray, joints: np.ndarray, directions: ShapeDirections) -> np.ndarray:
-    """[16, V], rows sum to 1: vertices [V, 3] -> joints [16, 3], for any beta. Least squares, mm."""
+    """[16, V], rows sum to 1, from vertices [V, 3] to joints [16, 3] for any beta, by least squares in mm."""
     regressor = np.zeros((len(joints), len(vertices)))
     for joint in range(len(joints)):
         distance = np.linalg.norm(vertices - joints[joint], axis=1)
-        near = np.argsort(distance)[: _WRIST_REACH if joint == 0 else _REACH]
+        near = np.argsort(distance)[: _WRIST_VERTICES if joint == 0 else _JOINT_VERTICES]
         offsets = vertices[near] - joints[joint]
         drifts = directions.vertices[near] - directions.joints[joint]  # [n, 3, 10]
         weights = _weights(offsets, drifts)
@@ -29,7 +29,7 @@ def joint_regressor(vertices: np.ndarray, joints: np.ndarray, directions: ShapeD
 
 
 def _weights(offsets: np.ndarray, drifts: np.ndarray) -> np.ndarray:
-    """[n] >= 0 whose means of the offsets [n, 3] and of the drifts [n, 3, 10] vanish and which sum to about 1."""
+    """[n] >= 0 with sum about 1 and weighted means of about 0 of the offsets [n, 3] and the drifts [n, 3, 10]."""
     count = len(offsets)
     rows = [
         offsets.T,

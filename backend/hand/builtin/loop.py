@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...geometry.mesh_tables import half_edges
 from .dependencies import needs
 
 with needs("scipy"):
@@ -16,7 +17,7 @@ class Subdivision(NamedTuple):
     """A subdivided mesh.
 
     Attributes:
-        matrix: sparse [N, V], rows sum to 1: what carries any field of the V coarse vertices to the N fine ones.
+        matrix: sparse [N, V], rows sum to 1; maps any field of the V coarse vertices to the N fine ones.
         faces: [M, 3].
         uv: [M, 3, 2] per face corner, interpolated linearly within the coarse faces.
     """
@@ -31,7 +32,7 @@ def subdivide(faces: np.ndarray, uv: np.ndarray, vertex_count: int, levels: int)
     matrix, count = sparse.csr_array(sparse.eye_array(vertex_count)), vertex_count
     for _ in range(levels):
         step, faces = _split(faces, count)
-        count = int(faces.max()) + 1  # the newest vertex is on an edge, hence in a face
+        count = int(faces.max()) + 1  # the last vertex is on an edge, hence in a face
         matrix = sparse.csr_array(step @ matrix)
         uv = _split_corners(uv)
     return Subdivision(matrix, faces, uv)
@@ -39,16 +40,14 @@ def subdivide(faces: np.ndarray, uv: np.ndarray, vertex_count: int, levels: int)
 
 def neighbour_mean(faces: np.ndarray, vertex_count: int) -> sparse.csr_array:
     """[N, N] matrix that replaces every vertex by the mean of its neighbours."""
-    edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    both = np.vstack([edges, edges[:, ::-1]])
-    adjacent = sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(vertex_count, vertex_count))
+    adjacent = _adjacency(half_edges(faces), vertex_count)
     adjacent.data[:] = 1.0  # each edge was counted once per face and direction
     return sparse.csr_array(sparse.diags_array(1 / adjacent.sum(1)) @ adjacent)
 
 
 def _split(faces: np.ndarray, vertex_count: int) -> tuple[sparse.csr_array, np.ndarray]:
     """One level: the matrix [V + E, V] (old vertices, then one per edge) and the faces [4 F, 3]."""
-    sides = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
+    sides = np.sort(half_edges(faces), 1)
     opposite = np.r_[faces[:, 2], faces[:, 0], faces[:, 1]]
     edges, edge_of_side = np.unique(sides, axis=0, return_inverse=True)
     edge_of_side = edge_of_side.ravel()
@@ -70,16 +69,21 @@ def _edge_points(
 
 
 def _moved_vertices(edges: np.ndarray, vertex_count: int) -> sparse.csr_array:
-    """[V, V]: each old vertex drawn towards its neighbours."""
-    both = np.vstack([edges, edges[:, ::-1]])
-    adjacent = sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(vertex_count, vertex_count))
+    """[V, V]: each old vertex moved towards its neighbours."""
+    adjacent = _adjacency(edges, vertex_count)
     valence = adjacent.sum(1)
     share = (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
     return sparse.csr_array(sparse.diags_array(1 - valence * share) + sparse.diags_array(share) @ adjacent)
 
 
+def _adjacency(edges: np.ndarray, vertex_count: int) -> sparse.csr_array:
+    """[V, V] symmetric, the number of times each edge of [E, 2] occurs."""
+    both = np.vstack([edges, edges[:, ::-1]])
+    return sparse.csr_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(vertex_count, vertex_count))
+
+
 def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """The three corners' faces, then the middle ones. middles [F, 3]: the new vertex on sides 01, 12, 20."""
+    """The three corner faces, then the middle ones; middles [F, 3] are the new vertices on sides 01, 12, 20."""
     (a, b, c), (ab, bc, ca) = faces.T, middles.T
     return np.vstack([np.stack(corner, 1) for corner in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
 

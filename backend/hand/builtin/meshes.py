@@ -1,4 +1,4 @@
-"""Closed triangle meshes with trimesh: normals, and the checks a surface of the hand must pass."""
+"""Vertex normals and checks of closed triangle meshes, with trimesh."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from ...records.errors import LiveHandError
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """[N, 3] unit, angle-weighted as trimesh does it."""
+    """[N, 3] unit, angle-weighted."""
     return np.array(trimesh.Trimesh(vertices, faces, process=False).vertex_normals)
 
 
 def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces, turned over where they enclose a negative volume.
+    """The faces, flipped if they enclose a negative volume.
 
     Raises:
-        LiveHandError: the mesh is not a closed surface of genus 0, so that it has no inside or has holes.
+        LiveHandError: the mesh is not a closed surface of genus 0.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.euler_number == 2):

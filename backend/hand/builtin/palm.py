@@ -1,4 +1,4 @@
-"""The palm and the forearm's stump: one super-elliptic sweep along the hand. Anatomical frame, mm."""
+"""The palm and the stump of the forearm, a super-elliptic sweep along the hand. Anatomical frame, mm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .smooth import smoothstep
 with needs("scipy"):
     from scipy.interpolate import PchipInterpolator
 
-# Sections, tuned by eye: place along d; centre in r; half breadth; centre in h; half depth dorsal and palmar.
+# Sections, tuned by eye: position along d; centre in r; half breadth; centre in h; half depth dorsal and palmar.
 _SECTIONS = np.array(
     [
         (-60, -1.0, 29.5, 0.0, 19.5, 19.5),
@@ -26,14 +26,14 @@ _SECTIONS = np.array(
         (110, -3.0, 38.5, -1.0, 9.0, 11.0),
     ]
 )
-# The distal end is slanted: how far d is moved at each r.
+# The slanted distal end: offset of d at each r.
 _SLANT = np.array([(-45, -22), (-31, -16), (-14.5, -5), (4.5, 2), (25.5, 0), (45, -6)], dtype=float)
 _CAP_START, _CAP_LENGTH = 80.0, 13.0
 _EXPONENT = 2.5
 
 
 def palm_distance(points: np.ndarray) -> np.ndarray:
-    """Signed distance [N] of points [N, 3] to the palm and forearm without digits; the forearm does not end."""
+    """Signed distance [N] of points [N, 3] to the palm and an endless forearm, without digits."""
     d, h, r = points.T
     slant = PchipInterpolator(_SLANT[:, 0], _SLANT[:, 1])(np.clip(r, -45, 45))
     along = d - slant * smoothstep(d, 20, 80)

@@ -1,4 +1,4 @@
-"""Lines drawn on the skin, seen from above the hand: the palm's creases and the veins of its back. (d, r) mm."""
+"""Lines on the skin in the plane (d, r), mm: the creases of the palm and the veins on the back of the hand."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .smooth import unit
 
 with needs("scipy"):
     from scipy.interpolate import CubicSpline
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _STEP = 0.5  # mm between samples of a line
-_WAVELENGTHS = (9, 17, 31)  # mm, of the wiggle that keeps a line from looking drawn
+_WAVELENGTHS = (9, 17, 31)  # mm, of the waves that make a line look natural
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class SkinLine:
     """A line through points in the plane (d, r).
 
     Attributes:
-        points: what it passes through.
-        strength: of the mark, in [0, 1].
+        points: that it passes through.
+        strength: of the mask, in [0, 1].
         width: its standard deviation, mm.
         wiggle: amplitude of its longest wave, mm.
         fade: number of samples over which its ends fade.
@@ -46,7 +46,7 @@ def _vein(points: tuple[tuple[float, float], ...], width: float, seed: int) -> S
     return SkinLine(points, 1.0, width=width, wiggle=1.6, fade=16, seed=seed)
 
 
-# Life, head, heart and fate line, and the two rings of the wrist; drawn by eye, like the veins.
+# Life, head, heart and fate line, and the two creases of the wrist; drawn by eye, like the veins.
 CREASES = (
     _crease(((66.0, 33.0), (64.0, 24.0), (56.0, 15.0), (42.0, 8.0), (26.0, 6.0), (12.0, 9.0)), 1.0, 28),
     _crease(((67.0, 32.0), (66.0, 20.0), (60.0, 4.0), (50.0, -12.0), (42.0, -24.0)), 0.8, 28),
@@ -67,9 +67,9 @@ VEINS = (
 
 
 def line_mask(line: SkinLine, points: np.ndarray) -> np.ndarray:
-    """[N] in [0, strength]: how much of the line lies on points [N, 3] (anatomical frame), whatever their height."""
+    """[N] in [0, strength]: mask of the line at points [N, 3] of any height (anatomical frame)."""
     samples = _samples(line)
-    distance, nearest = cKDTree(samples).query(points[:, [0, 2]])
+    distance, nearest = KDTree(samples).query(points[:, [0, 2]])
     to_end = np.minimum(nearest, len(samples) - 1 - nearest)
     return line.strength * np.exp(-0.5 * (distance / line.width) ** 2) * np.clip(to_end / line.fade, 0, 1)
 

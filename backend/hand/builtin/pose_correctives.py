@@ -1,8 +1,8 @@
-"""Pose correctives in closed form: a bulge at each bent joint, where linear blend skinning loses volume.
+"""Pose correctives in closed form: a bulge at each bent joint that restores the volume lost by linear blend skinning.
 
 A joint bent by the angle t about the axis a bulges by (1 - cos t) times a displacement field. That is linear in R - I:
 with K the cross matrix of a, R - I = sin t K + (1 - cos t) K^2 and <K, K^2> = 0, <K^2, K^2> = 2, so
-1 - cos t = <R - I, K^2 / 2>. Hence MANO's `posedirs` can hold it exactly. Build frame, mm.
+1 - cos t = <R - I, K^2 / 2>. Hence `posedirs` represents it exactly. Build frame, mm.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from .anatomy import DIGITS
 from .joint_frames import JointFrames
 from .smooth import smoothstep
 
-_MOST = 2.6  # mm: how far a bulge may go at 90 degrees
-_MOST_MCP = 3.0
+_LARGEST_BULGE, _LARGEST_MCP_BULGE = 2.6, 3.0  # mm at 90 degrees
 
 
 def pose_correctives(
@@ -32,13 +31,13 @@ def pose_correctives(
             continue
         bulge = normals * _profile(joint, vertices, weights, frames)[:, None]
         height = _height(joint, bulge, vertices, faces, weights, frames)
-        cross = np.cross(np.eye(3), frames.flexion[joint]).T  # K with K @ x = axis x x, up to the sign K^2 forgets
+        cross = np.cross(np.eye(3), frames.flexion[joint]).T  # K with K @ x = axis x x, up to its sign, which K^2 loses
         posedirs[:, :, 9 * (joint - 1) : 9 * joint] = height * bulge[:, :, None] * (cross @ cross / 2).ravel()
     return posedirs
 
 
 def _profile(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: JointFrames) -> np.ndarray:
-    """[V] where the bulge is, in [0, 1]: in the joint's zone of mixed weights, more on the back than on the palm."""
+    """[V] shape of the bulge, in [0, 1]: where weights blend, stronger on the back than on the palm."""
     order = (joint - 1) % 3
     is_mcp = _is_mcp(joint)
     offsets = vertices - frames.position[joint]
@@ -56,11 +55,11 @@ def _profile(joint: int, vertices: np.ndarray, weights: np.ndarray, frames: Join
 def _height(
     joint: int, bulge: np.ndarray, vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, frames: JointFrames
 ) -> float:
-    """Factor of the bulge that gives back the volume lost at 90 degrees, or the most allowed."""
+    """Factor of the bulge that restores the volume lost at 90 degrees, up to the largest allowed."""
     lost = _volume(vertices, faces) - _volume(_bent(joint, vertices, weights, frames), faces)
     gained = _volume(_bent(joint, vertices + bulge, weights, frames), faces)
     gained -= _volume(_bent(joint, vertices, weights, frames), faces)
-    return float(np.clip(lost / max(gained, 1e-6), 0, _MOST_MCP if _is_mcp(joint) else _MOST))
+    return float(np.clip(lost / max(gained, 1e-6), 0, _LARGEST_MCP_BULGE if _is_mcp(joint) else _LARGEST_BULGE))
 
 
 def _is_mcp(joint: int) -> bool:

@@ -1,4 +1,4 @@
-"""Newton's steps that bring vertices onto the hand's surface. Build frame, mm."""
+"""Projects vertices onto the hand's surface by Newton steps. Build frame, mm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .rays import Ray
 from .sdf import signed_distance
 
 _PROBE = 0.25  # mm, half the base of the central differences
-_LEAST_SQUARED_SLOPE = 0.25  # a flat gradient (between two fingers) must not throw a vertex far
+_LEAST_SQUARED_SLOPE = 0.25  # avoids large steps where the gradient is flat, as between two fingers
 _LONGEST_STEP = 1.5  # mm
 
 

@@ -1,4 +1,4 @@
-"""Rays: a digit with its metacarpal, as a centreline that carries a frame and a super-elliptic cross-section.
+"""Rays: each digit with its metacarpal is a centreline with a frame and a super-elliptic cross-section.
 
 `along` is measured on the centreline, mm, 0 at the head of the metacarpal (the MCP joint), positive towards the tip.
 `lateral` and `dorsal` are the offsets from the centreline in its own frame. Anatomical frame.
@@ -29,7 +29,7 @@ from .smooth import unit
 with needs("scipy"):
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _STEP = 0.8  # mm between samples of the centreline
 _EXTENSION = 14.0  # mm of straight centreline past the last bone, so that the tip's cap has a frame
@@ -38,7 +38,7 @@ _EXPONENT = 2.3  # of the super-ellipse: slightly boxier than an ellipse
 
 
 class RayCoordinates(NamedTuple):
-    """Of N points: signed distance [N] to the ray's surface, and [N] offsets in the ray's own frame, mm."""
+    """Signed distance [N] of points to the ray's surface, and their coordinates [N] in the ray's frame, mm."""
 
     distance: np.ndarray
     along: np.ndarray
@@ -47,14 +47,14 @@ class RayCoordinates(NamedTuple):
 
 
 class Section(NamedTuple):
-    """Half-sizes [N] of the cross-section at N places along a ray, mm."""
+    """Half-sizes [N] of the cross-section at N positions along a ray, mm."""
 
     half_breadth: np.ndarray
     dorsal_depth: np.ndarray
     palmar_depth: np.ndarray
 
     def depth(self, dorsal: np.ndarray) -> np.ndarray:
-        """The half-depth on the side of the ray where the points lie."""
+        """The half-depth on the side of the ray that the points are on."""
         return np.where(dorsal > 0, self.dorsal_depth, self.palmar_depth)
 
 
@@ -65,18 +65,18 @@ class Ray:
     Attributes:
         digit: its name.
         bones: its bone lengths.
-        joints: [3, 3] the three joints in MANO's sense, from the palm outwards.
-        joints_along: where they lie along the ray.
-        metacarpal: length of the metacarpal as laid out.
+        joints: [3, 3] MANO's three joints, from the palm outwards.
+        joints_along: their positions along the ray.
+        metacarpal: length of the metacarpal in the layout.
         length: from the metacarpal's head to the tip.
-        cap_start: where the round tip begins.
+        cap_start: position at which the round tip begins.
         samples: [P] positions along the ray of the centreline's samples.
         centre: [P, 3] the centreline.
         tangent: [P, 3] unit.
         dorsal: [P, 3] unit, orthogonal to the tangent.
         lateral: [P, 3] tangent x dorsal.
-        tree: for the nearest sample.
-        stations: [K] where the profile is given.
+        tree: finds the nearest sample.
+        stations: [K] positions of the profile.
         section_curves: interpolators of half breadth, dorsal and palmar depth.
     """
 
@@ -92,26 +92,26 @@ class Ray:
     tangent: np.ndarray
     dorsal: np.ndarray
     lateral: np.ndarray
-    tree: cKDTree
+    tree: KDTree
     stations: np.ndarray
     section_curves: tuple[PchipInterpolator, PchipInterpolator, PchipInterpolator]
 
     @property
     def is_thumb(self) -> bool:
-        """The thumb's first joint is at the base of its metacarpal, and it has one phalanx less."""
+        """Whether it is the thumb, whose first joint is at the base of its metacarpal and which has two phalanges."""
         return self.digit == "thumb"
 
     def nearest_sample(self, along: float) -> int:
-        """Index of the centreline's sample nearest to a place along the ray."""
+        """Index of the centreline's sample nearest to a position along the ray."""
         return int(np.argmin(np.abs(self.samples - along)))
 
     def section(self, along: np.ndarray) -> Section:
-        """The cross-section at [N] places; beyond the first and last station it stays as it is there."""
+        """The cross-section at [N] positions; constant beyond the first and last station."""
         inside = np.clip(along, self.stations[0], self.stations[-1])
         return Section(*(curve(inside) for curve in self.section_curves))
 
     def coordinates(self, points: np.ndarray) -> RayCoordinates:
-        """Distance to the ray's surface and place in its frame of points [N, 3]."""
+        """The ray coordinates of points [N, 3]."""
         along, lateral, dorsal = self._frame_coordinates(points)
         section = self.section(along)
         radii = (
@@ -126,7 +126,7 @@ class Ray:
         _, nearest = self.tree.query(points, workers=2)
         nearest = np.clip(nearest, 1, len(self.samples) - 2)
         ahead = ((points - self.centre[nearest]) * self.tangent[nearest]).sum(1)
-        # The frame is interpolated towards the neighbour on the side of the point.
+        # Interpolate the frame towards the neighbouring sample on the side of the point.
         neighbour = np.where(ahead >= 0, nearest + 1, nearest - 1)
         share = np.abs(np.clip(ahead / _STEP, -1, 1))[:, None]
         centre, lateral, dorsal = (
@@ -137,7 +137,7 @@ class Ray:
         return self.samples[nearest] + ahead, (offsets * lateral).sum(1), (offsets * dorsal).sum(1)
 
     def _past_ends(self, along: np.ndarray) -> np.ndarray:
-        """How far into the tip's or the base's cap, in parts of its length; 0 between the two."""
+        """Distance into the cap of the tip or the base, as a share of the cap's length; 0 between the caps."""
         tip = np.where(along > self.cap_start, (along - self.cap_start) / (self.length - self.cap_start), 0)
         base = np.where(along < -self.metacarpal, (-self.metacarpal - along) / _BASE_CAP, 0)
         return np.maximum(tip, base)
@@ -178,7 +178,7 @@ def _build_ray(digit: str) -> Ray:
         tangent=tangent,
         dorsal=dorsal,
         lateral=np.cross(tangent, dorsal),
-        tree=cKDTree(centre),
+        tree=KDTree(centre),
         stations=stations,
         section_curves=_section_curves(stations, profile(digit)),
     )
@@ -205,7 +205,7 @@ def _thumb_skeleton(layout: ThumbLayout, bones: BoneLengths) -> _Skeleton:
 
 
 def _centreline(skeleton: _Skeleton, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Samples along the ray, and there the rounded polyline, its tangent and its dorsal direction."""
+    """Positions of the samples along the ray; the rounded polyline, its tangent and its dorsal direction there."""
     points = skeleton.points
     last = unit(points[-1] - points[-2])
     places = np.r_[ends, ends[-1] + _EXTENSION]
@@ -218,7 +218,7 @@ def _centreline(skeleton: _Skeleton, ends: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _rounded(line: np.ndarray, sigma: float, keep: int) -> np.ndarray:
-    """Round a polyline's corners by `sigma` samples; its first and last `keep` samples stay."""
+    """Smooth a polyline by `sigma` samples, except for its first and last `keep` samples."""
     smooth = gaussian_filter1d(line, sigma, axis=0, mode="nearest")
     return np.vstack([line[:keep], smooth[keep:-keep], line[-keep:]])
 

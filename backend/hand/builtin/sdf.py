@@ -1,7 +1,7 @@
-"""The whole hand as a signed distance: smooth unions of the palm, the five rays, webs, pads, knuckles and tendons.
+"""The signed distance of the hand: a smooth union of the palm, the five rays, webs, pads, knuckles and tendons.
 
-Points are [N, 3] in the anatomical frame, mm; distances [N] mm, negative inside. Distances are first-order: right on
-the surface and near it, not far away.
+Points are [N, 3] in the anatomical frame, mm; distances [N] mm, negative inside. Distances are first-order: accurate on
+and near the surface only.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .rays import Ray, RayCoordinates
 from .smooth import bump, smooth_max, smooth_min, smoothstep, unit
 
 BOUNDS = (np.array([-40.0, -62.0, -56.0]), np.array([196.0, 36.0, 104.0]))
-"""A box that holds the hand."""
+"""A bounding box of the hand."""
 
-_STUMP = -34.0  # where the forearm is cut off
+_STUMP = -34.0  # d at which the forearm is cut off
 
 Coordinates = dict[str, RayCoordinates]
 
@@ -43,7 +43,7 @@ def signed_distance(rays: dict[str, Ray], points: np.ndarray, with_details: bool
 
 
 def _fingers(rays: dict[str, Ray], at: Coordinates, points: np.ndarray) -> np.ndarray:
-    """The four fingers and the webs between them. They blend widely in the palm and hardly past the web."""
+    """The four fingers and the webs between them; the blend is wide in the palm and narrow past the web."""
     radius = {finger: np.interp(at[finger].along, [-40, -8, 6, 16, 24], [9, 7, 6, 3.5, 1.0]) for finger in FINGERS}
     distance = at[FINGERS[0]].distance
     pairs = list(pairwise(FINGERS))

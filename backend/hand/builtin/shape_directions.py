@@ -1,7 +1,7 @@
-"""The ten shape directions: what one unit of beta does to the template and its joints. Build frame, mm.
+"""The ten shape directions: the offsets of the template and its joints per unit of beta. Build frame, mm.
 
-Hand-designed, not learnt from people: a unit is a few per cent, about what hands differ by. All but the last scale each
-bone in its own frame and carry the scaled bones along the kinematic tree.
+They are designed by hand, not learnt. A unit is a few per cent, about the variation between people. All but the last
+scale each bone in its own frame and concatenate the scaled bones along the kinematic tree.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Factors = dict[tuple[int, ...], float]
 
 @dataclass(frozen=True)
 class BoneScaling:
-    """How a direction scales the bones; what is not named keeps its size.
+    """The scaling of the bones by one direction; groups that are not named keep their size.
 
     Attributes:
         along: factor of the length, per group of joints.
@@ -94,7 +94,7 @@ def _scaled(
 
 
 def _bone_matrices(frames: JointFrames, scaling: BoneScaling) -> np.ndarray:
-    """[16, 3, 3] scale of each bone along its own axes; of the palm along the frame's."""
+    """[16, 3, 3] scale of each bone along its own axes, and of the palm along the frame's axes."""
     directions = (frames.bone, frames.lateral, frames.dorsal)
     factors = (_per_joint(part) for part in (scaling.along, scaling.lateral, scaling.depth))
     matrices = sum(

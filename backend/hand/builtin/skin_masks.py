@@ -1,12 +1,12 @@
-"""What skin a vertex wears: masks of the rest surface, from the bone-local coordinates of `rays.py`.
+"""Skin masks of the rest surface, from the ray coordinates of `rays.py`.
 
-All are [N]; in [0, 1] except where said:
+All are [N], in [0, 1] unless stated otherwise:
 
-- `palm`: palmar side; `tip`: fingertips; `red`: where blood shows; `vein`, `crease`, `knuck`: marks.
-- `nail`: the plate; `nailedge`: the folds beside it; `naily`: place along it, 0 at its root and 1 at its free end, a
-  coordinate that goes beyond both outside the nail.
-- `jid`: the joint whose fold is nearest, 0 for none; `tfold`: signed mm along the digit from that joint; `foldd`,
-  `foldp`: how much the vertex belongs to its dorsal or palmar fold.
+- `palm`: palmar side; `tip`: fingertips; `red`: redness; `vein`, `crease`, `knuck`: veins, creases, knuckles.
+- `nail`: the plate; `nailedge`: the folds beside it; `naily`: coordinate along it, 0 at its root and 1 at its free end,
+  which exceeds this range outside the nail.
+- `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint; `foldd`,
+  `foldp`: strength of its dorsal or palmar fold.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ MASK_NAMES = (
 
 Masks = dict[str, np.ndarray]
 
-# Soft blobs of redness in the palm: centre, radii (mm) and how sharply each falls off.
+# Red areas of the palm: centre, radii (mm) and width of the falloff.
 _THENAR = (np.array([34, -24, 26]), np.array([26, 14, 16]), 0.7)
 _HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
 _PADS = (np.array([82, -14, 0]), np.array([12, 12, 38]), 0.6)
 
 
 class _Digit(NamedTuple):
-    """One digit's view of all vertices."""
+    """All vertices in the coordinates of one digit."""
 
     order: int
     ray: Ray
     at: RayCoordinates
     section: Section
     height: np.ndarray
-    """Dorsal offset in parts of the section's half-depth."""
+    """Dorsal offset relative to the section's half-depth."""
     is_nearest: np.ndarray
     is_own: np.ndarray
-    """Nearest to this digit, on its surface and past its root."""
+    """Nearest to this digit, on its surface and beyond its root."""
 
 
 def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) -> Masks:
@@ -75,7 +75,7 @@ def _digit_view(order: int, ray: Ray, at: RayCoordinates, nearest: np.ndarray) -
 
 
 def _add_palm_side(masks: Masks, view: _Digit) -> None:
-    """On a digit the palmar side is told by its own frame instead of the normal."""
+    """On a digit, its own frame determines the palmar side instead of the normal."""
     palmar = 1 - smoothstep(view.height, -0.40, 0.35)
     share = smoothstep(view.at.along, -14, 2) if view.ray.is_thumb else smoothstep(view.at.along, 8, 20)
     masks["palm"] = np.where(view.is_own, masks["palm"] * (1 - share) + palmar * share, masks["palm"])
@@ -92,7 +92,7 @@ def _add_nail(masks: Masks, view: _Digit) -> None:
 def _add_folds(masks: Masks, view: _Digit) -> None:
     for order, joint in enumerate(view.ray.joints_along):
         if view.ray.is_thumb and order == 0:
-            continue  # the thumb's first joint lies in the palm and has no fold
+            continue  # the thumb's first joint is in the palm and has no fold
         along = view.at.along - joint
         near = view.is_nearest & (view.at.distance < 4) & (np.abs(along) < 13)
         dorsal, palmar = _fold_strengths(view, along, order)
@@ -110,7 +110,7 @@ def _fold_strengths(view: _Digit, along: np.ndarray, order: int) -> tuple[np.nda
     """Dorsal and palmar fold [N] of a joint."""
     if view.ray.is_thumb:
         width = 6.5 if order == 1 else 5.0
-    elif order == 0:  # an MCP joint folds only the skin of its back
+    elif order == 0:  # an MCP joint has a dorsal fold only
         return 0.35 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
     else:
         width = 6.0 if order == 1 else 5.0
@@ -141,7 +141,7 @@ def _add_digit_creases(masks: Masks, view: _Digit) -> None:
 
 
 def _add_lines(masks: Masks, points: np.ndarray, normals: np.ndarray, at: dict[str, RayCoordinates]) -> None:
-    """The palm's creases and the back's veins; neither runs onto a digit."""
+    """The creases of the palm and the veins of the back, which end before the digits."""
     reach = [np.where(at[finger].distance < 3, at[finger].along, -99) for finger in FINGERS]
     is_off_fingers = np.max(reach, 0) <= 12
     is_off_thumb = ~((at["thumb"].distance < 2.5) & (at["thumb"].along > -4))

@@ -1,6 +1,6 @@
-"""Skinning weights: 1 in the bones' cores, harmonic between them, smoothed, then carried to the template.
+"""Skinning weights: 1 in the bones' cores, harmonic between them, smoothed, then transferred to the template.
 
-Harmonic in the sense of the cotangent Laplacian (Baran & Popovic 2007 without the heat term). Build frame, mm.
+Harmonic with respect to the cotangent Laplacian (Baran & Popovic 2007 without the heat term). Build frame, mm.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .rays import Ray
 with needs("scipy"):
     from scipy import sparse
     from scipy.sparse.linalg import splu
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
 _JOINTS = 16
 _SMOOTHINGS = 12
-_LEAST_WEIGHT = 0.003  # below it an influence is dropped
+_LEAST_WEIGHT = 0.003  # smaller influences are dropped
 _LEAST_TRANSFERRED = 0.004
 _NEIGHBOURS, _NEIGHBOUR_WIDTH = 12, 2.0  # of the transfer; width mm
-_COTANGENT_RANGE = (0.02, 8.0)  # keeps obtuse and sliver triangles from giving negative or huge weights
+_COTANGENT_RANGE = (0.02, 8.0)  # avoids negative or huge weights of obtuse and sliver triangles
 
 
 def dense_weights(rays: dict[str, Ray], vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -42,10 +42,10 @@ def transferred_weights(
 ) -> np.ndarray:
     """[V, 16] weights at vertices near the dense mesh `source` (vertices, faces).
 
-    A mean over the nearest source vertices that prefers those facing the same way, so that a finger takes nothing from
+    A mean over the nearest source vertices, weighted by the agreement of normals, so that a finger gets no weights of
     its neighbour across the gap.
     """
-    distance, nearest = cKDTree(source[0]).query(vertices, k=_NEIGHBOURS)
+    distance, nearest = KDTree(source[0]).query(vertices, k=_NEIGHBOURS)
     agreement = np.einsum("vkc,vc->vk", vertex_normals(*source)[nearest], normals)
     share = np.exp(-((distance / _NEIGHBOUR_WIDTH) ** 2)) * np.clip(agreement, 0.01, 1) ** 2 + 1e-12
     share /= share.sum(1, keepdims=True)
@@ -53,7 +53,7 @@ def transferred_weights(
 
 
 def _cotangent_adjacency(vertices: np.ndarray, faces: np.ndarray) -> sparse.csr_array:
-    """[N, N] symmetric, half the clipped cotangents of the angles opposite each edge."""
+    """[N, N] symmetric, half the sum of the clipped cotangents of the angles opposite each edge."""
     rows, columns, values = [], [], []
     for corner in range(3):
         a, b, c = (faces[:, (corner + k) % 3] for k in range(3))
@@ -68,7 +68,7 @@ def _cotangent_adjacency(vertices: np.ndarray, faces: np.ndarray) -> sparse.csr_
 
 
 def _harmonic(adjacency: sparse.csr_array, labels: np.ndarray) -> np.ndarray:
-    """[N, 16]: 1 for the labelled joint, and between the labels the solution of Laplace's equation."""
+    """[N, 16]: 1 for the labelled joint, and the solution of Laplace's equation between the labels."""
     known = labels != UNLABELLED
     weights = np.zeros((len(labels), _JOINTS))
     weights[np.flatnonzero(known), labels[known]] = 1

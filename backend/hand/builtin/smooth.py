@@ -1,4 +1,4 @@
-"""Smooth switches and blends on arrays: the pieces that the hand's surface is put together with."""
+"""Smooth steps, bumps and unions on arrays, from which the hand's surface is composed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def smooth_min(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    """Polynomial smooth minimum: min(a, b) where they differ by more than `radius`, at most radius / 4 below it else.
+    """Polynomial smooth minimum: min(a, b) where they differ by more than `radius`, else at most radius / 4 below.
 
     Inigo Quilez, "smooth minimum", quadratic polynomial.
     """
@@ -20,7 +20,7 @@ def smooth_min(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.n
 
 
 def smooth_max(a: np.ndarray, b: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    """The mirror image of `smooth_min`."""
+    """Smooth maximum, as `smooth_min`."""
     return -smooth_min(-a, -b, radius)
 
 

@@ -1,1 +1,1 @@
-"""One module for each way in which others keep hand poses; each ends with its `FORMAT`."""
+"""One module per pose file format; each ends with its `FORMAT`."""

@@ -1,4 +1,4 @@
-"""ARCTIC's `.mano.npy`: a pickled dictionary of both hands; angles count from MANO's mean."""
+"""ARCTIC's `.mano.npy`: a pickled dictionary of both hands; angles count from MANO's mean pose."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
 from ..document import Document
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
 
 _NAME = "ARCTIC MANO"
@@ -24,7 +24,7 @@ def _hands(document: Document) -> dict[Side, dict]:
     return hands
 
 
-def _is_like(document: Document) -> bool:
+def _matches(document: Document) -> bool:
     return bool(_hands(document))
 
 
@@ -34,14 +34,14 @@ def _read(document: Document) -> PoseFile:
 
 
 def _read_hand(document: Document, side: Side, hand: dict) -> RawHand:
-    root = document.numbers(hand["rot"], f"{side} rot", (None, 3))
+    root = document.array(hand["rot"], f"{side} rot", (None, 3))
     count = len(root)
     if count == 0:
         raise LiveHandError(f"{document.path}: {side} must hold frames, got none; download it again")
-    fingers = document.numbers(hand["pose"], f"{side} pose", (count, 45))
-    transl = document.numbers(hand["trans"], f"{side} trans", (count, 3))
-    beta = document.numbers(hand.get("shape", np.zeros(10)), f"{side} shape", (10,), (count, 10))
+    fingers = document.array(hand["pose"], f"{side} pose", (count, 45))
+    transl = document.array(hand["trans"], f"{side} trans", (count, 3))
+    beta = document.array(hand.get("shape", np.zeros(10)), f"{side} shape", (10,), (count, 10))
     return raw_hand(np.concatenate([root, fingers], 1), beta, transl)
 
 
-FORMAT = Format(_NAME, _is_like, _read)
+FORMAT = Format(_NAME, _matches, _read)

@@ -1,7 +1,7 @@
 """Hands on bodies: AMASS' SMPL-H and SMPL-X `.npz`, SMPL-X' own names, and ARCTIC's `.smplx.npy`.
 
-The wrist's rotation is the product along the body's chain from pelvis to wrist; where the wrist is would need the body
-model, and the shape is the body's, not the hand's: both are left out.
+The wrist's rotation is the product along the chain of body joints from the pelvis to the wrist. The wrist's position is
+left out because it needs the body model, and beta because it is the body's shape.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import numpy as np
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...records.shot import SIDES, Side
 from ..document import Document
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format
 
-# Joints of SMPL's body from the pelvis to each wrist.
+# SMPL's joints from the pelvis to each wrist.
 _CHAINS: dict[Side, tuple[int, ...]] = {"right": (0, 3, 6, 9, 14, 17, 19, 21), "left": (0, 3, 6, 9, 13, 16, 18, 20)}
 _NOTES = (
-    "the wrist turns as the body's chain says; its place would need the body model and is left out",
+    "the wrist's rotation is that of the body's chain; its position needs the body model and is left out",
     "the shape in the file is the body's and is left out",
 )
-# Of a whole pose vector: where each hand's 45 numbers begin, by the vector's length.
+# Where each hand's 45 numbers begin in a pose vector, by the vector's length.
 _HANDS_IN_POSES: dict[int, dict[Side, int]] = {156: {"left": 66, "right": 111}, 165: {"left": 75, "right": 120}}
 _FPS = ("mocap_framerate", "mocap_frame_rate", "fps")
 
@@ -31,7 +31,7 @@ def _is_amass(document: Document) -> bool:
 
 
 def _read_amass(document: Document) -> PoseFile:
-    poses = document.numbers(document.entries["poses"], "poses", (None, 156), (None, 165))
+    poses = document.array(document.entries["poses"], "poses", (None, 156), (None, 165))
     body = poses[:, :66].reshape(-1, 22, 3)
     starts = _HANDS_IN_POSES[poses.shape[1]]
     hands: dict[Side, RawHand] = {}
@@ -48,37 +48,37 @@ def _is_smplx(document: Document) -> bool:
 
 def _read_smplx(document: Document) -> PoseFile:
     entries = document.entries
-    root = document.numbers(entries["global_orient"], "global_orient", (None, 3), (3,), (None, 1, 3)).reshape(-1, 1, 3)
+    root = document.array(entries["global_orient"], "global_orient", (None, 3), (3,), (None, 1, 3)).reshape(-1, 1, 3)
     count = len(root)
-    rest = document.numbers(entries["body_pose"], "body_pose", (count, 63), (count, 21, 3), (63,))
+    rest = document.array(entries["body_pose"], "body_pose", (count, 63), (count, 21, 3), (63,))
     body = np.concatenate([root, rest.reshape(count, 21, 3)], 1)
     hands: dict[Side, RawHand] = {}
     for side in SIDES:
         key = f"{side}_hand_pose"
         if key in entries:
-            fingers = document.numbers(entries[key], key, (count, None), (count, 15, 3)).reshape(count, -1)
+            fingers = document.array(entries[key], key, (count, None), (count, 15, 3)).reshape(count, -1)
             hands[side] = _hand(body, side, fingers)
     is_arctic = document.path.name.endswith(".smplx.npy")
     uses_pca = any(raw.fingers.shape[1] != 45 for raw in hands.values())
     fps = 30.0 if is_arctic else _fps(document)
     name, space = ("ARCTIC SMPL-X", "z_up") if is_arctic else ("SMPL-X", "y_up")
-    notes = (*_NOTES, "the format does not say which way is up: check the axes")
+    notes = (*_NOTES, "the format does not say which axis is up: check the axes")
     return pose_file(
         document.path, hands, name, space, has_mean_added=not uses_pca, uses_pca=uses_pca, fps=fps, notes=notes
     )
 
 
 def _hand(body: np.ndarray, side: Side, fingers: np.ndarray) -> RawHand:
-    """Of the body's joints [T, 22, 3], axis-angle."""
-    turned = np.eye(3)
+    """A hand on a body with joints [T, 22, 3], axis-angle."""
+    rotation = np.eye(3)
     for joint in _CHAINS[side]:
-        turned = turned @ axis_angle_to_matrix(body[:, joint])
-    return raw_hand(np.concatenate([matrix_to_axis_angle(turned), fingers], 1))
+        rotation = rotation @ axis_angle_to_matrix(body[:, joint])
+    return raw_hand(np.concatenate([matrix_to_axis_angle(rotation), fingers], 1))
 
 
 def _fps(document: Document) -> float | None:
     key = next((key for key in _FPS if key in document.entries), None)
-    return None if key is None else document.numbers(document.entries[key], key, (), (1,)).item()
+    return None if key is None else document.array(document.entries[key], key, (), (1,)).item()
 
 
 AMASS = Format("AMASS", _is_amass, _read_amass)

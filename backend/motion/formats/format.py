@@ -1,4 +1,4 @@
-"""What a format is: a name, how its files are known, and how they are read."""
+"""The record that describes a pose file format."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..document import Document
-from ..reading import PoseFile
+from ..pose_file import PoseFile
 
 
 class Format(NamedTuple):
-    """One way of keeping poses.
+    """A pose file format.
 
     Attributes:
         name: for people.
-        is_like: whether a document looks like one of these.
-        read: a document's hands; raises a `LiveHandError` where it is malformed.
+        matches: whether a document has this format.
+        read: reads a document; raises a `LiveHandError` if it is malformed.
     """
 
     name: str
-    is_like: Callable[[Document], bool]
+    matches: Callable[[Document], bool]
     read: Callable[[Document], PoseFile]

@@ -1,4 +1,4 @@
-"""InterHand2.6M's NeuralAnnot `.json`, one capture of it; read entry by entry, for the whole file is large."""
+"""InterHand2.6M's NeuralAnnot `.json`, one capture of it; streamed because the whole file is large."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from ...captures.importers.interhand import NeuralAnnotFit, read_fits
 from ...captures.importers.json_stream import member_names
 from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
-from ..reading import PoseFile, RawHand, pose_file, raw_hand
+from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 
 _NAME = "InterHand2.6M NeuralAnnot"
 
 
 def is_neural_annot(path: Path) -> bool:
-    """By the file's name, as the data set gives it."""
+    """Whether the file has the name that the data set gives it."""
     return path.suffix.lower() == ".json" and "neuralannot" in path.stem.lower()
 
 
 def read_neural_annot(path: Path, capture: int | None = None) -> PoseFile:
-    """One capture's frames, in the order of their numbers; None takes the first in the file.
+    """Read the frames of one capture in the order of their numbers; None takes the first capture.
 
     Raises:
-        LiveHandError: malformed, or no such capture.
+        LiveHandError: the file is malformed or lacks the capture.
     """
     name = next(member_names(path), None) if capture is None else str(capture)
     if name is None or not name.isdecimal():
@@ -34,14 +34,14 @@ def read_neural_annot(path: Path, capture: int | None = None) -> PoseFile:
         raw = _hand(read_fits(path, int(name), side))
         if raw is not None:
             hands[side] = raw
-    notes = (f"capture {name}; its frames are taken to follow each other evenly",)
+    notes = (f"capture {name}; its frames are assumed to be evenly spaced",)
     return pose_file(path, hands, _NAME, "z_up", has_mean_added=False, notes=notes)
 
 
 def _hand(fits: dict[int, NeuralAnnotFit | None]) -> RawHand | None:
     ordered = [fits[frame] for frame in sorted(fits)]
-    there = [(index, fit) for index, fit in enumerate(ordered) if fit is not None]
-    if not there:
+    present = [(index, fit) for index, fit in enumerate(ordered) if fit is not None]
+    if not present:
         return None
-    pose, beta, transl = (np.array([getattr(fit, key) for _, fit in there]) for key in ("pose", "shape", "trans"))
-    return raw_hand(pose, beta, transl, np.array([index for index, _ in there]))
+    pose, beta, transl = (np.array([getattr(fit, key) for _, fit in present]) for key in ("pose", "shape", "trans"))
+    return raw_hand(pose, beta, transl, np.array([index for index, _ in present]))

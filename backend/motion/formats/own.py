@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from ...records.errors import LiveHandError
-from ...records.shot import Side
+from ...records.shot import SIDES, Side
 from ..document import Document
 from ..motion import HandMotion
-from ..reading import PoseFile, pose_file, raw_hand
+from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
 
 _NAME = "LiveHand"
 
 
 def write_motion(motion: HandMotion, path: Path) -> None:
-    """Write a motion in double precision; the file is whole or not there.
+    """Write a motion in double precision, atomically.
 
     Raises:
-        LiveHandError: the name does not end in .npz, or its folder cannot be written.
+        LiveHandError: the name does not end in .npz, or the folder cannot be written to.
     """
     if path.suffix.lower() != ".npz":
         raise LiveHandError(f"a motion must be written to a .npz file, got {path.name}")
@@ -35,28 +35,28 @@ def write_motion(motion: HandMotion, path: Path) -> None:
         raise LiveHandError(f"{path} must be in a folder that can be written ({error}); choose another") from error
 
 
-def _is_like(document: Document) -> bool:
+def _matches(document: Document) -> bool:
     return "theta" in document.entries
 
 
 def _read(document: Document) -> PoseFile:
     entries = document.entries
-    theta = document.numbers(entries["theta"], "theta", (None, 16, 3))
+    theta = document.array(entries["theta"], "theta", (None, 16, 3))
     count = len(theta)
-    beta = document.numbers(entries.get("beta", np.zeros(10)), "beta", (10,), (count, 10))
-    transl = document.numbers(entries.get("transl", np.zeros((count, 3))), "transl", (count, 3))
-    fps = document.numbers(entries["fps"], "fps", ()).item() if "fps" in entries else None
+    beta = document.array(entries.get("beta", np.zeros(10)), "beta", (10,), (count, 10))
+    transl = document.array(entries.get("transl", np.zeros((count, 3))), "transl", (count, 3))
+    fps = document.array(entries["fps"], "fps", ()).item() if "fps" in entries else None
     raw = raw_hand(theta.reshape(count, 48), beta, transl)
     side = _side(document, entries.get("side", "right"))
     return pose_file(document.path, {side: raw}, _NAME, "hand", has_mean_added=True, fps=fps)
 
 
 def _side(document: Document, value: object) -> Side:
-    sides = {str(one) for one in np.atleast_1d(np.asarray(value))}
-    for side in ("right", "left"):
+    sides = {str(each) for each in np.atleast_1d(np.asarray(value))}
+    for side in SIDES:
         if sides == {side}:
             return side
     raise LiveHandError(f"{document.path}: side must be 'right' or 'left' in all frames, got {sorted(sides)}")
 
 
-FORMAT = Format(_NAME, _is_like, _read)
+FORMAT = Format(_NAME, _matches, _read)

@@ -1,6 +1,6 @@
-"""Bare numbers: [T, 48] pose, [T, 51] pose and place, [T, 61] pose, shape and place; `.npz`, `.npy`, `.json`, `.pkl`.
+"""Plain arrays: [T, 48] pose, [T, 51] pose and transl, [T, 61] pose, shape and transl, in any file type.
 
-Nothing in them says whether the mean is in the angles, which hand it is, or which axes they are in.
+They do not say whether MANO's mean pose is in the angles, which hand it is, or which axes are used.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 
 from ...records.shot import Side
 from ..document import Document
-from ..reading import PoseFile, pose_file, raw_hand
+from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format
 
 _NAME = "Raw MANO"
 _POSES = ("poses", "pose", "mano_poses", "mano_pose", "mano_params", "params", "arr_0")
-_BETAS, _PLACES = ("betas", "beta", "shape", "shapes"), ("trans", "transl", "translation")
+_BETAS, _TRANSLS = ("betas", "beta", "shape", "shapes"), ("trans", "transl", "translation")
 _WIDTHS = (48, 51, 61)
 _NOTES = ("the file does not say whether MANO's mean is in the angles, nor its axes: check them",)
 
@@ -29,7 +29,7 @@ def _poses(document: Document) -> Any:
     return document.content if isinstance(document.content, list | np.ndarray) else _entry(document, _POSES)
 
 
-def _is_like(document: Document) -> bool:
+def _matches(document: Document) -> bool:
     poses = _poses(document)
     try:
         shape = np.shape(poses)
@@ -43,15 +43,15 @@ def _read(document: Document) -> PoseFile:
     if poses.shape[-2:] == (16, 3):
         poses = poses.reshape(*poses.shape[:-2], 48)
     shapes = [shape for width in _WIDTHS for shape in ((None, width), (width,), (None, 1, width))]
-    numbers = document.numbers(poses, "poses", *shapes).reshape(-1, poses.shape[-1])
+    numbers = document.array(poses, "poses", *shapes).reshape(-1, poses.shape[-1])
     count, width = numbers.shape
-    beta, transl = _entry(document, _BETAS), _entry(document, _PLACES)
+    beta, transl = _entry(document, _BETAS), _entry(document, _TRANSLS)
     raw = raw_hand(
         numbers[:, :48],
-        numbers[:, 48:58] if width == 61 else _numbers(document, beta, "betas", (None,), (count, None)),
-        numbers[:, -3:] if width > 48 else _numbers(document, transl, "trans", (count, 3)),
+        numbers[:, 48:58] if width == 61 else _optional_array(document, beta, "betas", (None,), (count, None)),
+        numbers[:, -3:] if width > 48 else _optional_array(document, transl, "trans", (count, 3)),
     )
-    fps = _numbers(document, document.entries.get("fps"), "fps", (), (1,))
+    fps = _optional_array(document, document.entries.get("fps"), "fps", (), (1,))
     return pose_file(
         document.path,
         {_side(document): raw},
@@ -63,14 +63,14 @@ def _read(document: Document) -> PoseFile:
     )
 
 
-def _numbers(document: Document, value: Any, name: str, *shapes: tuple[int | None, ...]) -> np.ndarray | None:
-    return None if value is None else document.numbers(value, name, *shapes)
+def _optional_array(document: Document, value: Any, name: str, *shapes: tuple[int | None, ...]) -> np.ndarray | None:
+    return None if value is None else document.array(value, name, *shapes)
 
 
 def _side(document: Document) -> Side:
-    """What the file says, or its name does, or right."""
-    said = str(document.entries.get("side", document.path.stem)).lower()
-    return "left" if "left" in said else "right"
+    """The side in the file, else in its name, else right."""
+    text = str(document.entries.get("side", document.path.stem)).lower()
+    return "left" if "left" in text else "right"
 
 
-FORMAT = Format(_NAME, _is_like, _read)
+FORMAT = Format(_NAME, _matches, _read)

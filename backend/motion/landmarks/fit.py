@@ -1,8 +1,8 @@
-"""Landmarks to poses: a hand model bent until its joints and fingertips lie on them.
+"""Fits poses of a hand model to landmarks of its joints and fingertips.
 
-Maximum a posteriori: landmarks with a normal error, free angles with the distribution of natural poses and hard limits,
-one shape for all frames. Poses by Gauss-Newton with Levenberg's damping, all frames at once; the shape, in which
-landmarks are linear, between them by least squares. A scale that is not to be trusted is taken out first.
+The fit is a maximum a posteriori estimate: landmarks have a normal error, free angles the distribution of natural poses
+and hard limits, and all frames share one shape. It alternates between the poses of all frames, by Levenberg-Marquardt,
+and the shape, by linear least squares. If the scale of the landmarks is unknown, it is removed first.
 """
 
 from __future__ import annotations
@@ -18,43 +18,43 @@ from ...records.errors import LiveHandError
 from ...records.shot import SIDES, Side
 from ..motion import HandMotion, mirrored
 from .articulation import FREE, NaturalPoses, all_angles, within_limits
-from .closed_form import aligned_bones, aligned_palm
-from .skeleton import NODES_OF_LANDMARKS, Posed, Skeleton, derivative_of_nodes
+from .initial_pose import aligned_bones, aligned_palm
+from .skeleton import NODES_OF_LANDMARKS, HandSkeleton, PosedSkeleton, node_jacobian
 
-_ROUNDS = 4  # of poses and shape
-_STEPS = 6  # of the poses in each
+_ROUNDS = 4  # alternations between poses and shape
+_STEPS = 6  # of the poses per round
 _FRAMES_AT_ONCE = 500  # bounds memory
-_FRAMES_TO_TELL = 40  # which hand it is
+_FRAMES_FOR_SIDE = 40  # used to find out which hand it is
 _SCALES = (0.4, 2.5)
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
 
 
-class Trust(NamedTuple):
-    """How far landmarks are to be trusted.
+class LandmarkNoise(NamedTuple):
+    """The accuracy of landmarks.
 
     Attributes:
-        deviation_m: how far they lie from the model's own joints and fingertips, along each axis.
-        fits_scale: their scale is a guess.
+        deviation_m: standard deviation from the model's joints and fingertips, along each axis.
+        fits_scale: the scale of the landmarks is unknown and is fitted.
     """
 
     deviation_m: float
     fits_scale: bool
 
 
-METRIC = Trust(0.004, fits_scale=False)
-"""Of a tracker that measures."""
-GUESSED = Trust(0.008, fits_scale=True)
-"""Of one that guesses depth and size from a picture, as MediaPipe does, and whose joints are not a hand model's."""
+METRIC = LandmarkNoise(0.004, fits_scale=False)
+"""Of a tracker that measures distances."""
+MONOCULAR = LandmarkNoise(0.008, fits_scale=True)
+"""Of a tracker that estimates depth and size from one image, as MediaPipe does."""
 
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """What came out.
+    """The result of a fit.
 
     Attributes:
-        motion: in the landmarks' own space, m; transl brings the model's wrist to the landmarks'.
-        scale: by which the landmarks were larger than the hand; the motion is without it, about each frame's centre.
-        rms_m: root mean square distance of landmarks and model.
+        motion: in the space of the landmarks, m.
+        scale: of the landmarks against the hand; it is removed from the motion, about each frame's centre.
+        rms_m: root mean square distance between landmarks and model.
     """
 
     motion: HandMotion
@@ -71,110 +71,119 @@ class _Poses(NamedTuple):
 
 
 def fit_landmarks(
-    points: np.ndarray, model: HandModel, side: Side, fps: float | None = None, trust: Trust = GUESSED
+    points: np.ndarray, model: HandModel, side: Side, fps: float | None = None, noise: LandmarkNoise = MONOCULAR
 ) -> LandmarkFit:
-    """The motion of a hand model that lies nearest to landmarks.
+    """Fit the motion of a hand model to landmarks.
 
     Args:
-        points: [T, 21, 3] m, in MediaPipe's order, of a hand of `side`.
+        points: [T, 21, 3] m, in MediaPipe's order.
         model: any hand in MANO's format.
-        side: which hand the landmarks are of; the motion is of it.
+        side: of the hand that the landmarks and the motion are of.
         fps: of the landmarks.
-        trust: in the landmarks, against natural poses and the model's own size.
+        noise: of the landmarks; it sets their weight against natural poses and the model's own size.
 
     Raises:
-        LiveHandError: no frames, not finite, another shape, or not of a hand's size in metres.
+        LiveHandError: the landmarks are empty, not finite, of another shape, or not those of a hand in metres.
     """
     points = np.asarray(points, np.float64)
     if points.ndim != 3 or points.shape[1:] != (21, 3) or len(points) == 0 or not np.isfinite(points).all():
         raise LiveHandError(
-            f"landmarks must be finite and [T, 21, 3] m, got {list(points.shape)}; track the take again"
+            f"landmarks must be finite and [T, 21, 3] m, got {list(points.shape)}; track the hand again"
         )
     nodes = np.empty_like(points)
     nodes[:, NODES_OF_LANDMARKS] = points if side == "right" else points * MIRROR_POINT
-    skeleton = Skeleton.of(model)
+    skeleton = HandSkeleton.of(model)
     scale, beta, natural = _scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
-    if not trust.fits_scale:
+    if not noise.fits_scale:
         scale = 1.0
-    nodes = _true_to(scale, nodes)
-    poses = _guess(nodes, skeleton, beta)
+    nodes = _without_scale(nodes, scale)
+    poses = _initial_poses(nodes, skeleton, beta)
     for _ in range(_ROUNDS):
-        poses = _improved(poses, nodes, skeleton, beta, natural, trust)
-        beta = _shape(poses, nodes, skeleton, trust)
-    poses = _improved(poses, nodes, skeleton, beta, natural, trust)
-    return _result(poses, nodes, skeleton, beta, scale, side, fps)
+        poses = _refined(poses, nodes, skeleton, beta, natural, noise)
+        beta = _fitted_beta(poses, nodes, skeleton, noise)
+    poses = _refined(poses, nodes, skeleton, beta, natural, noise)
+    posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(beta))
+    rms_m = float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
+    motion = _motion(poses, skeleton, beta, fps)
+    return LandmarkFit(motion if side == "right" else mirrored(motion), scale, rms_m)
 
 
 def likelier_side(points: np.ndarray, model: HandModel) -> Side:
-    """Which hand landmarks [T, 21, 3] m are of, by which bends naturally: of at most 40 frames."""
-    some = points[:: max(1, len(points) // _FRAMES_TO_TELL)]
+    """The side whose fit to landmarks [T, 21, 3] m has the smaller error, in at most 40 frames."""
+    some = points[:: max(1, len(points) // _FRAMES_FOR_SIDE)]
     right, left = (fit_landmarks(some, model, side).rms_m for side in SIDES)
     return "right" if right <= left else "left"
 
 
-def _scale(nodes: np.ndarray, skeleton: Skeleton) -> float:
-    """Of the palm's bones, which no pose changes; what is left of it, the shape takes."""
-    seen = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
-    scale = float(seen / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())
+def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
+    """Scale of the palm's bones, which no pose changes, against the mean shape's."""
+    palm = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
+    scale = float(palm / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())
     if not _SCALES[0] < scale < _SCALES[1]:
         raise LiveHandError(
             f"landmarks must be a hand's, in metres, got one {scale:.3g} times as large; "
-            "give world landmarks, not those in the picture"
+            "give world landmarks, not those in the image"
         )
     return scale
 
 
-def _true_to(scale: float, nodes: np.ndarray) -> np.ndarray:
-    """Nodes [T, 21, 3] without the scale; each frame's centre stays where it is."""
+def _without_scale(nodes: np.ndarray, scale: float) -> np.ndarray:
+    """Nodes [T, 21, 3] divided by a scale, about each frame's centre."""
     centre = nodes.mean(1, keepdims=True)
     return centre + (nodes - centre) / scale
 
 
-def _guess(nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray) -> _Poses:
+def _initial_poses(nodes: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray) -> _Poses:
     root, wrist = aligned_palm(nodes, skeleton.rest + skeleton.shape @ beta)
     return _Poses(root, wrist, within_limits(aligned_bones(nodes, root, skeleton, beta)))
 
 
-def _improved(
-    poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray, natural: NaturalPoses, trust: Trust
+def _refined(
+    poses: _Poses,
+    nodes: np.ndarray,
+    skeleton: HandSkeleton,
+    beta: np.ndarray,
+    natural: NaturalPoses,
+    noise: LandmarkNoise,
 ) -> _Poses:
-    """A few damped Gauss-Newton steps; a frame whose step makes it worse stays, and tries a shorter one next time."""
+    """The poses after a few Levenberg-Marquardt steps, for the shape beta."""
     parts = []
     for first in range(0, len(nodes), _FRAMES_AT_ONCE):
-        some = slice(first, first + _FRAMES_AT_ONCE)
-        problem = _Problem(nodes[some], skeleton, skeleton.offsets(beta), natural, trust.deviation_m)
-        parts.append(problem.solve(_Poses(*(part[some] for part in poses))))
+        frames = slice(first, first + _FRAMES_AT_ONCE)
+        problem = _PoseProblem(nodes[frames], skeleton, skeleton.offsets(beta), natural, noise.deviation_m)
+        parts.append(problem.solve(_Poses(*(part[frames] for part in poses))))
     return _Poses(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
-class _Problem:
-    """Poses of one shape: nodes [T, 21, 3] m to reach."""
+class _PoseProblem:
+    """The poses of one shape that bring its nodes to [T, 21, 3] m."""
 
     nodes: np.ndarray
-    skeleton: Skeleton
+    skeleton: HandSkeleton
     offsets: np.ndarray
     natural: NaturalPoses
     deviation_m: float
 
     def solve(self, poses: _Poses) -> _Poses:
+        """Step all frames at once. A frame that a step makes worse is kept, and its damping raised."""
         posed = self._posed(poses)
         cost, damping = self._cost(poses, posed), np.full(len(self.nodes), 1e-2)
         for _ in range(_STEPS):
-            tried = self._stepped(poses, posed, damping)
-            tried_posed = self._posed(tried)
-            tried_cost = self._cost(tried, tried_posed)
-            is_better = tried_cost <= cost
-            poses = _Poses(*(_chosen(is_better, new, old) for new, old in zip(tried, poses, strict=True)))
-            posed = Posed(*(_chosen(is_better, new, old) for new, old in zip(tried_posed, posed, strict=True)))
-            cost, damping = np.where(is_better, tried_cost, cost), np.where(is_better, damping / 5, damping * 10)
+            new = self._stepped(poses, posed, damping)
+            new_posed = self._posed(new)
+            new_cost = self._cost(new, new_posed)
+            is_better = new_cost <= cost
+            poses = _Poses(*(_chosen(is_better, *pair) for pair in zip(new, poses, strict=True)))
+            posed = PosedSkeleton(*(_chosen(is_better, *pair) for pair in zip(new_posed, posed, strict=True)))
+            cost, damping = np.where(is_better, new_cost, cost), np.where(is_better, damping / 5, damping * 10)
         return poses
 
-    def _stepped(self, poses: _Poses, posed: Posed, damping: np.ndarray) -> _Poses:
-        slopes = derivative_of_nodes(posed)[..., _COLUMNS].reshape(len(self.nodes), 63, len(_COLUMNS))
-        missing = (self.nodes - posed.nodes).reshape(len(self.nodes), 63, 1)
-        matrix = slopes.swapaxes(1, 2) @ slopes / self.deviation_m**2
-        right = (slopes.swapaxes(1, 2) @ missing)[..., 0] / self.deviation_m**2
+    def _stepped(self, poses: _Poses, posed: PosedSkeleton, damping: np.ndarray) -> _Poses:
+        jacobian = node_jacobian(posed)[..., _COLUMNS].reshape(len(self.nodes), 63, len(_COLUMNS))
+        residual = (self.nodes - posed.nodes).reshape(len(self.nodes), 63, 1)
+        matrix = jacobian.swapaxes(1, 2) @ jacobian / self.deviation_m**2
+        right = (jacobian.swapaxes(1, 2) @ residual)[..., 0] / self.deviation_m**2
         matrix[:, 6:, 6:] += self.natural.precision
         right[:, 6:] -= (poses.free - self.natural.mean) @ self.natural.precision
         diagonal = np.einsum("tkk->tk", matrix)
@@ -183,36 +192,32 @@ class _Problem:
         root = axis_angle_to_matrix(step[:, :3]) @ poses.root
         return _Poses(root, poses.wrist + step[:, 3:6], within_limits(poses.free + step[:, 6:]))
 
-    def _posed(self, poses: _Poses) -> Posed:
+    def _posed(self, poses: _Poses) -> PosedSkeleton:
         return self.skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), self.offsets)
 
-    def _cost(self, poses: _Poses, posed: Posed) -> np.ndarray:
-        """[T]."""
-        apart = ((self.nodes - posed.nodes) ** 2).sum((1, 2)) / self.deviation_m**2
+    def _cost(self, poses: _Poses, posed: PosedSkeleton) -> np.ndarray:
+        """[T] twice the negative logarithm of the posterior, but for a constant."""
+        misfit = ((self.nodes - posed.nodes) ** 2).sum((1, 2)) / self.deviation_m**2
         off = poses.free - self.natural.mean
-        return apart + ((off @ self.natural.precision) * off).sum(-1)
+        return misfit + ((off @ self.natural.precision) * off).sum(-1)
 
 
-def _shape(poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, trust: Trust) -> np.ndarray:
-    """[10] beta of all frames: nodes, less each frame's mean, are linear in it; a deviation of 1 is expected."""
+def _fitted_beta(poses: _Poses, nodes: np.ndarray, skeleton: HandSkeleton, noise: LandmarkNoise) -> np.ndarray:
+    """[10] the one beta of all frames, with unit variance a priori; centred nodes are linear in it."""
     posed = skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), skeleton.offsets(np.zeros(10)))
-    rest, slopes = skeleton.shape_terms(posed.turned)
-    rest, slopes, seen = (values - values.mean(1, keepdims=True) for values in (rest, slopes, nodes))
-    columns = slopes.reshape(-1, 10) / trust.deviation_m
-    missing = (seen - rest).reshape(-1) / trust.deviation_m
-    return np.linalg.solve(columns.T @ columns + np.eye(10), columns.T @ missing)
+    rest, slopes = skeleton.shape_terms(posed.rotations)
+    rest, slopes, nodes = (values - values.mean(1, keepdims=True) for values in (rest, slopes, nodes))
+    columns = slopes.reshape(-1, 10) / noise.deviation_m
+    residual = (nodes - rest).reshape(-1) / noise.deviation_m
+    return np.linalg.solve(columns.T @ columns + np.eye(10), columns.T @ residual)
 
 
-def _result(
-    poses: _Poses, nodes: np.ndarray, skeleton: Skeleton, beta: np.ndarray, scale: float, side: Side, fps: float | None
-) -> LandmarkFit:
-    angles = all_angles(poses.free)
-    posed = skeleton.pose(poses.root, poses.wrist, angles, skeleton.offsets(beta))
-    rms_m = float(np.sqrt(((posed.nodes - nodes) ** 2).sum(-1).mean()))
-    turns = np.concatenate([poses.root[:, None], skeleton.local_rotations(angles)], 1)
+def _motion(poses: _Poses, skeleton: HandSkeleton, beta: np.ndarray, fps: float | None) -> HandMotion:
+    """Of the right hand."""
+    local = skeleton.local_rotations(all_angles(poses.free))
+    theta = matrix_to_axis_angle(np.concatenate([poses.root[:, None], local], 1))
     transl = poses.wrist - (skeleton.rest[0] + skeleton.shape[0] @ beta)
-    motion = HandMotion(matrix_to_axis_angle(turns), beta, transl, fps, "right")
-    return LandmarkFit(motion if side == "right" else mirrored(motion), scale, rms_m)
+    return HandMotion(theta, beta, transl, fps, "right")
 
 
 def _chosen(is_first: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The hand cut out of a character's mesh: which faces are its own, and which vertices they share."""
+"""Cuts the hand out of a character's mesh: the faces to keep, and their vertices."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry.mesh_tables import connected_components, merged_vertices, pinched_vertices, repeated_half_edges
 from ...hand.model import JOINT_NAMES
 from ...records.errors import LiveHandError
-from .mesh_graph import components, pinched_vertices, torn_half_edges, welded
 from .skinned_surface import SkinnedSurface
 
-_ONE_PLACE_M = 1e-5
-_WHOLLY = 0.99  # of a vertex that the hand's bones move: it is the hand's wherever it lies
-_ROUNDS = 20  # of smoothing the cut; each takes off a row of faces at most
+_MERGE_DISTANCE_M = 1e-5
+_FULL_SHARE = 0.99  # a vertex that the hand's bones move by more is kept wherever it lies
+_SMOOTHING_ROUNDS = 20  # each removes at most one row of faces at the cut
 
 
 @dataclass(frozen=True)
 class HandCut:
-    """V vertices and F faces of the hand out of N and more of the source's.
+    """The hand's V vertices and F faces within a source mesh of N vertices.
 
     Attributes:
-        vertex_of: [N] the hand's vertex that a source's became, -1 where it is left out.
-        source: [V] a source's vertex of each of the hand's.
-        faces: [F, 3] of the hand's vertices.
-        polygons: the source's polygons that are kept, ascending.
-        other_pieces: how many pieces of the mesh that the hand's bones move hang together with nothing kept.
+        vertex_of: [N] the hand's vertex for each source vertex, -1 if it is left out.
+        source: [V] a source vertex of each hand vertex.
+        faces: [F, 3] indices of the hand's vertices.
+        polygons: indices of the source polygons that are kept, ascending.
+        other_pieces: number of separate pieces that the hand's bones move and that are left out.
     """
 
     vertex_of: np.ndarray
@@ -37,46 +37,47 @@ class HandCut:
 
 @dataclass(frozen=True)
 class Wrist:
-    """Where a hand ends.
+    """Where the hand is cut off the arm.
 
     Attributes:
-        place_m: [3] of the wrist joint.
+        position_m: [3] of the wrist joint.
         towards_elbow: [3] unit.
-        stump_m: how much of the forearm stays.
+        stump_m: length of the forearm that is kept.
     """
 
-    place_m: np.ndarray
+    position_m: np.ndarray
     towards_elbow: np.ndarray
     stump_m: float
 
 
 def cut_hand(surface: SkinnedSurface, joint_weights: np.ndarray, share: np.ndarray, wrist: Wrist) -> HandCut:
-    """Keep the polygons that the hand's bones move, and a stump; of those the piece that the fingers are of.
+    """Keep the polygons that the hand's bones move and a stump of the forearm, in the connected piece with the fingers.
 
     Args:
         surface: the whole mesh.
         joint_weights: [N, 16].
-        share: [N] the part of each vertex that the hand's bones move.
+        share: [N] the share of the hand's bones in each vertex's weights.
         wrist: where to cut.
 
     Raises:
-        LiveHandError: nothing is left, or what is left is no surface.
+        LiveHandError: nothing is left, or the rest is not a manifold surface.
     """
-    first = welded(surface.vertices_m, surface.faces, _ONE_PLACE_M)
+    first = merged_vertices(surface.vertices_m, surface.faces, _MERGE_DISTANCE_M)
     faces = first[surface.faces]
-    behind = (surface.vertices_m - wrist.place_m) @ wrist.towards_elbow
-    is_kept = ((share > _WHOLLY) | (behind < wrist.stump_m))[first]
-    chosen = _whole_polygons(_sound(faces) & is_kept[faces].all(1), surface.polygons, _sound(faces))
+    distance = (surface.vertices_m - wrist.position_m) @ wrist.towards_elbow
+    is_kept = ((share > _FULL_SHARE) | (distance < wrist.stump_m))[first]
+    is_valid = _valid_faces(faces)
+    kept = _whole_polygons(is_valid & is_kept[faces].all(1), surface.polygons, is_valid)
     fingers = joint_weights[:, 1:].sum(1) * share
-    chosen, others = _piece_of_the_fingers(faces, chosen, fingers, share)
+    kept, others = _piece_with_fingers(faces, kept, fingers, share)
     if not is_kept.all():
-        chosen = _smoothly_cut(faces, chosen, surface.polygons, fingers, share)
-    _check_surface(faces[chosen], joint_weights)
-    return _compacted(first, faces, chosen, surface.polygons, others)
+        kept = _without_pinches(faces, kept, surface.polygons, fingers, share)
+    _check_surface(faces[kept], joint_weights)
+    return _compacted(first, faces, kept, surface.polygons, others)
 
 
-def _sound(faces: np.ndarray) -> np.ndarray:
-    """[F] bool: faces with three corners, each once."""
+def _valid_faces(faces: np.ndarray) -> np.ndarray:
+    """[F] bool: faces with three different corners, without repetitions of a face."""
     ordered = np.sort(faces, 1)
     _, index = np.unique(ordered, axis=0, return_index=True)
     is_first = np.zeros(len(faces), bool)
@@ -84,62 +85,65 @@ def _sound(faces: np.ndarray) -> np.ndarray:
     return is_first & (np.diff(ordered, axis=1) > 0).all(1)
 
 
-def _whole_polygons(chosen: np.ndarray, polygons: np.ndarray, needed: np.ndarray) -> np.ndarray:
-    """Those of the chosen faces whose polygon is chosen as far as it is needed."""
-    return chosen & ~np.isin(polygons, polygons[needed & ~chosen])
+def _whole_polygons(kept: np.ndarray, polygons: np.ndarray, is_valid: np.ndarray) -> np.ndarray:
+    """The kept faces whose polygon has no valid face that is not kept."""
+    return kept & ~np.isin(polygons, polygons[is_valid & ~kept])
 
 
-def _piece_of_the_fingers(
-    faces: np.ndarray, chosen: np.ndarray, fingers: np.ndarray, share: np.ndarray
+def _piece_with_fingers(
+    faces: np.ndarray, kept: np.ndarray, fingers: np.ndarray, share: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """The faces that hang together with most of the fingers, and how many pieces of the hand do not."""
-    if not chosen.any():
+    """The faces connected with most of the fingers, and the number of other pieces that the hand's bones move."""
+    if not kept.any():
         raise LiveHandError("the mesh must have faces that the hand's bones move, got none; choose the hand's own mesh")
-    piece = components(faces[chosen], len(fingers))
-    used = np.unique(faces[chosen])
+    piece = connected_components(faces[kept], len(fingers))
+    used = np.unique(faces[kept])
     weight = np.bincount(piece[used], fingers[used], len(fingers))
-    moved = np.bincount(piece[used], share[used] > _WHOLLY, len(fingers))
+    moved = np.bincount(piece[used], share[used] > _FULL_SHARE, len(fingers))
     best = int(weight.argmax())
     if weight[best] <= 0:
         raise LiveHandError("the mesh must have vertices that the fingers' bones move, got none; choose another mesh")
-    return chosen & (piece[faces[:, 0]] == best), int((moved > 0).sum() - 1)
+    return kept & (piece[faces[:, 0]] == best), int((moved > 0).sum() - 1)
 
 
-def _smoothly_cut(
-    faces: np.ndarray, chosen: np.ndarray, polygons: np.ndarray, fingers: np.ndarray, share: np.ndarray
+def _without_pinches(
+    faces: np.ndarray, kept: np.ndarray, polygons: np.ndarray, fingers: np.ndarray, share: np.ndarray
 ) -> np.ndarray:
-    """Without the faces at which the open edge meets itself."""
-    for _ in range(_ROUNDS):
-        pinched = pinched_vertices(faces[chosen])
+    """The kept faces without those at which the boundary touches itself."""
+    for _ in range(_SMOOTHING_ROUNDS):
+        pinched = pinched_vertices(faces[kept])
         if not len(pinched):
-            return chosen
-        kept = chosen & ~np.isin(polygons, polygons[chosen & np.isin(faces, pinched).any(1)])
-        chosen, _ = _piece_of_the_fingers(faces, kept, fingers, share)
-    return chosen
+            return kept
+        is_pinched = kept & np.isin(faces, pinched).any(1)
+        kept = kept & ~np.isin(polygons, polygons[is_pinched])
+        kept, _ = _piece_with_fingers(faces, kept, fingers, share)
+    return kept
 
 
 def _check_surface(faces: np.ndarray, joint_weights: np.ndarray) -> None:
-    torn = torn_half_edges(faces)
-    if len(torn):
-        where = sorted(set(joint_weights[np.unique(torn)].argmax(1).tolist()))
+    repeated = repeated_half_edges(faces)
+    if len(repeated):
         raise LiveHandError(
             "the hand must be one surface whose faces meet in pairs and are wound alike; got "
-            f"{len(torn)} edges that are not so, near {', '.join(JOINT_NAMES[joint] for joint in where)}; in Edit "
+            f"{len(repeated)} edges that are not so, near {_joints_at(np.unique(repeated), joint_weights)}; in Edit "
             "Mode, Select > All by Trait > Non Manifold shows them: delete inner faces, merge by distance, and "
             "recalculate normals"
         )
     pinched = pinched_vertices(faces)
     if len(pinched):
-        where = sorted(set(joint_weights[pinched].argmax(1).tolist()))
         raise LiveHandError(
             f"an open edge of the hand must not touch itself, got {len(pinched)} vertices where one does, near "
-            f"{', '.join(JOINT_NAMES[joint] for joint in where)}; close or widen the holes there"
+            f"{_joints_at(pinched, joint_weights)}; close or widen the holes there"
         )
 
 
-def _compacted(first: np.ndarray, faces: np.ndarray, chosen: np.ndarray, polygons: np.ndarray, others: int) -> HandCut:
-    source, compact = np.unique(faces[chosen], return_inverse=True)
+def _joints_at(vertices: np.ndarray, joint_weights: np.ndarray) -> str:
+    joints = sorted(set(joint_weights[vertices].argmax(1).tolist()))
+    return ", ".join(JOINT_NAMES[joint] for joint in joints)
+
+
+def _compacted(first: np.ndarray, faces: np.ndarray, kept: np.ndarray, polygons: np.ndarray, others: int) -> HandCut:
+    source, compact = np.unique(faces[kept], return_inverse=True)
     of_first = np.full(len(first), -1)
     of_first[source] = np.arange(len(source))
-    # A vertex beside a seam counts only where its twin's faces are kept: all its own are, or none.
-    return HandCut(of_first[first], source, compact.reshape(-1, 3), np.unique(polygons[chosen]), others)
+    return HandCut(of_first[first], source, compact.reshape(-1, 3), np.unique(polygons[kept]), others)

@@ -1,7 +1,7 @@
-"""Somebody's skinned mesh -> a hand model in MANO's format, for captures and avatars of that very mesh.
+"""Makes a hand model in MANO's format from a user's skinned mesh, for captures and avatars of that mesh.
 
-It has the mesh's own vertices and weights, our template's frame, and an atlas of its own. It has no shapes and no pose
-correctives: both are zero.
+The model has the mesh's own vertices and weights, the template's frame, and a new atlas. Its shape directions and pose
+correctives are zero.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...hand.cap import capped
 from ...hand.model import PARENTS
 from ...records.errors import LiveHandError
 from ...records.shot import Side
-from ..skeleton import JointMap, RestSkeleton
+from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
 from .joint_weights import joint_weights, joints_of_bones
 from .regressor import joint_regressor
@@ -27,20 +27,20 @@ from .skinned_surface import SkinnedSurface
 from .template_frame import hand_length_m, world2template
 
 FEWEST_VERTICES, MOST_VERTICES = 100, 20_000
-_STUMP = 0.18  # of the hand's length: the built-in hand's
-_ELBOW = 0.4  # of the hand's length: how far above the wrist its parent must begin to show where the forearm lies
+_STUMP = 0.18  # of the hand's length, as in the built-in hand
+_ELBOW = 0.4  # of the hand's length: a bone above the wrist that begins farther away shows the direction of the forearm
 
 
 @dataclass(frozen=True)
-class OwnHand:
-    """A hand model before it is a file.
+class MeshHand:
+    """A hand model made from a mesh, before it is written.
 
     Attributes:
         side: which hand.
-        arrays: MANO's keys, vt and ft.
-        cut: which of the source's vertices and polygons it has.
-        cap: [C, 3] the faces among its own that close its open edges, in its vertices; they are its last.
-        world2template: [4, 4] rigid, from where the source stood.
+        arrays: MANO's keys, and vt and ft.
+        cut: the vertices and polygons of the source that it has.
+        cap: [C, 3] its last faces, which close its open edges.
+        world2template: [4, 4] from the world in which the source stands.
     """
 
     side: Side
@@ -51,18 +51,18 @@ class OwnHand:
 
 
 def make_hand_model(
-    surface: SkinnedSurface, skeleton: RestSkeleton, joint_map: JointMap, scale: float = 1.0
-) -> OwnHand:
-    """The hand of a skinned mesh.
+    surface: SkinnedSurface, skeleton: SourceSkeleton, joint_map: JointMap, scale: float = 1.0
+) -> MeshHand:
+    """Make a hand model from a skinned mesh.
 
     Args:
-        surface: the mesh at rest; a whole character's is cut behind the wrist.
+        surface: the mesh at rest; the mesh of a whole character is cut behind the wrist.
         skeleton: its bones, in the order of its weights.
-        joint_map: which of them are joints.
-        scale: what the world's lengths are multiplied by to be metres.
+        joint_map: which bones are the hand's joints.
+        scale: factor from the world's unit to metres.
 
     Raises:
-        LiveHandError: size, side, number of vertices or topology are not a hand's.
+        LiveHandError: size, side, number of vertices or topology is not that of a hand.
     """
     surface = replace(surface, vertices_m=surface.vertices_m * scale)
     joint_of = joints_of_bones(skeleton, joint_map)
@@ -74,14 +74,14 @@ def make_hand_model(
     _check_count(len(cut.source))
     vertices = _moved(surface.vertices_m[cut.source], frame)
     arrays, cap = _arrays(vertices, cut.faces, weights[cut.source], _moved(joints, frame))
-    return OwnHand(joint_map.side, arrays, cut, cap, frame @ np.diag([scale, scale, scale, 1.0]))
+    return MeshHand(joint_map.side, arrays, cut, cap, frame @ np.diag([scale, scale, scale, 1.0]))
 
 
-def save_hand_model(hand: OwnHand, path: Path, provenance: Mapping[str, Any]) -> None:
-    """Write the `.npz`, whole or not at all; `load_hand_model` reads it.
+def save_hand_model(hand: MeshHand, path: Path, provenance: Mapping[str, Any]) -> None:
+    """Write the `.npz` for `load_hand_model`, atomically.
 
     Raises:
-        LiveHandError: the file's name does not tell its side, or it cannot be written.
+        LiveHandError: the file's name contradicts the side, or the file cannot be written.
     """
     check_name(path, hand.side)
     partial = path.with_name(f"{path.name}.partial")
@@ -95,30 +95,30 @@ def save_hand_model(hand: OwnHand, path: Path, provenance: Mapping[str, Any]) ->
 
 
 def check_name(path: Path, side: Side) -> None:
-    """Raise `LiveHandError` unless a hand's file says by its name which side it is, as `load_hand_model` reads it."""
+    """Raise `LiveHandError` unless the file's name tells `load_hand_model` the right side."""
     if path.suffix.lower() != ".npz":
         raise LiveHandError(f"a hand model's file must end with .npz, got {path.name}")
     says_left = "left" in path.stem.lower()
     if says_left != (side == "left"):
         remedy = f"{path.stem.lower().replace('left', 'right')}.npz" if says_left else f"{path.stem}_left.npz"
         raise LiveHandError(
-            f"a hand's file has 'left' in its name where the hand is a left one, and only there; got {path.name} for "
+            f"a hand model's file must have 'left' in its name if and only if it is a left hand, got {path.name} for "
             f"the {side} hand: call it {remedy}"
         )
 
 
-def _wrist(heads: np.ndarray, skeleton: RestSkeleton, joint_map: JointMap) -> Wrist:
-    """The wrist, and where the forearm lies by the bones above it."""
+def _wrist(heads: np.ndarray, skeleton: SourceSkeleton, joint_map: JointMap) -> Wrist:
+    """The wrist joint, and the direction of the forearm from the bones above it."""
     bone = skeleton.index(joint_map.bones[0])
     length = hand_length_m(heads[[skeleton.index(name) for name in joint_map.bones]])
-    place, above = heads[bone], skeleton.parents[bone]
-    while above >= 0 and np.linalg.norm(heads[above] - place) < _ELBOW * length:
+    position, above = heads[bone], skeleton.parents[bone]
+    while above >= 0 and np.linalg.norm(heads[above] - position) < _ELBOW * length:
         above = skeleton.parents[above]
     knuckle = heads[skeleton.index(joint_map.bones[4])]
-    towards = heads[above] - place if above >= 0 else place - knuckle
-    if towards @ (place - knuckle) <= 0:  # a root beside the hand, no elbow
-        towards = place - knuckle
-    return Wrist(place, towards / np.linalg.norm(towards), _STUMP * length)
+    towards = heads[above] - position if above >= 0 else position - knuckle
+    if towards @ (position - knuckle) <= 0:  # the bone is a root beside the hand, not an elbow
+        towards = position - knuckle
+    return Wrist(position, towards / np.linalg.norm(towards), _STUMP * length)
 
 
 def _arrays(

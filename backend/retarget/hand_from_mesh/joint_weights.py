@@ -1,22 +1,22 @@
-"""Weights of a rig's bones -> weights of a hand's 16 joints.
+"""Converts the weights of a rig's bones to weights of a hand's 16 joints.
 
-A bone that is no joint (a metacarpal, a tip, a twist bone) moves with the nearest joint above it. What lies above the
-wrist, or beside it, belongs to no joint.
+A bone that is not a joint (a metacarpal, a tip, a twist bone) moves with the nearest joint above it. Bones above the
+wrist or beside it belong to no joint.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..skeleton import JointMap, RestSkeleton
+from ..source_skeleton import JointMap, SourceSkeleton
 
 NO_JOINT = -1
-# Control rigs keep several bones in one place: this share of the hand's length is one place.
-_ONE_PLACE = 0.01
+# Control rigs have several bones at the wrist: heads closer than this share of the hand's length count as one.
+_SAME_PLACE = 0.01
 
 
-def joints_of_bones(skeleton: RestSkeleton, joint_map: JointMap) -> np.ndarray:
-    """[B] the joint that each bone moves with, `NO_JOINT` for those that are not the hand's.
+def joints_of_bones(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
+    """[B] the joint that each bone moves with; `NO_JOINT` for bones that are not part of the hand.
 
     Raises:
         LiveHandError: the map names a bone that the skeleton lacks.
@@ -32,23 +32,23 @@ def joints_of_bones(skeleton: RestSkeleton, joint_map: JointMap) -> np.ndarray:
 
 
 def joint_weights(weights: np.ndarray, joint_of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights [N, B] -> those of the joints [N, 16], rows sum to 1, and the hand's share [N] of each vertex.
+    """Weights of the joints [N, 16], whose rows sum to 1, from those of the bones [N, B], and the hand's share [N].
 
-    What is not the hand's (a forearm's part of the wrist) is given to the wrist: a stump moves with it.
+    Weights of other bones, such as the forearm, are given to the wrist, so that the stump moves with it.
     """
     total = weights.sum(1, keepdims=True)
     own = weights / np.where(total > 0, total, 1)
-    folded = np.zeros((len(weights), 16))
+    of_joints = np.zeros((len(weights), 16))
     for joint in range(16):
-        folded[:, joint] = own[:, joint_of == joint].sum(1)
-    share = folded.sum(1)
-    folded[:, 0] += 1 - share
-    return folded, share
+        of_joints[:, joint] = own[:, joint_of == joint].sum(1)
+    share = of_joints.sum(1)
+    of_joints[:, 0] += 1 - share
+    return of_joints, share
 
 
-def _wrists(skeleton: RestSkeleton, bones: list[int]) -> list[int]:
-    """The fingers' ancestors that begin where the wrist does: the wrist by other names."""
+def _wrists(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
+    """The ancestors of the fingers that begin where the wrist does."""
     size_m = np.linalg.norm(skeleton.heads[bones] - skeleton.heads[bones[0]], axis=1).max()
     above = {ancestor for bone in bones[1:] for ancestor in skeleton.ancestors(bone)}
-    near = np.linalg.norm(skeleton.heads - skeleton.heads[bones[0]], axis=1) < _ONE_PLACE * size_m
+    near = np.linalg.norm(skeleton.heads - skeleton.heads[bones[0]], axis=1) < _SAME_PLACE * size_m
     return [bone for bone in sorted(above) if near[bone]]

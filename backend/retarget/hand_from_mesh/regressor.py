@@ -6,26 +6,26 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 
-_FEWEST = 24  # vertices that take part
+_LEAST_VERTICES = 24  # with a weight
 _EXACT_M = 1e-9
 
 
 def joint_regressor(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """[16, V] whose rows sum to 1 and give the joints exactly; of the smallest norm on the vertices nearest to each.
+    """[16, V] with rows that sum to 1 and give the joints exactly, of least norm on the nearest vertices of each.
 
     Args:
         vertices: [V, 3] m.
         joints: [16, 3] m.
 
     Raises:
-        LiveHandError: the vertices lie in a plane that a joint is not in.
+        LiveHandError: all vertices lie in one plane and a joint outside it.
     """
     return np.array([_row(vertices, joint) for joint in joints])
 
 
 def _row(vertices: np.ndarray, joint: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(vertices - joint, axis=1)
-    order, count = np.argsort(distance, kind="stable"), _FEWEST
+    order, count = np.argsort(distance, kind="stable"), _LEAST_VERTICES
     while True:
         near = order[:count]
         weights = _weights(vertices[near] - joint)
@@ -34,12 +34,14 @@ def _row(vertices: np.ndarray, joint: np.ndarray) -> np.ndarray:
             row[near] = weights
             return row
         if count >= len(vertices):
-            raise LiveHandError("a hand must be a solid, got vertices that all lie in one plane; choose its own mesh")
+            raise LiveHandError(
+                "a hand must have a volume, got vertices that all lie in one plane; choose its own mesh"
+            )
         count *= 2
 
 
 def _weights(offsets: np.ndarray) -> np.ndarray:
-    """[n] of least norm with sum 1 and a weighted mean offset of 0."""
+    """[n] of least norm, with sum 1 and a weighted mean offset of 0."""
     size = np.linalg.norm(offsets, axis=1).max()
     rows = np.vstack([np.ones(len(offsets)), offsets.T / size])
     weights, *_ = np.linalg.lstsq(rows, np.array([1.0, 0, 0, 0]), rcond=None)

@@ -1,4 +1,4 @@
-"""Somebody's skinned mesh at rest: a record, numpy."""
+"""The record of a user's skinned mesh at rest."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SkinnedSurface:
-    """N vertices, F triangles of perhaps larger polygons, B bones of a `RestSkeleton`, in its order.
+    """N vertices, F triangles of polygons, and weights of the B bones of a `SourceSkeleton`, in its order.
 
     Attributes:
-        vertices_m: [N, 3] in the world, where the rest pose puts them.
+        vertices_m: [N, 3] world positions in the rest pose.
         faces: [F, 3] vertex indices, outward by the right-hand rule.
-        polygons: [F] which polygon of the mesh a triangle is of.
-        weights: [N, B] >= 0; a row is scaled to sum to 1, as Blender's Armature modifier does. A row of zeros is a
+        polygons: [F] index of the polygon that each triangle is part of.
+        weights: [N, B] >= 0; rows are scaled to sum to 1, as by Blender's Armature modifier. A row of zeros is a
             vertex that no bone moves.
     """
 

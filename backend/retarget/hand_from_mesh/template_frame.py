@@ -1,4 +1,4 @@
-"""Where a hand lies in its world -> the template's frame: fingers -X, back of the hand +Y, thumb +Z (a right hand)."""
+"""The transform of a hand into the template's frame: fingers -X, back of the hand +Y, thumb +Z (right hand)."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ _KNUCKLES = [1, 4, 7, 10]
 _LAST_JOINTS = [3, 6, 9, 12]
 _THUMB_TIP = 15
 SMALLEST_M, LARGEST_M = 0.1, 0.3  # from the wrist to the middle fingertip
-# How far the fingers may bend backwards, as a share of the hand's length, before the hand seems to be the other one.
-_BACKWARDS = 0.06
+# Fingers that bend backwards by more than this share of the hand's length show that the side is wrong.
+_MOST_BACKWARDS = 0.06
 
 
 def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
-    """[4, 4] rigid: joints [16, 3] m in a world -> our template's frame, the wrist where the built-in hand has it.
+    """[4, 4] rigid, from the world of the joints [16, 3] m to the template's frame.
 
-    The palm's knuckles are laid on the built-in hand's as nearly as a rotation about the wrist can (Kabsch).
+    The wrist is moved to the built-in hand's, then the knuckles are aligned with its knuckles by rotation (Kabsch).
 
     Raises:
-        LiveHandError: the joints have the wrong size, or seem to be the other side's.
+        LiveHandError: the joints have the wrong size, or seem to be those of the other side.
     """
     builtin = load_default_hand().joints * (1 if side == "right" else MIRROR_POINT)
     check_size(joints)
-    seen, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
-    rotation = rotation_between(seen, wanted)
+    knuckles, wanted = joints[_KNUCKLES] - joints[0], builtin[_KNUCKLES] - builtin[0]
+    rotation = rotation_between(knuckles, wanted)
     _check_side((joints - joints[0]) @ rotation.T, side)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, builtin[0] - rotation @ joints[0]
@@ -37,17 +37,13 @@ def world2template(joints: np.ndarray, side: Side) -> np.ndarray:
 
 
 def hand_length_m(joints: np.ndarray) -> float:
-    """From the wrist along the middle finger to its last joint, and half a bone more for the tip."""
+    """From the wrist along the middle finger to its tip, which is taken to be a last bone beyond the last joint."""
     steps = np.linalg.norm(np.diff(joints[[0, 4, 5, 6]], axis=0), axis=1)
     return float(steps.sum() + steps[-1])
 
 
 def check_size(joints: np.ndarray) -> None:
-    """Refuse joints that are no hand's in metres, and say which unit they seem to have.
-
-    Raises:
-        LiveHandError: as said.
-    """
+    """Raise `LiveHandError` unless the joints have the size of a hand in metres; the message suggests a unit."""
     length = hand_length_m(joints)
     if SMALLEST_M <= length <= LARGEST_M:
         return
@@ -60,12 +56,12 @@ def check_size(joints: np.ndarray) -> None:
 
 
 def _check_side(joints: np.ndarray, side: Side) -> None:
-    """The fingers of a resting hand bend towards its palm, or not at all."""
+    """Raise `LiveHandError` if the resting fingers bend backwards."""
     length = hand_length_m(joints)
-    behind = joints[_LAST_JOINTS, 1].mean() + joints[_THUMB_TIP, 1]  # +Y is the back of either hand
-    if behind > _BACKWARDS * length:
+    backwards = joints[_LAST_JOINTS, 1].mean() + joints[_THUMB_TIP, 1]  # +Y is the back of either hand
+    if backwards > _MOST_BACKWARDS * length:
         other = "left" if side == "right" else "right"
         raise LiveHandError(
-            f"a resting hand's fingers must bend towards its palm; these are bent {1e3 * behind:.0f} mm backwards as a "
-            f"{side} hand's: say that it is the {other} one, or mend the order of its fingers"
+            f"a resting hand's fingers must bend towards its palm; these are bent {1e3 * backwards:.0f} mm backwards "
+            f"as a {side} hand's: choose the {other} side, or correct the order of its fingers"
         )

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.geometry.mesh_tables import (
+    connected_components,
+    merged_vertices,
+    open_half_edges,
+    pinched_vertices,
+    repeated_half_edges,
+)
 from livehand.backend.hand.cap import capped
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.hand_from_mesh.cut import Wrist, cut_hand
-from livehand.backend.retarget.hand_from_mesh.mesh_graph import (
-    components,
-    open_half_edges,
-    pinched_vertices,
-    torn_half_edges,
-    welded,
-)
 from livehand.backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
 
 # A grid that is rolled up: rings of SIDES vertices along x, the hand's from x = 0 to -0.1, its arm up to 0.3.
@@ -133,22 +133,22 @@ def test_welding_joins_near_vertices_of_open_edges_only():
     places = rng.uniform(0, 1, (100, 3))
     vertices = np.concatenate([places + rng.uniform(-1, 1, places.shape) * 1e-7 for _ in range(3)])
     order = np.tile(np.arange(100), 3)
-    assert (welded(vertices, faces, 1e-5) == order).mean() > 0.99  # a cell's corner may fall between two twins
+    assert (merged_vertices(vertices, faces, 1e-5) == order).mean() > 0.99  # a cell's corner may fall between two twins
     closed = np.array([[0, 1, 2], [0, 2, 1]])
-    np.testing.assert_array_equal(welded(np.zeros((3, 3)), closed, 1e-5), [0, 1, 2])
+    np.testing.assert_array_equal(merged_vertices(np.zeros((3, 3)), closed, 1e-5), [0, 1, 2])
 
 
-def test_what_is_no_surface_is_told_by_place(character):
+def test_errors_of_non_manifold_meshes_name_the_joint(character):
     surface, weights, share = character
     torn = replace(
         surface,
         faces=np.concatenate([surface.faces, [[0, 1, 3 * SIDES]]]),
         polygons=np.r_[surface.polygons, surface.polygons.max() + 1],
     )
-    assert len(torn_half_edges(torn.faces)) == 1
+    assert len(repeated_half_edges(torn.faces)) == 1
     with pytest.raises(LiveHandError, match="1 edges that are not so, near middle2"):
         cut_hand(torn, weights, share, WRIST)
-    assert len(torn_half_edges(surface.faces)) == 0
+    assert len(repeated_half_edges(surface.faces)) == 0
 
 
 def test_a_mesh_without_fingers_or_without_hand_is_refused(character):
@@ -161,4 +161,4 @@ def test_a_mesh_without_fingers_or_without_hand_is_refused(character):
 
 def test_components_are_what_hangs_together():
     faces = np.array([[0, 1, 2], [5, 6, 4], [2, 3, 1], [6, 7, 5]])
-    np.testing.assert_array_equal(components(faces, 9), [0, 0, 0, 0, 4, 4, 4, 4, 8])
+    np.testing.assert_array_equal(connected_components(faces, 9), [0, 0, 0, 0, 4, 4, 4, 4, 8])

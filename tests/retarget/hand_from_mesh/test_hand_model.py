@@ -18,7 +18,7 @@ from livehand.backend.retarget.hand_from_mesh.joint_weights import joint_weights
 from livehand.backend.retarget.hand_from_mesh.regressor import joint_regressor
 from livehand.backend.retarget.hand_from_mesh.skinned_surface import SkinnedSurface
 from livehand.backend.retarget.hand_from_mesh.template_frame import world2template
-from livehand.backend.retarget.skeleton import JointMap, RestSkeleton
+from livehand.backend.retarget.source_skeleton import JointMap, SourceSkeleton
 
 TURN = axis_angle_to_matrix(np.array([0.7, -1.9, 0.4]))
 PLACE = np.array([0.3, -2.0, 1.1])
@@ -41,14 +41,14 @@ def rig(side="right", scale=1.0):
     hand = load_default_hand().for_side(side)
     vertices, joints = ((points @ TURN.T + PLACE) / scale for points in (hand.v_template, hand.joints))
     frames = np.tile(np.eye(3), (16, 1, 1))
-    skeleton = RestSkeleton(JOINT_NAMES, PARENTS, joints, joints + 0.01 / scale, frames)
+    skeleton = SourceSkeleton(JOINT_NAMES, PARENTS, joints, joints + 0.01 / scale, frames)
     surface = SkinnedSurface(vertices, hand.f, np.arange(len(hand.f)), hand.lbs_weights)
     return surface, skeleton, JointMap(side, JOINT_NAMES)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_built_in_hand_comes_back_as_itself(side, tmp_path):
-    hand = load_default_hand().for_side(side)
+def test_the_built_in_hand_round_trip(hand, side, tmp_path):
+    hand = hand.for_side(side)
     path = tmp_path / ("mine.npz" if side == "right" else "mine_left.npz")
     made = make_hand_model(*rig(side))
     save_hand_model(made, path, {"made_by": "a test"})
@@ -69,12 +69,12 @@ def test_the_built_in_hand_comes_back_as_itself(side, tmp_path):
         assert json.loads(str(arrays["provenance"])) == {"made_by": "a test"}
 
 
-def test_the_world_is_carried_to_the_template():
+def test_the_world_is_carried_to_the_template(hand):
     surface, *_ = rig(scale=0.01)
     made = make_hand_model(*rig(scale=0.01), scale=0.01)
     carried = surface.vertices_m @ made.world2template[:3, :3].T + made.world2template[:3, 3]
     np.testing.assert_allclose(carried, made.arrays["v_template"], atol=1e-12)
-    np.testing.assert_allclose(made.arrays["v_template"], load_default_hand().v_template, atol=1e-12)
+    np.testing.assert_allclose(made.arrays["v_template"], hand.v_template, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -89,12 +89,12 @@ def test_a_hand_in_other_units_is_refused_with_the_unit(scale, said):
 def test_a_hand_said_to_be_the_other_one_is_refused(side):
     surface, skeleton, joint_map = rig(side)
     other = "left" if side == "right" else "right"
-    with pytest.raises(LiveHandError, match=f"say that it is the {side} one"):
+    with pytest.raises(LiveHandError, match=f"choose the {side} side"):
         make_hand_model(surface, skeleton, replace(joint_map, side=other))
 
 
-def test_a_flat_hand_may_be_either():
-    joints = load_default_hand().joints * [1, 0, 1]
+def test_a_flat_hand_may_be_either(hand):
+    joints = hand.joints * [1, 0, 1]
     for side in ("right", "left"):
         world2template(joints, side)
 
@@ -103,7 +103,7 @@ def test_a_flat_hand_may_be_either():
     ("name", "side", "remedy"),
     [("mine.npz", "left", "mine_left.npz"), ("left.npz", "right", "right.npz"), ("mine.blend", "right", "end with")],
 )
-def test_a_file_whose_name_tells_another_side_is_refused(name, side, remedy, tmp_path):
+def test_a_file_name_of_the_other_side_is_refused(name, side, remedy, tmp_path):
     made = replace(make_hand_model(*rig()), side=side)
     with pytest.raises(LiveHandError, match=remedy):
         save_hand_model(made, tmp_path / name, {})
@@ -138,7 +138,7 @@ def test_bones_that_are_no_joints_go_to_the_one_above():
         parents.append(9 if name[-1] == "1" else len(parents) - 1)
     heads = np.arange(3 * len(names)).reshape(-1, 3) / 10.0
     heads[9] = heads[3] + 1e-4
-    skeleton = RestSkeleton(names, tuple(parents), heads, heads, np.tile(np.eye(3), (len(names), 1, 1)))
+    skeleton = SourceSkeleton(names, tuple(parents), heads, heads, np.tile(np.eye(3), (len(names), 1, 1)))
     joint_of = joints_of_bones(skeleton, JointMap("right", JOINT_NAMES))
     assert joint_of[:11].tolist() == [-1, -1, -1, 0, 0, 1, 2, 3, 3, 0, 0]
     assert joint_of[11:].tolist() == [JOINT_NAMES.index(name) for name in fingers]
@@ -150,8 +150,7 @@ def test_bones_that_are_no_joints_go_to_the_one_above():
     np.testing.assert_allclose(folded, np.eye(16)[[0, 3, 0]])
 
 
-def test_regressor_rows_are_exact_and_local():
-    hand = load_default_hand()
+def test_regressor_rows_are_exact_and_local(hand):
     rows = joint_regressor(hand.v_template, hand.joints)
     np.testing.assert_allclose(rows @ hand.v_template, hand.joints, atol=1e-15)
     np.testing.assert_allclose(rows.sum(1), 1, atol=1e-12)

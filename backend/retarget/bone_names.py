@@ -1,4 +1,4 @@
-"""What a bone's name says: side, finger, which part of it; the words that riggers and formats use."""
+"""Parses bone names: the side, finger and phalanx that riggers and formats write into them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..records.shot import Side
 
 METACARPAL, TIP = 0.5, 9.0
-"""Places along a finger beside 1, 2, 3: of a bone within the palm, and of a bone that begins at the fingertip."""
+"""Positions along a finger besides 1, 2, 3: of a bone in the palm, and of a bone that begins at the fingertip."""
 
 _SIDES: dict[str, Side] = {"right": "right", "r": "right", "left": "left", "l": "left"}
 _FINGERS = {
@@ -43,8 +43,8 @@ _PARTS = {
 }
 _LETTERS = {"a": 1.0, "b": 2.0, "c": 3.0, "d": 4.0}
 _HANDS = {"hand", "wrist"}
-# Bones that carry no joint: twists, controls, correctives, and what is no hand's.
-_OTHERS = set(
+# Words of bones that are not joints of a hand: twists, controls, correctives, props, feet.
+_EXCLUDED = set(
     "twist roll correct corrective helper hlp ik fk pole target mch tweak master vis bulge aux drv jiggle pad nail "
     "slide half prop grip weapon attach socket marker toe foot ankle ctrl control parent switch scale share".split()
 )
@@ -61,48 +61,48 @@ _COPY = re.compile(r"\.\d{3}$")
 
 
 @dataclass(frozen=True)
-class BoneWords:
-    """A name taken apart.
+class BoneName:
+    """The parts of a bone's name.
 
     Attributes:
-        side: of the body; None where the name has none.
-        finger: MANO's name of the finger; None: of none, or only numbered.
-        number: of the finger where fingers are numbered (`finger2-1`); None otherwise.
-        place: along the finger: 1, 2, 3 from the knuckle, `METACARPAL` before, `TIP` behind; None: not told. Numbers
-            in names are given as they are, 0 and 4 among them.
-        is_hand: the hand or the wrist itself.
-        layer: "def" and "org" bones of Rigify repeat their controls; "" for all others.
-        is_copy: Blender has numbered the name (`.001`).
+        side: of the body; None if not in the name.
+        finger: MANO's name of the finger; None if there is none, or only a number.
+        finger_number: where fingers are numbered (`finger2-1`); else None.
+        position: along the finger: 1, 2, 3 from the knuckle, `METACARPAL` before, `TIP` behind them; None if not in
+            the name. Numbers are given as they are, including 0 and 4.
+        is_hand: the bone is the hand or the wrist.
+        layer: "def" or "org" for Rigify's bones that repeat the controls; else "".
+        is_copy: the name ends in a number that Blender adds to duplicates (`.001`).
     """
 
     side: Side | None
     finger: str | None
-    number: int | None
-    place: float | None
+    finger_number: int | None
+    position: float | None
     is_hand: bool
     layer: str
     is_copy: bool
 
 
-def read_words(name: str) -> BoneWords | None:
-    """What a bone's name says, None for a bone that carries no joint of a hand: a twist, a control, a toe."""
+def parse_bone_name(name: str) -> BoneName | None:
+    """The parts of a name; None if the bone cannot be a joint of a hand, as a twist, a control or a toe."""
     tokens = _tokens(_COPY.sub("", name.rpartition(":")[2]))
-    if _OTHERS & set(tokens):
+    if _EXCLUDED & set(tokens):
         return None
     side: Side | None = next((_SIDES[token] for token in tokens if token in _SIDES), None)
     finger, at = _finger(tokens)
-    number, place = None, None
+    number, position = None, None
     if finger:
-        place = _place(tokens[:at] + tokens[at + 1 :], tokens[at + 1 :])
+        position = _position(tokens[:at] + tokens[at + 1 :], tokens[at + 1 :])
     elif "finger" in tokens:
-        number, place = _numbered(tokens[tokens.index("finger") + 1 :])
+        number, position = _numbered_position(tokens[tokens.index("finger") + 1 :])
     is_hand = bool(_HANDS & set(tokens)) and not finger and "finger" not in tokens and _extra(tokens) == 0
     layer = tokens[0] if tokens and tokens[0] in _LAYERS else ""
-    return BoneWords(side, finger, number, place, is_hand, layer, bool(_COPY.search(name)))
+    return BoneName(side, finger, number, position, is_hand, layer, bool(_COPY.search(name)))
 
 
 def _tokens(name: str) -> list[str]:
-    """Lower-case words and numbers; words that are written together are told apart where all of them are known."""
+    """Lower-case words and numbers; joined words are split if all of them are known."""
     tokens = []
     for token in _TOKEN.findall(name):
         low = token.lower()
@@ -111,7 +111,7 @@ def _tokens(name: str) -> list[str]:
 
 
 def _finger(tokens: list[str]) -> tuple[str | None, int]:
-    """The finger, and where it is told; of `ring` and `middle` in one name the second is a part of the first."""
+    """The finger and the index of its token; `middle` beside another finger is the middle phalanx."""
     found = [(token, at) for at, token in enumerate(tokens) if token in _FINGERS]
     if not found:
         return None, -1
@@ -119,22 +119,22 @@ def _finger(tokens: list[str]) -> tuple[str | None, int]:
     return _FINGERS[token], at
 
 
-def _place(others: list[str], behind: list[str]) -> float | None:
-    """From a part's name, or else from the first number or letter behind the finger's."""
+def _position(others: list[str], following: list[str]) -> float | None:
+    """The position along a named finger: from the name of a part, else from the first number or letter that follows."""
     parts = [_PARTS[token] for token in others if token in _PARTS]
     if "in" in others and "hand" in others:  # RightInHandIndex
         return METACARPAL
     if parts:
         return max(parts) if TIP in parts else parts[0]
-    numbers = [float(token) for token in behind if token.isdigit()]
-    letters = [_LETTERS[token] for token in behind if token in _LETTERS]
+    numbers = [float(token) for token in following if token.isdigit()]
+    letters = [_LETTERS[token] for token in following if token in _LETTERS]
     return (numbers or letters or [None])[0]
 
 
-def _numbered(behind: list[str]) -> tuple[int | None, float | None]:
-    """`finger2-1` is the second finger's first bone; `finger21` finger 2's second, for `finger2` is its first."""
-    numbers = [token for token in behind if token.isdigit()]
-    parts = [_PARTS[token] for token in behind if token in _PARTS]
+def _numbered_position(following: list[str]) -> tuple[int | None, float | None]:
+    """Finger number and position: (2, 1) for `finger2-1` and `finger2`, (2, 2) for `finger21`."""
+    numbers = [token for token in following if token.isdigit()]
+    parts = [_PARTS[token] for token in following if token in _PARTS]
     if not numbers or len(numbers[0]) > 2:
         return None, None
     if TIP in parts:
@@ -147,5 +147,5 @@ def _numbered(behind: list[str]) -> tuple[int | None, float | None]:
 
 
 def _extra(tokens: list[str]) -> int:
-    """Words that make of a hand's name another bone's."""
+    """The number of words that make the name one of another bone than the hand."""
     return sum(token in _PARTS or token in ("in", "base") for token in tokens)

@@ -8,8 +8,8 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model import JOINT_NAMES
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.naming import guess_joints
-from livehand.backend.retarget.skeleton import JointMap
+from livehand.backend.retarget.joint_guess import guess_joints
+from livehand.backend.retarget.source_skeleton import JointMap
 
 LIB = runpy.run_path(str(Path(__file__).parent / "skeletons.py"))
 hand_bones, skeleton, places = LIB["hand_bones"], LIB["skeleton"], LIB["places"]
@@ -255,7 +255,7 @@ def test_six_fingers_are_not_five():
 
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("extras", ["none", "tips", "metacarpals and tips"])
-def test_names_that_tell_nothing_are_found_by_shape_however_the_hand_lies(side, extras):
+def test_hands_with_meaningless_names_are_found_by_shape_in_any_position(side, extras):
     rng = np.random.default_rng(0)
     names = [f"bone_{k:02}" for k in rng.permutation(16)]
     tips = [None] * 5 if extras == "none" else [f"end{k}" for k in rng.permutation(5)]
@@ -271,7 +271,7 @@ def test_names_that_tell_nothing_are_found_by_shape_however_the_hand_lies(side, 
         assert [tip for tip in guess.tips if tip] == [tip for tip in tips if tip]
 
 
-def test_two_nameless_hands_are_told_apart():
+def test_two_nameless_hands_are_distinguished():
     both = [("root", None, (0, 0, 0))]
     named = {side: [f"{initial}{k}x" for k in range(16)] for side, initial in (("right", "p"), ("left", "q"))}
     for side, names in named.items():

@@ -4,14 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, Skeleton
-from livehand.backend.motion.landmarks.track import LandmarkFile
-from livehand.backend.motion.opening import open_motion_file, open_pose_file
+from livehand.backend.motion.landmarks.landmark_file import LandmarkFile
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
+from livehand.backend.motion.open_files import open_motion_file, open_pose_file
 from livehand.backend.records.errors import LiveHandError
 
 POINTS = np.random.default_rng(0).normal(size=(3, 21, 3)).round(6)
-HAND = load_default_hand()
 
 
 def named(points):
@@ -38,8 +36,8 @@ def test_mediapipe_json(tmp_path, content):
     (tmp_path / "take.json").write_text(json.dumps(content))
     file = opened(tmp_path / "take.json")
     np.testing.assert_allclose(file.points, POINTS)
-    assert (file.reading.format, file.reading.space, file.reading.side) == ("MediaPipe landmarks", "opencv", "right")
-    assert file.reading.fps == (25 if isinstance(content, dict) else None)
+    assert (file.info.format, file.info.space, file.info.side) == ("MediaPipe landmarks", "opencv", "right")
+    assert file.info.fps == (25 if isinstance(content, dict) else None)
 
 
 def test_mediapipe_npz_flat_or_not(tmp_path):
@@ -47,7 +45,7 @@ def test_mediapipe_npz_flat_or_not(tmp_path):
         np.savez(tmp_path / "take.npz", landmarks=POINTS.reshape(shape), handedness="Right")
         file = opened(tmp_path / "take.npz")
         np.testing.assert_array_equal(file.points, POINTS)
-        assert file.reading.side == "left"
+        assert file.info.side == "left"
 
 
 @pytest.mark.parametrize("pattern", ["{axis}{number}", "landmark_{number}_{axis}", "{axis}_{number}", "{number}{axis}"])
@@ -58,26 +56,26 @@ def test_mediapipe_csv_with_gaps(tmp_path, pattern):
     (tmp_path / "take.csv").write_text("\n".join(lines))
     file = opened(tmp_path / "take.csv")
     np.testing.assert_allclose(file.points, POINTS)
-    np.testing.assert_array_equal(file.entries, [0, 2, 3])
-    assert (file.reading.frames, file.reading.missing) == (4, 1)
+    np.testing.assert_array_equal(file.frame_indices, [0, 2, 3])
+    assert (file.info.frames, file.info.missing) == (4, 1)
 
 
-def test_gaps_in_json_are_bridged(tmp_path):
-    pose = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]
+def test_gaps_in_json_are_filled(hand, tmp_path):
+    pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     (tmp_path / "take.json").write_text(json.dumps([pose.tolist(), None, [], (pose + 0.03).tolist()]))
-    motion = opened(tmp_path / "take.json").motion(HAND)
+    motion = opened(tmp_path / "take.json").motion(hand)
     assert len(motion) == 4
     np.testing.assert_allclose(motion.transl[1] - motion.transl[0], 0.01, atol=2e-4)
 
 
-def test_world_landmarks_have_no_place_and_tracked_ones_have(tmp_path):
-    middle = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]
+def test_world_landmarks_have_no_translation_and_tracked_ones_have(hand, tmp_path):
+    middle = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     middle, away = middle - middle.mean(0) + [0.02, 0, 0], np.array([0, 0, 0.4])
     for name, points in (("world", middle), ("tracked", middle + away), ("mm", 1000 * middle)):
         np.savez(tmp_path / f"{name}.npz", landmarks=np.tile(points, (3, 1, 1)))
-        assert opened(tmp_path / f"{name}.npz").reading.has_place == (name == "tracked")
+        assert opened(tmp_path / f"{name}.npz").info.has_translation == (name == "tracked")
     np.savez(tmp_path / "xr.npz", joints=webxr(middle[None]))
-    assert opened(tmp_path / "xr.npz").reading.has_place
+    assert opened(tmp_path / "xr.npz").info.has_translation
 
 
 def webxr(points):
@@ -102,34 +100,34 @@ def test_webxr_matrices_are_column_major_and_y_is_up(tmp_path):
     for name in ("m.npz", "flat.npz", "rows.npz", "p.npz", "p.json", "m.json"):
         file = opened(tmp_path / name)
         np.testing.assert_allclose(file.points, POINTS)
-        assert (file.reading.format, file.reading.space) == ("WebXR joints", "y_up")
-        assert file.reading.side == ("right" if name == "m.json" else "left")  # WebXR's label is the hand's own
+        assert (file.info.format, file.info.space) == ("WebXR joints", "y_up")
+        assert file.info.side == ("right" if name == "m.json" else "left")  # WebXR's label is the hand's own
 
 
-def test_webxr_measures_and_mediapipe_guesses_its_scale(tmp_path):
-    pose = 1.2 * Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)][None]
+def test_webxr_measures_and_mediapipe_guesses_its_scale(hand, tmp_path):
+    pose = 1.2 * HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)][None]
     np.savez(tmp_path / "m.npz", landmarks=pose)
     np.savez(tmp_path / "x.npz", joints=webxr(pose), handedness="right")
-    assert opened(tmp_path / "m.npz").fit(HAND).scale == pytest.approx(1.2, abs=1e-6)
-    assert opened(tmp_path / "x.npz").fit(HAND).scale == 1
+    assert opened(tmp_path / "m.npz").fit(hand).scale == pytest.approx(1.2, abs=1e-6)
+    assert opened(tmp_path / "x.npz").fit(hand).scale == 1
 
 
-def test_a_mirrored_picture_is_turned_back(tmp_path):
+def test_a_mirrored_picture_is_unmirrored(hand, tmp_path):
     """A right hand before a selfie camera: MediaPipe says "Right", and sees the shape of a left hand."""
-    pose = Skeleton.of(HAND).rest[list(NODES_OF_LANDMARKS)]
+    pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     seen = pose * [-1, 1, 1]
     np.savez(tmp_path / "selfie.npz", landmarks=seen[None], handedness="Right")
     file = opened(tmp_path / "selfie.npz")
-    assert file.reading.side == "left"
-    assert file.doubt(HAND) is None
-    true = file.turned_round(is_picture_mirrored=True)
-    assert true.reading.side == "right"
-    assert true.doubt(HAND) is None
-    assert true.motion(HAND).side == "right"
-    assert true.fit(HAND).rms_m < 0.002
-    assert true.turned_round(is_picture_mirrored=False).reading.side == "left"
-    wrong = file.turned_round(side="right")
-    assert wrong.doubt(HAND) == "the landmarks bend like a left hand"
+    assert file.info.side == "left"
+    assert file.warning(hand) is None
+    true = file.with_changes(is_picture_mirrored=True)
+    assert true.info.side == "right"
+    assert true.warning(hand) is None
+    assert true.motion(hand).side == "right"
+    assert true.fit(hand).rms_m < 0.002
+    assert true.with_changes(is_picture_mirrored=False).info.side == "left"
+    wrong = file.with_changes(side="right")
+    assert wrong.warning(hand) == "the landmarks bend like a left hand"
 
 
 def test_bad_landmarks_are_refused(tmp_path):

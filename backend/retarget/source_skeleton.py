@@ -1,4 +1,4 @@
-"""Somebody's armature at rest, and which of its bones are a hand's joints: records, numpy."""
+"""The records of another rig's armature at rest, and of the map from its bones to a hand's joints."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..records.shot import Side
 
 
 @dataclass(frozen=True)
-class RestSkeleton:
-    """B bones in their rest pose, where the armature stands in the world; Blender's axes, m.
+class SourceSkeleton:
+    """B bones of an armature in their rest pose, in the world, with Blender's axes, m.
 
     Attributes:
-        names: of the bones; unique.
-        parents: index of each bone's parent, -1 for a root. Parents come before their children.
+        names: of the bones, unique.
+        parents: index of each bone's parent, -1 for a root; parents come before their children.
         heads: [B, 3] m.
-        tails: [B, 3] m; importers invent them where a format has none, so they hint and never prove.
+        tails: [B, 3] m. They are unreliable: importers invent them if a format has none.
         frames: [B, 3, 3] rotations, columns a bone's X, Y (along it) and Z.
     """
 
@@ -30,21 +30,21 @@ class RestSkeleton:
     frames: np.ndarray
 
     def index(self, name: str) -> int:
-        """Which bone has this name.
+        """The index of the bone with this name.
 
         Raises:
-            LiveHandError: none has.
+            LiveHandError: there is none.
         """
         if name not in self.names:
             raise LiveHandError(f"the armature must have a bone '{name}', it has none; choose one of its bones")
         return self.names.index(name)
 
     def children(self, bone: int) -> list[int]:
-        """The bones right below one."""
+        """The children of a bone."""
         return [child for child, parent in enumerate(self.parents) if parent == bone]
 
     def ancestors(self, bone: int) -> list[int]:
-        """The bones above one, the nearest first."""
+        """The bones above one, from its parent to the root."""
         above = []
         while (bone := self.parents[bone]) >= 0:
             above.append(bone)
@@ -53,13 +53,13 @@ class RestSkeleton:
 
 @dataclass(frozen=True)
 class JointMap:
-    """Which bone is which of a hand's joints.
+    """The bones of a hand's joints.
 
     Attributes:
         side: of the hand.
-        bones: 16 names in MANO's order of joints; a joint's bone begins (has its head) at the joint.
+        bones: 16 names in MANO's order of joints; each bone has its head at the joint.
         tips: five names of bones that begin at the fingertips, in MANO's order of fingers (index, middle, pinky, ring,
-            thumb); None where the rig has none.
+            thumb); None if the rig has none.
     """
 
     side: Side
@@ -78,3 +78,8 @@ class JointMap:
         twice = sorted({bone for bone in used if used.count(bone) > 1})
         if twice:
             raise LiveHandError(f"a bone must be one joint only; chosen more than once: {', '.join(twice)}")
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] at length 1; vectors shorter than 1e-12 stay near zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

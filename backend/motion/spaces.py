@@ -1,4 +1,4 @@
-"""Motions in space: from a file's axes into Blender's world, and from one frame into another."""
+"""The coordinate systems of pose files, and rigid transforms of motions between them."""
 
 from __future__ import annotations
 
@@ -12,34 +12,33 @@ from ..hand.model import HandModel
 from .motion import HandMotion
 
 Space = Literal["hand", "z_up", "y_up", "opencv", "opengl"]
-"""`hand`: theta and transl as our rig has them, in the armature; `z_up` is Blender's world; `y_up` looks along -Z;
-`opencv` and `opengl` are cameras (x right, y down, z forward; x right, y up, z back)."""
+"""`hand`: the armature's own space; `z_up`: Blender's world; `y_up`: a world that looks along -Z; `opencv`: a camera
+with x right, y down, z forward; `opengl`: a camera with x right, y up, z back."""
 SPACES: tuple[Space, ...] = get_args(Space)
 
 _Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 TO_BLENDER: dict[Space, np.ndarray] = {
     "hand": np.eye(3),
     "z_up": np.eye(3),
     "y_up": _Y_UP,
-    "opencv": _CAMERA,
+    "opencv": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
     "opengl": _Y_UP,
 }
-"""[3, 3] of each space: its axes in Blender's world; a camera looks along +Y."""
+"""[3, 3] from each space to Blender's world, in which a camera looks along +Y."""
 
 
 def rest_wrists(model: HandModel, beta: np.ndarray) -> np.ndarray:
-    """[..., 3] m: the joint about which the root turns, of shapes [..., 10], in the template's frame."""
+    """[..., 3] m: the wrist joint, about which the root rotates, of shapes [..., 10] in the template's frame."""
     return model.joints[0] + np.einsum("v,vck,...k->...c", model.J_regressor[0], model.shapedirs, beta)
 
 
-def moved(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> HandMotion:
-    """The whole motion carried by a transform; a scale in it moves the wrist, and leaves the hand's own size.
+def transformed(motion: HandMotion, matrix: np.ndarray, wrists: np.ndarray) -> HandMotion:
+    """The motion under an affine transform. A scale applies to the wrist's position, not to the hand's size.
 
     Args:
         motion: of T frames.
-        matrix: [4, 4], from the motion's present space to the new one.
-        wrists: [T, 3] or [3] m, `rest_wrists` of its shape: theta turns about them, so transl depends on them.
+        matrix: [4, 4] from the motion's present space to the new one.
+        wrists: [T, 3] or [3] m, `rest_wrists` of its shape: theta rotates about them, so transl depends on them.
     """
     rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     theta = motion.theta.copy()

@@ -1,33 +1,32 @@
-"""The take that comes with the walk-through: what it is taken for, and that its script makes it anew."""
+"""The recording of the walk-through: how it is interpreted, and that its script reproduces it."""
 
 import json
 import runpy
 from pathlib import Path
 
 import numpy as np
-from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.opening import open_motion_file
+from livehand.backend.motion.open_files import open_motion_file
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_it_is_two_seconds_of_a_left_hand_without_a_place():
-    reading = open_motion_file(EXAMPLES / "take.json").reading
+def test_it_is_two_seconds_of_a_left_hand_without_translation(hand):
+    reading = open_motion_file(EXAMPLES / "take.json").info
     assert (reading.format, reading.side, reading.frames, reading.fps) == ("MediaPipe landmarks", "left", 24, 12)
-    assert not reading.has_place
-    assert open_motion_file(EXAMPLES / "take.json").doubt(load_default_hand()) is None
+    assert not reading.has_translation
+    assert open_motion_file(EXAMPLES / "take.json").warning(hand) is None
 
 
-def test_its_script_makes_it():
+def test_its_script_reproduces_it():
     made = runpy.run_path(str(EXAMPLES / "make_take.py"))["take"]()
     saved = json.loads((EXAMPLES / "take.json").read_text())
     np.testing.assert_allclose(made.pop("world_landmarks"), saved.pop("world_landmarks"), atol=1.5e-4)
     assert made == saved
 
 
-def test_its_fingers_are_bent_as_the_numbers_say():
+def test_its_fingers_are_bent_as_the_numbers_say(hand):
     """Flexion of the knuckles and joints after it, summed over index to little finger, falls as fingers are put up."""
-    motion = open_motion_file(EXAMPLES / "take.json").motion(load_default_hand())
+    motion = open_motion_file(EXAMPLES / "take.json").motion(hand)
     bend = np.linalg.norm(motion.theta[:, 1:13].reshape(-1, 4, 3, 3), axis=-1).sum(-1)  # index, middle, pinky, ring
     up = bend < 1.2
     assert up[0].sum() == 0

@@ -1,4 +1,4 @@
-"""Hands found by shape alone: a bone with five chains below it; the thumb by its place, the side by thumb and palm."""
+"""Finds hands in a skeleton by its shape: a bone with five chains below; thumb and side follow from positions."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..records.shot import Side
-from .chains import Joints, joints_of_chain
-from .skeleton import RestSkeleton
+from .finger_chains import FingerBones, finger_of_chain
+from .source_skeleton import SourceSkeleton, unit
 
-# A finger bent, or a thumb off the palm's plane, by less than this tells nothing about the palm: sine, share of length.
+# Fingers bent, or a thumb out of the palm's plane, by less than this do not show the palm: sine, share of the length.
 _LEAST_BEND, _LEAST_OFFSET = 0.03, 0.03
 
 
 @dataclass(frozen=True)
 class FoundHand:
-    """A hand without names.
+    """A hand found by shape.
 
     Attributes:
         wrist: index of its bone.
         fingers: index, middle, pinky, ring, thumb.
-        side: None where the rest pose does not show the palm.
+        side: None if the rest pose does not show the palm.
     """
 
     wrist: int
-    fingers: tuple[Joints, ...]
+    fingers: tuple[FingerBones, ...]
     side: Side | None
 
 
-def find_hands(skeleton: RestSkeleton) -> list[FoundHand]:
-    """All bones with five chains of three bones or more below them."""
+def find_hands(skeleton: SourceSkeleton) -> list[FoundHand]:
+    """All bones with five chains of at least three bones below them."""
     found = []
     for bone in range(len(skeleton.names)):
         below = [_chain(skeleton, child) for child in skeleton.children(bone)]
@@ -41,13 +41,12 @@ def find_hands(skeleton: RestSkeleton) -> list[FoundHand]:
 
 
 def side_of(heads: np.ndarray) -> Side | None:
-    """Whose joints [16, 3] these are, in MANO's order, from how the fingers bend or else where the thumb lies."""
+    """The side of joints [16, 3] in MANO's order: from the bend of the fingers, else from the thumb's position."""
     wrist, knuckles = heads[0], heads[[1, 4, 7, 10]]
-    along = _unit(knuckles.mean(0) - wrist)
+    along = unit(knuckles.mean(0) - wrist)
     across = heads[1] - heads[7]
-    thumbward = _unit(across - (across @ along) * along)
-    # Out of the palm of a right hand.
-    palmar = np.cross(thumbward, along)
+    towards_thumb = unit(across - (across @ along) * along)
+    palmar = np.cross(towards_thumb, along)  # out of the palm of a right hand
     bend = sum(_bend(heads[first : first + 3], along) for first in (1, 4, 7, 10)) / 4
     lean = bend @ palmar
     if abs(lean) < _LEAST_BEND:
@@ -57,44 +56,40 @@ def side_of(heads: np.ndarray) -> Side | None:
     return None if lean == 0 else "right" if lean > 0 else "left"
 
 
-def _hand(skeleton: RestSkeleton, wrist: int, chains: list[list[int]]) -> FoundHand:
+def _hand(skeleton: SourceSkeleton, wrist: int, chains: list[list[int]]) -> FoundHand:
     heads = skeleton.heads
     ends = np.array([heads[chain[-1]] for chain in chains]) - heads[wrist]
-    along = _unit(ends.mean(0))
+    along = unit(ends.mean(0))
     thumb = int(np.argmin(ends @ along))
     others = [k for k in range(5) if k != thumb]
     starts = np.array([heads[chains[k][len(chains[k]) > 3]] for k in others])
-    # Along the line of the knuckles, beginning at the thumb's side.
+    # The order of the fingers along the line of the knuckles, from the thumb's side.
     _, _, axes = np.linalg.svd(starts - starts.mean(0))
     line = axes[0] * np.sign(axes[0] @ (heads[chains[thumb][1]] - starts.mean(0)))
     index, middle, ring, pinky = (others[k] for k in np.argsort(-(starts @ line)))
     order = (index, middle, pinky, ring, thumb)
-    fingers = tuple(joints_of_chain(chains[k], heads, wrist, k == thumb) for k in order)
-    joints = [wrist, *(bone for finger in fingers for bone in finger.bones if bone is not None)]
+    fingers = tuple(finger_of_chain(chains[k], heads, wrist, k == thumb) for k in order)
+    joints = [wrist, *(bone for finger in fingers for bone in finger.joints if bone is not None)]
     return FoundHand(wrist, fingers, side_of(heads[joints]) if len(joints) == 16 else None)
 
 
-def _chain(skeleton: RestSkeleton, bone: int) -> list[int]:
-    """A bone and its descendants while there is only one that goes on; shorter side branches are helpers."""
+def _chain(skeleton: SourceSkeleton, bone: int) -> list[int]:
+    """A bone and its descendants along the longest branch; empty if more than one branch is longer than a bone."""
     chain = [bone]
     while children := skeleton.children(chain[-1]):
         depths = [_depth(skeleton, child) for child in children]
         longest = int(np.argmax(depths))
-        if sum(depth > 1 for depth in depths) > 1:  # it branches: no finger
+        if sum(depth > 1 for depth in depths) > 1:  # not a finger
             return []
         chain.append(children[longest])
     return chain
 
 
-def _depth(skeleton: RestSkeleton, bone: int) -> int:
+def _depth(skeleton: SourceSkeleton, bone: int) -> int:
     return 1 + max((_depth(skeleton, child) for child in skeleton.children(bone)), default=0)
 
 
 def _bend(joints: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """[3] how far and whither a finger's second bone departs from its first, across the hand's length."""
-    first, second = _unit(joints[1] - joints[0]), _unit(joints[2] - joints[1])
+    """[3] the difference of directions of a finger's second and first bone, across the hand's length."""
+    first, second = unit(joints[1] - joints[0]), unit(joints[2] - joints[1])
     return second - first - ((second - first) @ along) * along
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)

@@ -1,7 +1,7 @@
-"""The detailed surface of the built-in hand, which synthetic captures are rendered from.
+"""The detailed surface of the built-in hand, from which synthetic captures are rendered.
 
-Loop subdivision of the template, relaxation along the surface, projection onto the signed distance, then onto its
-details. It inherits weights, atlas and every linear field of the template through the subdivision's matrix.
+The template is subdivided by Loop's scheme, relaxed along the surface, and projected onto the signed distance with
+details. Weights, atlas and every linear field of the template carry over through the subdivision's matrix.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...records.errors import LiveHandError
+from ..gestures import FingerAxes
 from ..model import HandModel
-from .asset import read_extras
 from .dependencies import needs
 from .frames import build_to_template, swap_distal, template_to_build
 from .loop import neighbour_mean, subdivide
@@ -25,7 +25,7 @@ from .skin_masks import skin_masks
 with needs("scipy"):
     from scipy import sparse
 
-_ON_SURFACE = 0.1  # mm: how far the template's vertices may lie off the surface they were projected onto
+_ON_SURFACE = 0.1  # mm: largest median distance of the built-in template's vertices from the surface
 _RELAXATIONS = 4
 
 
@@ -36,11 +36,11 @@ class DetailedSurface:
     Attributes:
         vertices_m: [N, 3] at rest, in the frame of `HandModel.v_template`, m.
         faces: [M, 3], outward.
-        subdivision: sparse [N, V], rows sum to 1. It carries the template's fields (shapedirs, posedirs) over; the
-            vertices themselves are `subdivision @ v_template` moved onto the surface.
+        subdivision: sparse [N, V], rows sum to 1; maps fields of the template (shapedirs, posedirs) to the N
+            vertices, which are `subdivision @ v_template` moved onto the surface.
         lbs_weights: [N, 16], rows sum to 1.
-        uv: [M, 3, 2] per face corner, in the model's own atlas.
-        masks: [N] each, see `skin_masks.py`.
+        uv: [M, 3, 2] per face corner, in the model's atlas.
+        masks: [N] each; see `skin_masks.py`.
         flex_axis: [16, 3] unit flexion axes of the joints, template frame; zero for the wrist.
     """
 
@@ -72,12 +72,12 @@ def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
         lbs_weights=fine.matrix @ model.lbs_weights,
         uv=fine.uv,
         masks=skin_masks(rays, vertices, vertex_normals(vertices, fine.faces)),
-        flex_axis=read_extras().flex_axis,
+        flex_axis=FingerAxes.of_default_hand().flexion,
     )
 
 
 def _relaxed_on_surface(rays: dict[str, Ray], vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Even out the vertices: smoothing shrinks and projection mends that, so that they slide along the surface."""
+    """Space the vertices evenly: smoothing shrinks the mesh, and projection onto the surface undoes that."""
     mean = neighbour_mean(faces, len(vertices))
     vertices = project_to_surface(rays, vertices, with_details=False, steps=2)
     for _ in range(_RELAXATIONS):
@@ -91,6 +91,6 @@ def _check_builtin(model: HandModel, rays: dict[str, Ray], coarse: np.ndarray) -
     distance = np.abs(signed_distance(rays, swap_distal(coarse), with_details=False))
     if model.side != "right" or np.median(distance) > _ON_SURFACE:
         raise LiveHandError(
-            f"the detailed surface is the built-in right hand's, got the {model.side} hand {model.name!r}; "
+            f"the hand must be the built-in right one, got the {model.side} hand {model.name!r}; "
             "pass load_default_hand()"
         )

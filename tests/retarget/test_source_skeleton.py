@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.skeleton import JointMap, RestSkeleton
+from livehand.backend.retarget.source_skeleton import JointMap, SourceSkeleton
 
 NAMES = tuple(f"bone{k}" for k in range(16))
 
 
 def test_bones_are_found_by_name_and_parent():
-    skeleton = RestSkeleton(
+    skeleton = SourceSkeleton(
         ("root", "a", "b"), (-1, 0, 0), np.zeros((3, 3)), np.ones((3, 3)), np.tile(np.eye(3), (3, 1, 1))
     )
     assert skeleton.index("b") == 2

@@ -1,0 +1,67 @@
+"""The initial pose of a landmark fit, in closed form: the palm as a rigid body, then one bone after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.rotation import axis_angle_to_matrix, rotation_between
+from .articulation import LIMITS, all_angles, free_angles
+from .skeleton import HandSkeleton
+
+_PALM = (0, 1, 5, 9, 13)  # the wrist and the four knuckles among the nodes
+
+
+def aligned_palm(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation [T, 3, 3] and position [T, 3] m of the wrist that best align the rest palm with nodes [T, 21, 3]."""
+    palm, rest_palm = points[:, _PALM], rest[list(_PALM)]
+    centre, rest_centre = palm.mean(1), rest_palm.mean(0)
+    rotation = rotation_between(rest_palm - rest_centre, palm - centre[:, None])
+    return rotation, centre + rotation @ (rest[0] - rest_centre)
+
+
+def aligned_bones(points: np.ndarray, root: np.ndarray, skeleton: HandSkeleton, beta: np.ndarray) -> np.ndarray:
+    """[T, 21] free angles within the limits that point each bone at the next node; the thumb's twist stays zero."""
+    fingers = points[:, 1:].reshape(len(points), 5, 4, 3)
+    bones, offsets = np.diff(fingers, axis=2), skeleton.offsets(beta)
+    lowest, highest = np.moveaxis(all_angles(LIMITS.T), 0, 0)  # each [5, 3, 3]
+    angles = np.zeros((len(points), 5, 3, 3))
+    for finger in range(5):
+        parent = root
+        for joint in range(3):
+            flexion, abduction, _ = skeleton.axes[finger, joint]
+            wanted = np.einsum("tba,tb->ta", parent, bones[:, finger, joint])
+            bend = _bend(wanted, offsets[finger, joint + 1], flexion, abduction)
+            bend = np.clip(bend, lowest[finger, joint, :2], highest[finger, joint, :2])
+            angles[:, finger, joint, :2] = bend
+            rotation = axis_angle_to_matrix(bend[:, :1] * flexion) @ axis_angle_to_matrix(bend[:, 1:] * abduction)
+            parent = parent @ rotation
+    return free_angles(angles)
+
+
+def _bend(wanted: np.ndarray, bone: np.ndarray, flexion: np.ndarray, abduction: np.ndarray) -> np.ndarray:
+    """[T, 2] flexion and abduction, rad, that rotate a bone [3] onto directions [T, 3].
+
+    Flexion does not change the component along its own axis, so that component gives the abduction, and the rest the
+    flexion.
+    """
+    wanted = wanted / np.maximum(np.linalg.norm(wanted, axis=-1, keepdims=True), 1e-9)
+    bone = bone / np.linalg.norm(bone)
+    # After abduction by a, the bone's component along the flexion axis is constant + cosine * cos a + sine * sin a.
+    constant = (bone @ abduction) * (abduction @ flexion)
+    cosine, sine = bone @ flexion - constant, np.cross(abduction, bone) @ flexion
+    amplitude = max(float(np.hypot(cosine, sine)), 1e-9)
+    ratio = np.clip((wanted @ flexion - constant) / amplitude, -1, 1)
+    abducted = _wrapped(np.arcsin(ratio) - np.arctan2(cosine, sine))
+    rotated = np.einsum("tab,b->ta", axis_angle_to_matrix(abducted[:, None] * abduction), bone)
+    dot = (_across(rotated, flexion) * _across(wanted, flexion)).sum(-1)
+    return np.stack([np.arctan2(np.cross(rotated, wanted) @ flexion, dot), abducted], -1)
+
+
+def _across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """The components of vectors [T, 3] perpendicular to an axis."""
+    return vectors - (vectors @ axis)[:, None] * axis
+
+
+def _wrapped(angles: np.ndarray) -> np.ndarray:
+    """Angles wrapped to [-pi, pi)."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi

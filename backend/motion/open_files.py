@@ -1,0 +1,146 @@
+"""Opens motion files: detects the format of one file, or joins several one-frame files into one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..records.errors import LiveHandError
+from ..records.shot import SIDES, Side
+from .document import SUFFIXES, load_document
+from .formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
+from .formats.format import Format
+from .formats.neural_annot import is_neural_annot, read_neural_annot
+from .landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
+from .pose_file import NoHandError, PoseFile, RawHand
+
+# The most specific first: the first format that matches reads the document.
+FORMATS: tuple[Format, ...] = (
+    own.FORMAT,
+    hamer.FORMAT,
+    body.AMASS,
+    body.SMPLX,
+    arctic.FORMAT,
+    dexycb.FORMAT,
+    ho3d.FORMAT,
+    freihand.FORMAT,
+    raw.FORMAT,
+)
+
+MotionFile = PoseFile | LandmarkFile
+
+
+def open_files(paths: Sequence[Path]) -> MotionFile:
+    """Read one file of any kind, or several one-frame files of poses.
+
+    Raises:
+        LiveHandError: as `open_motion_file` and `open_pose_files`.
+    """
+    return open_motion_file(paths[0]) if len(paths) == 1 else open_pose_files(paths)
+
+
+def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
+    """Read a file of poses or landmarks, or a folder of one-frame pose files in the order of their names.
+
+    Args:
+        path: the file or folder.
+        capture: of InterHand2.6M's NeuralAnnot; None takes the first in the file.
+
+    Raises:
+        LiveHandError: the file is missing, damaged, of no known format, or has no hand.
+    """
+    if path.is_dir():
+        return open_pose_files(pose_files_in(path))
+    if is_neural_annot(path):
+        return read_neural_annot(path, capture)
+    document = load_document(path)
+    for known in FORMATS:
+        if known.matches(document):
+            return known.read(document)
+    if is_landmarks(document):
+        return read_landmarks(document)
+    content = document.content
+    got = f"keys {sorted(content)[:12]}" if isinstance(content, dict) else f"a {type(content).__name__}"
+    names = ", ".join(known.name for known in FORMATS)
+    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}")
+
+
+def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
+    """Read a file of poses, as `open_motion_file`.
+
+    Raises:
+        LiveHandError: as `open_motion_file`, or the file holds landmarks.
+    """
+    file = open_motion_file(path, capture)
+    if isinstance(file, LandmarkFile):
+        raise LiveHandError(f"{path} must hold poses, got {file.info.format}; import it onto a hand to fit it")
+    return file
+
+
+def pose_files_in(folder: Path) -> list[Path]:
+    """The pose files of a folder that have its most frequent suffix.
+
+    Raises:
+        LiveHandError: there are none.
+    """
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not files:
+        raise LiveHandError(f"{folder} must hold pose files ({', '.join(SUFFIXES)}), got none")
+    suffixes = [path.suffix.lower() for path in files]
+    most_frequent = max(set(suffixes), key=suffixes.count)
+    return [path for path in files if path.suffix.lower() == most_frequent]
+
+
+def open_pose_files(paths: Sequence[Path]) -> PoseFile:
+    """Join files of one format in time; a file without a hand is a gap.
+
+    Raises:
+        LiveHandError: as `open_pose_file`, or the files differ in format.
+    """
+    if len(paths) == 1:
+        return open_pose_file(paths[0])
+    found = [_open_frame(path) for path in paths]
+    files = [file for file in found if file is not None]
+    if not files:
+        raise LiveHandError(f"{paths[0].parent} must hold a frame with a hand, got none in {len(paths)} files")
+    formats = sorted({file.info.format for file in files})
+    if len(formats) > 1:
+        raise LiveHandError(f"the files must be of one format, got {', '.join(formats)}; choose files of one recording")
+    hands: dict[Side, RawHand] = {side: hand for side in SIDES if (hand := _joined(found, side)) is not None}
+    side = files[0].info.side if files[0].info.side in hands else next(iter(hands))
+    return replace(files[0], hands=hands).with_changes(side=side)
+
+
+def _open_frame(path: Path) -> PoseFile | None:
+    try:
+        return open_pose_file(path)
+    except NoHandError:
+        return None
+
+
+def _joined(files: Sequence[PoseFile | None], side: Side) -> RawHand | None:
+    """One hand of all files; beta is [N, 10] if it differs between them."""
+    parts: list[RawHand] = []
+    starts: list[int] = []
+    start = 0
+    for file in files:
+        if file is not None and side in file.hands:
+            parts.append(file.hands[side])
+            starts.append(start)
+        start += 1 if file is None else max(int(raw.frame_indices[-1]) + 1 for raw in file.hands.values())
+    if not parts:
+        return None
+    if len({part.fingers.shape[1] for part in parts}) > 1:
+        raise LiveHandError("all files must have equally many numbers per frame; choose files of one recording")
+    betas = np.concatenate([np.broadcast_to(part.beta, (len(part.root), 10)) for part in parts])
+    return replace(
+        parts[0],
+        root=np.concatenate([part.root for part in parts]),
+        fingers=np.concatenate([part.fingers for part in parts]),
+        beta=betas[0] if (betas == betas[0]).all() else betas,
+        transl=np.concatenate([part.transl for part in parts]),
+        frame_indices=np.concatenate([part.frame_indices + first for part, first in zip(parts, starts, strict=True)]),
+    )

@@ -1,0 +1,185 @@
+"""Guesses which bones of a skeleton are a hand's joints: by their names, or else by the shape of the skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..hand.model import JOINT_NAMES, MANO_FINGERS
+from ..records.errors import LiveHandError
+from ..records.shot import SIDES, Side
+from .bone_names import METACARPAL, TIP, BoneName, parse_bone_name
+from .finger_chains import FingerBones, finger_of_chain
+from .hand_search import FoundHand, find_hands, side_of
+from .source_skeleton import JointMap, SourceSkeleton
+
+_LAYERS = ("def", "", "org")  # Rigify's deform bones first: they follow all controls and constraints
+
+
+@dataclass(frozen=True)
+class JointGuess:
+    """A joint map that may have gaps.
+
+    Attributes:
+        side: of the hand.
+        bones: 16 names in MANO's order, None if no bone was found.
+        tips: five names or None, in MANO's order of fingers.
+    """
+
+    side: Side
+    bones: tuple[str | None, ...]
+    tips: tuple[str | None, ...]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the joints for which no bone was found."""
+        return tuple(joint for joint, bone in zip(JOINT_NAMES, self.bones, strict=True) if bone is None)
+
+    def joint_map(self) -> JointMap:
+        """The joint map of a complete guess.
+
+        Raises:
+            LiveHandError: a joint has no bone.
+        """
+        if self.missing:
+            raise LiveHandError(
+                f"every joint of the {self.side} hand must have a bone, none was found for {', '.join(self.missing)}; "
+                "choose them by hand"
+            )
+        return JointMap(self.side, tuple(bone or "" for bone in self.bones), self.tips)
+
+
+def guess_joints(skeleton: SourceSkeleton, side: Side | None = None) -> JointGuess:
+    """Guess the bones of one hand.
+
+    Args:
+        skeleton: of a hand or of a whole body.
+        side: of the hand; None takes the hand with more bones found, of equals the right one.
+    """
+    guesses = [guess for wanted in SIDES if (guess := _guess(skeleton, wanted)) and side in (None, wanted)]
+    empty = JointGuess(side or "right", (None,) * 16, (None,) * 5)
+    return min(guesses, key=lambda guess: len(guess.missing), default=empty)
+
+
+def _guess(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
+    """None if the skeleton has no such hand."""
+    by_names = _by_names(skeleton, side)
+    if by_names and not by_names.missing:
+        return by_names
+    shapes = [hand for hand in find_hands(skeleton) if _side_at(skeleton, hand) in (side, None)]
+    by_shape = [_guess_of(skeleton, hand.wrist, hand.fingers, side) for hand in shapes]
+    found = [guess for guess in (by_names, *by_shape) if guess and len(guess.missing) < 15]
+    return min(found, key=lambda guess: len(guess.missing), default=by_names)
+
+
+def _by_names(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
+    names = [parse_bone_name(name) for name in skeleton.names]
+    sides = _sides(skeleton, names)
+    guesses = []
+    for own in (side, None):
+        for layer in _LAYERS:
+            of_hand = {k: name for k, name in enumerate(names) if name and name.layer == layer and sides[k] == own}
+            guess = _named_hand(skeleton, of_hand, side)
+            if own is not None or _may_be(skeleton, guess, side):
+                guesses.append(guess)
+    best = min(guesses, key=lambda guess: len(guess.missing))
+    return best if len(best.missing) < 15 else None
+
+
+def _sides(skeleton: SourceSkeleton, names: list[BoneName | None]) -> list[Side | None]:
+    """Per bone; a name without a side takes that of its parent."""
+    sides: list[Side | None] = []
+    for name, parent in zip(names, skeleton.parents, strict=True):
+        above = sides[parent] if parent >= 0 else None
+        sides.append(name.side if name and name.side else above)
+    return sides
+
+
+def _may_be(skeleton: SourceSkeleton, guess: JointGuess, side: Side) -> bool:
+    """Whether a hand whose names have no side may be of this side."""
+    if guess.missing:
+        return len(guess.missing) < 15 and side == "right"
+    bones = [skeleton.index(bone) for bone in guess.bones if bone]
+    return side_of(skeleton.heads[bones]) in (side, None)
+
+
+def _named_hand(skeleton: SourceSkeleton, names: dict[int, BoneName], side: Side) -> JointGuess:
+    fingers = _bones_of_fingers(names)
+    wrist = _wrist(skeleton, names, [bones for bones in fingers.values() if bones])
+    joints = [
+        _finger(skeleton, {bone: names[bone] for bone in fingers[finger]}, wrist, finger == "thumb")
+        for finger in MANO_FINGERS
+    ]
+    return _guess_of(skeleton, wrist, joints, side)
+
+
+def _bones_of_fingers(names: dict[int, BoneName]) -> dict[str, list[int]]:
+    """The bones of each finger, named or numbered. Numbers begin at the thumb unless bones are named after it."""
+    fingers = {finger: [k for k, name in names.items() if name.finger == finger] for finger in MANO_FINGERS}
+    numbers = sorted({name.finger_number for name in names.values() if name.finger_number is not None})
+    order = ("thumb", "index", "middle", "ring", "pinky")[bool(fingers["thumb"]) :]
+    if len(numbers) == len(order):
+        for finger, number in zip(order, numbers, strict=True):
+            fingers[finger] += [k for k, name in names.items() if name.finger_number == number]
+    return fingers
+
+
+def _finger(skeleton: SourceSkeleton, names: dict[int, BoneName], wrist: int | None, is_thumb: bool) -> FingerBones:
+    best: dict[float, int] = {}  # by position: originals before copies, shorter names before longer ones
+    for bone in sorted(names, key=lambda bone: (names[bone].is_copy, len(skeleton.names[bone]))):
+        position = names[bone].position
+        if position is not None:
+            best.setdefault(position, bone)
+    tip = best.pop(TIP, None)
+    if not is_thumb:
+        best.pop(METACARPAL, None)
+    if 0.0 in best and len(best) > 3:  # positions count from 0, which is in the palm
+        best.pop(0.0)
+    chain = [best[position] for position in sorted(best)]
+    if len(chain) > 3 or (is_thumb and METACARPAL in best):
+        found = finger_of_chain(chain, skeleton.heads, wrist, is_thumb)
+        return found if tip is None else found._replace(tip=tip)
+    return FingerBones(_at_positions(best), tip)
+
+
+def _at_positions(best: dict[float, int]) -> tuple[int | None, int | None, int | None]:
+    """At most three bones at their own positions, so that gaps are kept."""
+    first = 0.0 if 0.0 in best else 1.0
+    bones = [best.get(first + k) for k in range(3)]
+    return bones[0], bones[1], bones[2]
+
+
+def _wrist(skeleton: SourceSkeleton, names: dict[int, BoneName], fingers: list[list[int]]) -> int | None:
+    """The lowest common ancestor of the fingers that is named after the hand, else the lowest of all."""
+    hands = [bone for bone, name in names.items() if name.is_hand]
+    if not fingers:
+        return min(hands, key=lambda bone: len(skeleton.names[bone]), default=None)
+    firsts = [bones[0] for bones in fingers]
+    above = [skeleton.ancestors(bone) for bone in firsts]
+    shared = [bone for bone in above[0] if all(bone in others for others in above)]
+    named = [bone for bone in shared if bone in hands]
+    if named:
+        return named[0]
+    if hands:  # Rigify's deform bones are not connected
+        middle = skeleton.heads[firsts].mean(0)
+        return min(hands, key=lambda bone: float(np.linalg.norm(skeleton.heads[bone] - middle)))
+    own = {bone for bones in fingers for bone in bones}
+    return next((bone for bone in shared if bone not in own and len(fingers) > 2), None)
+
+
+def _side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
+    """The side in the names of the hand's bone and those above, else that of its shape."""
+    for bone in (hand.wrist, *skeleton.ancestors(hand.wrist)):
+        name = parse_bone_name(skeleton.names[bone])
+        if name and name.side:
+            return name.side
+    return hand.side
+
+
+def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[FingerBones], side: Side) -> JointGuess:
+    bones = [wrist, *(bone for finger in fingers for bone in finger.joints)]
+    names = tuple(None if bone is None else skeleton.names[bone] for bone in bones)
+    tips = tuple(None if finger.tip is None else skeleton.names[finger.tip] for finger in fingers)
+    return JointGuess(side, names, tips)

@@ -1,0 +1,192 @@
+"""Aligns the rest pose of a hand model with that of another rig: one rotation per joint, so that bones are parallel.
+
+The palms give the wrist's rotation. Along each finger, the frame is carried by the shortest rotations onto the rig's
+bones, then rotated about the first bone so that the planes of the fingers' bend agree. The roll of bones, their tails
+and the rig's unit do not matter. If all joints coincide, as for a hand model made from the rig, both rest poses are the
+same and every joint has the palm's rotation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.rotation import axis_angle_to_matrix, rotation_between
+from ..hand.model import MIRROR_POINT, HandModel
+from ..motion.landmarks.skeleton import HandSkeleton
+from ..records.errors import LiveHandError
+from .shape_fit import HandShape, fit_shape, rest_nodes
+from .source_skeleton import JointMap, SourceSkeleton, unit
+
+_PALM = [0, 1, 5, 9, 13]  # the wrist and four knuckles among the 21 nodes
+_JOINTS = [0, *(4 * finger + k for finger in range(5) for k in (1, 2, 3))]  # all but the tips
+_SAME_POSITION = 0.002  # share of the distance from the wrist to the middle knuckle: 0.2 mm in an adult hand
+# The bend of a finger gives its flexion axis if larger than the second angle, and does not if below the first.
+_STRAIGHT, _BENT = np.deg2rad([6.0, 20.0])
+_MIN_AGREEMENT = 0.6
+# Without a tip, the tail of the last bone is used if it continues the finger this straight (cosine).
+_MIN_STRAIGHTNESS = 0.6
+_SMALLEST_M = 1e-6
+
+
+@dataclass(frozen=True)
+class RestAlignment:
+    """A hand model at rest, aligned with another rig at rest.
+
+    Attributes:
+        model: the hand model, of the rig's side.
+        shape: of the hand model.
+        rotations: [16, 3, 3] per joint, from the template's frame to the world, when the rig is at rest.
+        wrist: [3] m, position of the hand model's wrist in the world then.
+        frames: [16, 3, 3] of the rig's bones at rest, in the world.
+        heads: [16, 3] m, of the rig's bones.
+    """
+
+    model: HandModel
+    shape: HandShape
+    rotations: np.ndarray
+    wrist: np.ndarray
+    frames: np.ndarray
+    heads: np.ndarray
+
+
+def align(
+    skeleton: SourceSkeleton, joint_map: JointMap, model: HandModel, shape: HandShape | None = None
+) -> RestAlignment:
+    """Align a hand model with another rig.
+
+    Args:
+        skeleton: of the rig.
+        joint_map: the rig's bones of the hand.
+        model: of either side; the map's side is used.
+        shape: of the model; None fits it to the rig's bones.
+
+    Raises:
+        LiveHandError: a bone is missing, or two joints coincide.
+    """
+    model = model.for_side(joint_map.side)
+    bones = [skeleton.index(bone) for bone in joint_map.bones]
+    rig_nodes = source_nodes(skeleton, joint_map)
+    shape = shape or _same_shape(model, rig_nodes) or fit_shape(model, rig_nodes)
+    model_nodes = shape.scale * rest_nodes(model, shape.beta)
+    palm = _rotation_between(model_nodes[_PALM], rig_nodes[_PALM])
+    wrist = rig_nodes[_PALM].mean(0) + palm @ (model_nodes[0] - model_nodes[_PALM].mean(0))
+    joints = _rotation_between(model_nodes[_JOINTS], rig_nodes[_JOINTS])
+    if _coincide(model_nodes[_JOINTS], rig_nodes[_JOINTS], joints):
+        rotations, wrist = [joints] * 16, rig_nodes[0]
+    else:
+        rig_bones, axes = _directions(skeleton, bones, rig_nodes), _flexion_axes(model)
+        fingers = (_finger_rotations(palm, _bones(model_nodes, k), rig_bones[k], axes[k]) for k in range(5))
+        rotations = [palm, *(rotation for finger in fingers for rotation in finger)]
+    return RestAlignment(model, shape, np.array(rotations), wrist, skeleton.frames[bones], skeleton.heads[bones])
+
+
+def source_nodes(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
+    """[21, 3] m the wrist, and each finger's three joints and tip; NaN for a tip without a bone.
+
+    Raises:
+        LiveHandError: a bone is missing, or joints of one finger coincide.
+    """
+    heads = [skeleton.heads[skeleton.index(bone)] for bone in joint_map.bones]
+    nodes = [heads[0]]
+    for finger in range(5):
+        tip = joint_map.tips[finger]
+        end = np.full(3, np.nan) if tip is None else skeleton.heads[skeleton.index(tip)]
+        nodes += [*heads[3 * finger + 1 : 3 * finger + 4], end]
+        steps = np.linalg.norm(np.diff([heads[0], *nodes[-4:]], axis=0), axis=1)
+        if (steps < _SMALLEST_M).any():
+            raise LiveHandError(
+                f"joints must lie apart, got '{joint_map.bones[3 * finger + 1]}' or the next bone in the place of "
+                "another; choose other bones"
+            )
+    return np.array(nodes)
+
+
+def _rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """[3, 3] the rotation that best aligns points [N, 3] with others, about their centres."""
+    return rotation_between(points - points.mean(0), others - others.mean(0))
+
+
+def _same_shape(model: HandModel, rig_nodes: np.ndarray) -> HandShape | None:
+    """The mean shape, if its joints coincide with the rig's at some scale; tips differ between rigs and are ignored."""
+    own, other = rest_nodes(model, np.zeros(10))[_JOINTS], rig_nodes[_JOINTS]
+    scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
+    is_same = _coincide(scale * own, other, _rotation_between(own, other))
+    return HandShape(np.zeros(10), scale) if is_same else None
+
+
+def _coincide(model_nodes: np.ndarray, rig_nodes: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether all 16 joints, rigidly moved, lie on the rig's."""
+    own, other = model_nodes - model_nodes.mean(0), rig_nodes - rig_nodes.mean(0)
+    error = np.linalg.norm(own @ rotation.T - other, axis=1).max()
+    return bool(error < _SAME_POSITION * np.linalg.norm(rig_nodes[4] - rig_nodes[0]))
+
+
+def _directions(skeleton: SourceSkeleton, bones: list[int], nodes: np.ndarray) -> np.ndarray:
+    """[5, 3, 3] unit directions of every finger's three bones; without a tip, of the last bone or the one before."""
+    directions = np.array([_bones(nodes, finger) for finger in range(5)])
+    for finger in np.flatnonzero(np.isnan(directions[:, 2, 0])):
+        last = bones[3 * finger + 3]
+        tail = unit(skeleton.tails[last] - skeleton.heads[last])
+        straight = directions[finger, 1]
+        directions[finger, 2] = tail if tail @ straight > _MIN_STRAIGHTNESS else straight
+    return directions
+
+
+def _bones(nodes: np.ndarray, finger: int) -> np.ndarray:
+    return unit(np.diff(nodes[4 * finger + 1 : 4 * finger + 5], axis=0))
+
+
+def _flexion_axes(model: HandModel) -> list[np.ndarray | None]:
+    """[3] unit flexion axis of every finger's knuckle in the template's frame, None for the thumb."""
+    axes = HandSkeleton.of(model).axes[:4, 0, 0]
+    # A mirrored axis of rotation changes its sign as well.
+    return [*(axes if model.side == "right" else -axes * MIRROR_POINT), None]
+
+
+def _finger_rotations(
+    palm: np.ndarray, model_bones: np.ndarray, rig_bones: np.ndarray, axis: np.ndarray | None
+) -> list[np.ndarray]:
+    """Three [3, 3] that rotate the model's bones [3, 3] of a finger at rest onto the directions [3, 3] of the rig's.
+
+    Without a flexion axis [3], as for the thumb, which rotates at its root as well, the roll is not corrected.
+    """
+    rotations, parent = [], palm
+    for model_bone, rig_bone in zip(model_bones, rig_bones, strict=True):
+        parent = _shortest_rotation(parent @ model_bone, rig_bone) @ parent
+        rotations.append(parent)
+    if axis is None:
+        return rotations
+    knuckle = rotations[0]
+    roll = _angle_about(rig_bones[0], knuckle @ _bend_axis(model_bones, axis), _bend_axis(rig_bones, knuckle @ axis))
+    return [axis_angle_to_matrix(roll * bone) @ rotation for bone, rotation in zip(rig_bones, rotations, strict=True)]
+
+
+def _bend_axis(directions: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """[3] the flexion axis of a finger from its bend at rest, blended with the guess the straighter the finger is."""
+    normal = np.cross(directions[0], directions[1])
+    bend = float(np.linalg.norm(normal))
+    if bend < np.sin(_STRAIGHT) or abs(normal @ guess) < _MIN_AGREEMENT * bend:
+        return guess
+    share = np.clip((np.arcsin(min(bend, 1.0)) - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
+    # The sign: a finger bent backwards has the same plane.
+    return unit((1 - share) * guess + share * np.sign(normal @ guess) * normal / bend)
+
+
+def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    axis = np.cross(start, end)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.eye(3) if start @ end > 0 else axis_angle_to_matrix(np.pi * _perpendicular(start))
+    return axis_angle_to_matrix(axis / sine * np.arctan2(sine, start @ end))
+
+
+def _perpendicular(direction: np.ndarray) -> np.ndarray:
+    return unit(np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))]))
+
+
+def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    """The angle about an axis from one vector to another, both projected across it."""
+    start, end = start - (start @ axis) * axis, end - (end @ axis) * axis
+    return float(np.arctan2(np.cross(start, end) @ axis, start @ end))
