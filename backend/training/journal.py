@@ -95,7 +95,7 @@ def check_tensorboard() -> None:
         LiveHandError: the package is missing.
     """
     try:
-        import torch.utils.tensorboard  # noqa: F401  # pyright: ignore[reportUnusedImport]
+        import torch.utils.tensorboard  # noqa: F401
     except ImportError as error:
         raise LiveHandError(
             "TensorBoard logs need the package tensorboard, got none; install it with: "
