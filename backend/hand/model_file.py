@@ -93,7 +93,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with path.open("rb") as file:
             archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):  # pyright: ignore[reportAttributeAccessIssue]: no stub
+            if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise ValueError("a single array")
             return {key: archive[key] for key in archive.files}
     except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:

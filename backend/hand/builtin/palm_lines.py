@@ -11,7 +11,7 @@ from .smooth import unit
 
 with needs("scipy"):
     from scipy.interpolate import CubicSpline
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]: compiled
+    from scipy.spatial import cKDTree
 
 _STEP = 0.5  # mm between samples of a line
 _WAVELENGTHS = (9, 17, 31)  # mm, of the wiggle that keeps a line from looking drawn

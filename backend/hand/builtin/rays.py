@@ -29,7 +29,7 @@ from .smooth import unit
 with needs("scipy"):
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]: compiled
+    from scipy.spatial import cKDTree
 
 _STEP = 0.8  # mm between samples of the centreline
 _EXTENSION = 14.0  # mm of straight centreline past the last bone, so that the tip's cap has a frame

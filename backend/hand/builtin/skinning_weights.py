@@ -16,7 +16,7 @@ from .rays import Ray
 with needs("scipy"):
     from scipy import sparse
     from scipy.sparse.linalg import splu
-    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]: compiled
+    from scipy.spatial import cKDTree
 
 _JOINTS = 16
 _SMOOTHINGS = 12
