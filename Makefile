@@ -1,8 +1,12 @@
 # Everything runs in .venv, which the first target that needs it makes. A stamp per set of packages: installed once, and
-# again when pyproject.toml changes.
+# again when one of SETTINGS changes.
 PYTHON ?= python3.11
 VENV := .venv
+# A virtual environment looks different on Windows.
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
+VENV_PYTHON := $(BIN)/python$(if $(filter Windows_NT,$(OS)),.exe)
 OUT ?= out/wave
+SETTINGS := pyproject.toml setup.py blender_manifest.toml
 # The other versions of Blender that have a module for Python 3.11.
 OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
@@ -10,20 +14,25 @@ AVATAR ?=
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-cuda test-gui test-matrix check zip clean
+.PHONY: demo test test-fast test-cuda test-gui test-matrix check docs zip clean
 
 demo: $(VENV)/demo.stamp
-	$(VENV)/bin/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
-	@$(VENV)/bin/livehand sheet $(OUT) > /dev/null
+	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
+	@$(BIN)/livehand sheet $(OUT) > /dev/null
 	@echo "Look at $(OUT)/contact_sheet.png; the frames lie beside it: wave_0001.png and wave_0001.exr (Combined, Depth) to 0024."
 
 test: $(VENV)/dev.stamp
-	$(VENV)/bin/python -m pytest -q
+	$(VENV_PYTHON) -m pytest -q --durations=10
+
+# The daily loop, under a minute: no Blender, no training.
+test-fast: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m pytest -q -m "not slow" tests \
+		--ignore=tests/blender --ignore=tests/gui --ignore=tests/training --ignore=tests/benchmark
 
 # Fails without a GPU, so that nothing skipped is taken for passed.
 test-cuda: $(VENV)/dev.stamp
-	@$(VENV)/bin/python -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
-	$(VENV)/bin/python -m pytest -q tests/test_cuda.py
+	@$(VENV_PYTHON) -c 'import sys, torch; sys.exit(None if torch.cuda.is_available() else "make test-cuda needs a CUDA GPU and a CUDA build of torch")'
+	$(VENV_PYTHON) -m pytest -q tests/test_cuda.py
 
 # The Blender tests in each of the other versions; all are run, then it fails if one did.
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
@@ -37,37 +46,46 @@ test-gui:
 	python3 tests/gui/run.py --blender $(BLENDER)
 
 check: $(VENV)/dev.stamp
-	$(VENV)/bin/ruff format --check
-	$(VENV)/bin/ruff check
-	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/pyright --pythonpath $(VENV_PYTHON)
+
+# The pages of docs/ as a site, in out/site; a warning is an error.
+docs: $(VENV)/docs.stamp
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 zip: $(VENV)/demo.stamp
 	mkdir -p dist
-	$(VENV)/bin/python $(VENV)/lib/python*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py build \
+	$(VENV_PYTHON) $(VENV)/lib/python*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py build \
 		--source-dir . --output-dir dist
 
 clean:
 	rm -rf $(VENV) .venv-bpy* out dist build *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-$(VENV)/demo.stamp: $(VENV)/bin/python pyproject.toml
+$(VENV)/demo.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing Blender as a module, torch and LiveHand into $(VENV); once, 2 GB"
-	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
+	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
 	@touch $@
 
-$(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml
+$(VENV)/dev.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing what checks and tests need into $(VENV); once"
-	$(VENV)/bin/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
+	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[dev]'
 	@touch $@ $(VENV)/demo.stamp
 
+$(VENV)/docs.stamp: $(VENV_PYTHON) $(SETTINGS)
+	@echo "Installing what the docs' site needs into $(VENV); once"
+	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[docs]'
+	@touch $@
+
 # Not `dev`: that extra asks for the one version of Blender that all else runs in.
-.venv-bpy%/test.stamp: $(VENV)/bin/python pyproject.toml
+.venv-bpy%/test.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing Blender $* and what tests need into .venv-bpy$*; once"
-	$(VENV)/bin/python -m venv --clear .venv-bpy$*
+	$(VENV_PYTHON) -m venv --clear .venv-bpy$*
 	.venv-bpy$*/bin/python -m pip install --disable-pip-version-check --quiet -e '.[test]' 'bpy==$*.*'
 	@touch $@
 
-$(VENV)/bin/python:
+$(VENV_PYTHON):
 	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON) is not there: Blender as a module needs Python 3.11. Install it, or name it: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt install python3.11-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)

@@ -1,4 +1,4 @@
-"""Python packages that rendering needs: which are missing, and the command that installs them.
+"""Python packages that the extension needs: which are missing, and the command that installs them.
 
 Nothing is imported or installed here: the user runs the command.
 """
@@ -28,6 +28,7 @@ REQUIREMENTS = (
     Requirement("xatlas", "xatlas>=0.0.9"),
     Requirement("PIL", "pillow>=10.1"),
     Requirement("tqdm", "tqdm>=4.66"),
+    Requirement("ijson", "ijson>=3.2"),  # pose files of data sets
 )
 
 

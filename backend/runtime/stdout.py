@@ -9,11 +9,11 @@ import contextlib
 import ctypes
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 
 
 @contextlib.contextmanager
-def blender_silenced() -> Iterator[None]:
+def blender_silenced() -> Generator[None, None, None]:
     """Inside the context, nothing reaches stdout; stderr is not changed."""
     sys.stdout.flush()
     _flush_c()

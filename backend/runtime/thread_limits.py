@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 
 # Iterations of a waiting loop, about 0.1 ms; the library's default of 300,000 takes 8 ms and more.
 _GNU_SPINS = "10000"
@@ -22,7 +22,7 @@ def limit_spinning() -> None:
 
 
 @contextlib.contextmanager
-def thread_limit(count: int) -> Iterator[None]:
+def thread_limit(count: int) -> Generator[None, None, None]:
     """Inside the context, torch and the kernels use `count` threads; nothing else may use torch meanwhile."""
     import torch
 

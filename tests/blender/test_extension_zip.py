@@ -1,5 +1,6 @@
 """The extension's zip: built and checked by Blender's own tool, installed into an empty user folder, and rendering."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -13,6 +14,17 @@ from PIL import Image
 ROOT = Path(__file__).parents[2]
 WANTED_AT_TOP = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "backend", "livehand_blender"}
 WANTED_DATA = {"backend/hand/hand_default.npz", "backend/avatars/light.safetensors", "backend/avatars/deep.safetensors"}
+# What serves the pip package's commands only.
+LEFT_OUT = {
+    "backend/benchmark",
+    "backend/captures/masks",
+    "backend/commands",
+    "backend/evaluation",
+    "backend/hand/builtin",
+    "backend/training",
+    "livehand_blender/benchmark",
+    "livehand_blender/cli.py",
+}
 WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors", ".blend", ".txt"}
 
 
@@ -40,8 +52,7 @@ def test_blender_accepts_the_zip_and_the_sources(zip_path):
 
 
 def test_the_zip_holds_what_a_user_needs_and_nothing_else(zip_path):
-    with zipfile.ZipFile(zip_path) as archive:
-        names = [PurePosixPath(name) for name in archive.namelist()]
+    names = names_in(zip_path)
     assert {name.parts[0] for name in names} <= WANTED_AT_TOP
     assert {name.suffix for name in names} <= WANTED_KINDS
     assert not [name for name in names if {"tests", "docs", "examples", "__pycache__"} & set(name.parts)]
@@ -49,7 +60,43 @@ def test_the_zip_holds_what_a_user_needs_and_nothing_else(zip_path):
     in_tree = {
         path.relative_to(ROOT) for room in ("backend", "livehand_blender") for path in (ROOT / room).rglob("*.py")
     }
-    assert {str(path) for path in in_tree} | WANTED_DATA <= {str(name) for name in names}
+    wanted = {str(path) for path in in_tree if not LEFT_OUT & {str(part) for part in (path, *path.parents)}}
+    assert {str(name) for name in names if name.suffix == ".py" and len(name.parts) > 1} == wanted
+    assert WANTED_DATA <= {str(name) for name in names}
+
+
+def test_everything_that_blender_imports_is_in_the_zip(zip_path):
+    """Also what is imported only when it is needed: the imports are read from the source, inside functions too."""
+    imported = import_closure(PurePosixPath("__init__.py"), PurePosixPath("livehand_blender/registration.py"))
+    assert PurePosixPath("backend/rendering/renderer.py") in imported
+    assert sorted(imported - names_in(zip_path)) == []
+
+
+def names_in(zip_path):
+    with zipfile.ZipFile(zip_path) as archive:
+        return {PurePosixPath(name) for name in archive.namelist()}
+
+
+def import_closure(*modules):
+    """Files of the modules that these import, directly or not, with the packages they lie in."""
+    waiting, found = list(modules), set()
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += [folder / "__init__.py" for folder in module.parents]
+            waiting += relative_imports(module)
+    return found
+
+
+def relative_imports(module):
+    """Files of the modules of the package that one imports by `from .name import name`."""
+    for node in ast.walk(ast.parse((ROOT / module).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = module.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for path in (base, *(base / alias.name for alias in node.names)):
+                candidates = (path.with_name(f"{path.name}.py") if path.name else path, path / "__init__.py")
+                yield from (file for file in candidates if (ROOT / file).is_file())
 
 
 INSTALL_AND_RENDER = """
