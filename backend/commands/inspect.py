@@ -63,8 +63,8 @@ def _pickle_facts(path: Path) -> dict:
 
 
 def _motion_facts(path: Path) -> dict:
-    from ..motion.open_files import open_motion_file
-    from ..motion.summary import file_summary
+    from ..motion.files.open_files import open_motion_file
+    from ..motion.files.summary import file_summary
 
     return {"kind": "motion", **file_summary(open_motion_file(path))}
 

@@ -17,10 +17,10 @@ import numpy as np
 from ..geometry.framing import fitting_camera
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
+from ..motion.files.open_files import open_motion_file
 from ..motion.landmarks.landmark_file import LandmarkFile
 from ..motion.mano_basis import ManoBasis, find_basis
 from ..motion.motion import HandMotion
-from ..motion.open_files import open_motion_file
 from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import SIDES, Shot

@@ -11,10 +11,10 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
+from ...backend.motion.files.import_options import ImportOptions, motion_and_warning, with_options
+from ...backend.motion.files.open_files import open_files
+from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
-from ...backend.motion.import_options import ImportOptions, motion_and_warning, with_options
-from ...backend.motion.open_files import open_files
-from ...backend.motion.summary import file_summary
 from ...backend.records.errors import LiveHandError
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file

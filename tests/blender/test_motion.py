@@ -9,10 +9,10 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.files.open_files import open_pose_file
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.open_files import open_pose_file
 from livehand.backend.motion.spaces import TO_BLENDER
 from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
 from livehand.livehand_blender.rig.build import add_hand

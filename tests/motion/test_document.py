@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from livehand.backend.motion import document as documents
 from livehand.backend.motion.document import load_document
-from livehand.backend.motion.open_files import open_motion_file
+from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.records.errors import LiveHandError
 
 

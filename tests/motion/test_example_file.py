@@ -5,7 +5,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
-from livehand.backend.motion.open_files import open_motion_file
+from livehand.backend.motion.files.open_files import open_motion_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

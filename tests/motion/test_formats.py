@@ -9,11 +9,11 @@ import pickle
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
+from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file, open_pose_files
+from livehand.backend.motion.files.summary import file_summary
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.mano_basis import ManoBasis, load_mano_basis
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.motion.open_files import open_motion_file, open_pose_file, open_pose_files
-from livehand.backend.motion.summary import file_summary
 from livehand.backend.records.errors import LiveHandError
 
 RNG = np.random.default_rng(5)

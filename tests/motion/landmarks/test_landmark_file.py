@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file
 from livehand.backend.motion.landmarks.landmark_file import LandmarkFile
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
-from livehand.backend.motion.open_files import open_motion_file, open_pose_file
 from livehand.backend.records.errors import LiveHandError
 
 POINTS = np.random.default_rng(0).normal(size=(3, 21, 3)).round(6)

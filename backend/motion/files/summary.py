@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .landmarks.landmark_file import LandmarkFile
+from ..landmarks.landmark_file import LandmarkFile
 from .open_files import MotionFile
 
 _AXES = {

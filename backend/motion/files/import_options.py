@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..hand.model import HandModel
-from .landmarks.landmark_file import LandmarkFile
-from .mano_basis import find_basis
-from .motion import HandMotion
+from ...hand.model import HandModel
+from ..landmarks.landmark_file import LandmarkFile
+from ..mano_basis import find_basis
+from ..motion import HandMotion
 from .open_files import MotionFile
 
 _POSE_FILES_ONLY = ("has_mean_added", "pca_components")

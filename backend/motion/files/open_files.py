@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..records.errors import LiveHandError
-from ..records.shot import SIDES, Side
-from .document import SUFFIXES, load_document
-from .formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
-from .formats.format import Format
-from .formats.neural_annot import is_neural_annot, read_neural_annot
-from .landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
-from .pose_file import NoHandError, PoseFile, RawHand
+from ...records.errors import LiveHandError
+from ...records.shot import SIDES, Side
+from ..document import SUFFIXES, load_document
+from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
+from ..formats.format import Format
+from ..formats.neural_annot import is_neural_annot, read_neural_annot
+from ..landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
+from ..pose_file import NoHandError, PoseFile, RawHand
 
 # The most specific first: the first format that matches reads the document.
 FORMATS: tuple[Format, ...] = (
