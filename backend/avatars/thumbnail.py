@@ -11,7 +11,8 @@ from ..geometry.rotation import matrix_to_axis_angle
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel, upright
 from ..nerf.avatar import Avatar
-from ..records.shot import Frame, HandPose, Shot
+from ..records.frame import Frame
+from ..records.shot import HandPose, Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 

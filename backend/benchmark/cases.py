@@ -16,7 +16,8 @@ from ..hand.model import HandModel
 from ..nerf.avatar import PRESETS, Avatar, new_avatar
 from ..nerf.backend import Precision, Stage
 from ..records.errors import LiveHandError
-from ..records.shot import Frame, Shot
+from ..records.frame import Frame
+from ..records.shot import Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 from .published import PublishedRenderer

@@ -31,7 +31,8 @@ from ..nerf.crop import Crop
 from ..nerf.maps import low_resolution_maps
 from ..nerf.rays import CameraTensors, camera_tensors, project, ray_directions, ray_origin
 from ..nerf.volume import Composite, Steps
-from ..records.shot import Frame, Shot
+from ..records.frame import Frame
+from ..records.shot import Shot
 from ..rendering.decode import decode_frame
 from .brute_force import nearest_faces
 

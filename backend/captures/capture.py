@@ -24,7 +24,8 @@ import numpy as np
 
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
-from ..records.shot import HandPose, Side
+from ..records.shot import HandPose
+from ..records.side import Side
 from .picture import ALPHA_MODES, no_alpha, read_mask, read_picture
 
 FORMAT = "livehand-capture"

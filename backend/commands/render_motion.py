@@ -23,11 +23,12 @@ from ..motion.mano_basis import ManoBasis, find_basis
 from ..motion.motion import HandMotion
 from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
-from ..records.shot import SIDES, Shot
+from ..records.shot import Shot
+from ..records.side import SIDES
 from ..runtime.command import say
 
 if TYPE_CHECKING:
-    from ..records.shot import Frame
+    from ..records.frame import Frame
 
 _FRONT = (0.0, -1.0, 0.0)
 _FILL = 0.92  # share of the image that the hand fills

@@ -15,7 +15,8 @@ from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision
 from ..records.errors import LiveHandError
-from ..records.shot import Frame, Shot
+from ..records.frame import Frame
+from ..records.shot import Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 from .distances import Distance

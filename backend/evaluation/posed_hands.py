@@ -14,7 +14,7 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import HandModel
 from ..hand.topology import topology_of
 from ..nerf.rays import camera_tensors
-from ..records.shot import Side
+from ..records.side import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
 
 

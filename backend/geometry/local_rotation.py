@@ -14,6 +14,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from .mesh_tables import area_weighted_normals, neighbour_table
+
 _MIN_LENGTH = 1e-12  # m; a tangent this short has no direction and becomes zero
 
 
@@ -38,7 +40,7 @@ class LocalFrames(NamedTuple):
 
         The weights are the least-squares combination of edges that gives the tangent in the template.
         """
-        neighbours, frames = _neighbour_table(faces, len(vertices)), _template_frames(vertices, faces)
+        neighbours, frames = neighbour_table(faces, len(vertices)), _template_frames(vertices, faces)
         edges = vertices[neighbours] - vertices[:, None]
         in_plane = np.einsum("vkc,vac->vka", edges, frames[:, :2])  # [V, K, 2]
         gram = np.einsum("vka,vkb->vab", in_plane, in_plane)
@@ -65,11 +67,7 @@ def local_rotations(
 
 def _template_frames(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """[V, 3, 3] rows tangent (any), bitangent, normal."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
-    normals = _unit(normals)
+    normals = area_weighted_normals(vertices, faces)
     axis = np.eye(3)[np.abs(normals).argmin(1)]
     tangents = _unit(axis - (axis * normals).sum(1, keepdims=True) * normals)
     return np.stack([tangents, np.cross(normals, tangents), normals], 1)
@@ -77,14 +75,3 @@ def _template_frames(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), _MIN_LENGTH)
-
-
-def _neighbour_table(faces: np.ndarray, vertex_count: int) -> np.ndarray:
-    """[V, K] the vertices that share an edge with each; the vertex itself pads."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    counts = np.bincount(pairs[:, 0], minlength=vertex_count)
-    column = np.arange(len(pairs)) - (np.cumsum(counts) - counts)[pairs[:, 0]]
-    table = np.repeat(np.arange(vertex_count)[:, None], counts.max(), 1)
-    table[pairs[:, 0], column] = pairs[:, 1]
-    return table

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..records.shot import Side
+from ..records.side import Side
 from .model import JOINT_NAMES, HandModel
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")  # in anatomical order, unlike MANO's

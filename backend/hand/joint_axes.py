@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..records.shot import Side
+from ..records.side import Side
 from .bones import rest_bones
 from .gestures import FingerAxes
 from .model import HandModel

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..records.shot import Side
+from ..records.side import Side
 
 MANO_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 """In the order of MANO's joints."""

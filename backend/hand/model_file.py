@@ -15,7 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..records.shot import Side
+from ..records.side import Side
 from .atlas import unwrap, with_cap_chart
 from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel

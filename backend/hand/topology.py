@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..geometry.mesh import Topology
-from ..records.shot import Side
+from ..records.side import Side
 from .model import MIRROR_POINT, HandModel
 
 

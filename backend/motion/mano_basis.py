@@ -13,7 +13,7 @@ import numpy as np
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..hand.model_file import load_hands_components, load_hands_mean
 from ..records.errors import LiveHandError
-from ..records.shot import Side
+from ..records.side import Side
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from ..records.errors import LiveHandError
-from ..records.shot import HandPose, Side
+from ..records.shot import HandPose
+from ..records.side import Side
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.errors import LiveHandError
-from ..records.shot import SIDES, Side
+from ..records.side import SIDES, Side
 from .mano_basis import ManoBasis, require_basis
 from .motion import HandMotion
 from .resampling import sampled_at

@@ -6,16 +6,12 @@ They are frozen dataclasses of numpy arrays: no bpy object and no torch tensor c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 
 from .camera import Camera
-from .depth_profile import DepthProfile
 from .errors import LiveHandError
-
-Side = Literal["right", "left"]
-SIDES: tuple[Side, ...] = get_args(Side)
+from .side import Side
 
 
 @dataclass(frozen=True)
@@ -77,30 +73,3 @@ class Shot:
     def with_camera(self, camera: Camera) -> Shot:
         """The same hand from another view."""
         return replace(self, camera=camera)
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A rendered frame, top row first.
-
-    Attributes:
-        rgb: [H, W, 3] float32, scene-linear Rec.709, premultiplied by alpha.
-        alpha: [H, W] float32 in [0, 1].
-        depth: [H, W] float32 m along the optical axis; `DEPTH_BACKGROUND` where there is no hand.
-        profile: opacity along the rays, for `composition`; None: an opaque surface at `depth`.
-    """
-
-    rgb: np.ndarray
-    alpha: np.ndarray
-    depth: np.ndarray
-    profile: DepthProfile | None = None
-
-
-DEPTH_BACKGROUND = 1e10  # Cycles' own value
-
-
-def empty_frame(size_px: tuple[int, int]) -> Frame:
-    """A frame without a hand."""
-    width, height = size_px
-    depth = np.full((height, width), DEPTH_BACKGROUND, np.float32)
-    return Frame(np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32), depth)

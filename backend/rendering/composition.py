@@ -13,7 +13,7 @@ from functools import reduce
 import numpy as np
 
 from ..records.depth_profile import DepthProfile, four_depths, opacity_before
-from ..records.shot import DEPTH_BACKGROUND, Frame
+from ..records.frame import DEPTH_BACKGROUND, Frame
 
 
 @dataclass(frozen=True)

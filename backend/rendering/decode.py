@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..nerf.crop import Crop
-from ..records.shot import DEPTH_BACKGROUND, Frame, empty_frame
+from ..records.frame import DEPTH_BACKGROUND, Frame, empty_frame
 from .srgb import linear_to_srgb, srgb_to_linear
 
 # Alpha below half an 8-bit level counts as 0: super-resolution is never exactly 0 beside the hand.

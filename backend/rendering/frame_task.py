@@ -10,7 +10,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from ..hand.model import HandModel
-from ..records.shot import Frame, Shot
+from ..records.frame import Frame
+from ..records.shot import Shot
 from .grade import Grade
 
 ExposureFrames = tuple[Frame, ...]

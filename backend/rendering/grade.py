@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..records.shot import Frame
+from ..records.frame import Frame
 
 
 @dataclass(frozen=True)

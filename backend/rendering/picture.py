@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..records.shot import Frame, empty_frame
+from ..records.frame import Frame, empty_frame
 from .composition import SceneLayer, joined, mean_frame, over, visible_parts
 from .frame_task import ExposureFrames, FrameTask, HandInstance
 from .grade import graded

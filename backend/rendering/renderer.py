@@ -27,7 +27,9 @@ from ..nerf.crop import crop_of
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, camera_tensors
 from ..records.errors import LiveHandError
-from ..records.shot import Frame, HandPose, Shot, Side, empty_frame
+from ..records.frame import Frame, empty_frame
+from ..records.shot import HandPose, Shot
+from ..records.side import Side
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device

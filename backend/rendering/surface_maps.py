@@ -11,7 +11,8 @@ from ..geometry.mesh import vertex_normals
 from ..geometry.rasterise import Fragments, rasterise
 from ..hand.model import HandModel
 from ..nerf.rays import camera_tensors, project, ray_directions, ray_origin
-from ..records.shot import DEPTH_BACKGROUND, Shot
+from ..records.frame import DEPTH_BACKGROUND
+from ..records.shot import Shot
 
 
 @dataclass(frozen=True)

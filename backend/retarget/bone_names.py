@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ..records.shot import Side
+from ..records.side import Side
 
 METACARPAL, TIP = 0.5, 9.0
 """Positions along a finger besides 1, 2, 3: of a bone in the palm, and of a bone that begins at the fingertip."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..records.shot import Side
+from ..records.side import Side
 from .finger_chains import FingerBones, finger_of_chain
 from .source_skeleton import SourceSkeleton, unit
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..hand.model import JOINT_NAMES, MANO_FINGERS
 from ..records.errors import LiveHandError
-from ..records.shot import SIDES, Side
+from ..records.side import SIDES, Side
 from .bone_names import METACARPAL, TIP, BoneName, parse_bone_name
 from .finger_chains import FingerBones, finger_of_chain
 from .hand_search import FoundHand, find_hands, side_of

@@ -11,7 +11,7 @@ from ..hand.model import PARENTS
 from ..motion.motion import HandMotion
 from ..motion.spaces import rest_wrists
 from ..records.errors import LiveHandError
-from ..records.shot import Side
+from ..records.side import Side
 from .rest_alignment import RestAlignment
 
 

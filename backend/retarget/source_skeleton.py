@@ -8,7 +8,7 @@ import numpy as np
 
 from ..hand.model import JOINT_NAMES
 from ..records.errors import LiveHandError
-from ..records.shot import Side
+from ..records.side import Side
 
 
 @dataclass(frozen=True)

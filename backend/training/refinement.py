@@ -31,7 +31,8 @@ from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
 from ..nerf.conditions import FrameConditions
 from ..nerf.rays import ray_origin
-from ..records.shot import HandPose, Side
+from ..records.shot import HandPose
+from ..records.side import Side
 from .views import TrainingView, TrainingViews
 
 

@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Frame
+from ...backend.records.frame import Frame
 from ...backend.rendering.view_inverse import ViewInverse
 from ..scene.colour import in_working_space, rec709_to_working_space
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...backend.records.shot import DEPTH_BACKGROUND, Frame
+from ...backend.records.frame import DEPTH_BACKGROUND, Frame
 from ...backend.rendering.cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
 from ...backend.rendering.picture import Picture
 

@@ -10,7 +10,7 @@ import bpy
 
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 from ...backend.retarget.joint_guess import guess_joints
 from ...backend.retarget.source_skeleton import JointMap
 from .importing import import_rig

@@ -21,7 +21,7 @@ import numpy as np
 from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 from ...backend.retarget.rest_alignment import RestAlignment
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties

@@ -14,7 +14,7 @@ import numpy as np
 from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 from ...backend.retarget.joint_guess import JointGuess, guess_joints
 from ...backend.retarget.rest_alignment import align, source_nodes
 from ...backend.retarget.retarget import retarget

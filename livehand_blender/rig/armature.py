@@ -26,7 +26,7 @@ from ...backend.hand.bones import (
 from ...backend.hand.joint_axes import joint_frames
 from ...backend.hand.model import PARENTS, HandModel
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 from .drivers import drive_by_beta
 
 _TARGET_M = 0.01  # length of a fingertip target's bone

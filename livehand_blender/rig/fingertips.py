@@ -13,7 +13,7 @@ import numpy as np
 
 from ...backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
 from ...backend.hand.bones import FINGERS, bone_name, control_name, finger_joints, root_name, target_name
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 from .armature import rest_frames
 from .drivers import drive_by_properties
 from .hand import RiggedHand

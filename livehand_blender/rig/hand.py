@@ -12,7 +12,7 @@ from ...backend.hand.bones import bone_name, root_name, target_name
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.records.errors import LiveHandError
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 
 
 @dataclass(frozen=True, eq=False)

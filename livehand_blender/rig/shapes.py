@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
-from ...backend.records.shot import Side
+from ...backend.records.side import Side
 
 _RING, _DIAMOND = "LiveHand Ring", "LiveHand Diamond"
 _RING_CORNERS = 24

@@ -11,7 +11,7 @@ from dataclasses import replace
 import mathutils
 import numpy as np
 
-from ...backend.records.shot import Frame
+from ...backend.records.frame import Frame
 
 
 def in_working_space(frame: Frame) -> Frame:

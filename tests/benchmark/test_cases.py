@@ -5,7 +5,7 @@ import pytest
 import torch
 from livehand.backend.benchmark.cases import SYNC, WRITE, frame_cost, write_png
 from livehand.backend.benchmark.stopwatch import Cost
-from livehand.backend.records.shot import Frame
+from livehand.backend.records.frame import Frame
 from livehand.backend.rendering.srgb import srgb_to_linear
 from PIL import Image
 

@@ -14,7 +14,7 @@ from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.nerf.rays import camera_tensors
-from livehand.backend.records.shot import DEPTH_BACKGROUND
+from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.rendering.renderer import Renderer
 
 SIZE = (66, 100)

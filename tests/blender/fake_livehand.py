@@ -9,7 +9,7 @@ import time
 from types import SimpleNamespace
 
 import numpy as np
-from livehand.backend.records.shot import DEPTH_BACKGROUND, Frame
+from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 
 
 class FakeRenderer:

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.records.shot import DEPTH_BACKGROUND, Frame
+from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 from livehand.livehand_blender.scene.colour import in_working_space, rec709_to_working_space
 from PIL import Image
 

@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.shot import Frame
+from livehand.backend.records.frame import Frame
 from livehand.livehand_blender.render import keep_look
 from livehand.livehand_blender.render.keep_look import frame_with_kept_look, kept_look
 from PIL import Image

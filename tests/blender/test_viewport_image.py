@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from livehand.backend.avatars.session import Session
 from livehand.backend.records.camera import Camera
-from livehand.backend.records.shot import empty_frame
+from livehand.backend.records.frame import empty_frame
 from livehand.livehand_blender.render.viewport.image import ViewportRequest, viewport_image
 from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of

@@ -20,7 +20,7 @@ from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.shot import Frame
+from livehand.backend.records.frame import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
 

@@ -26,7 +26,8 @@ from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.shot import Frame, Shot
+from livehand.backend.records.frame import Frame
+from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.runtime.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS

@@ -11,7 +11,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.rays import camera_tensors, project
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.depth_profile import DepthProfile
-from livehand.backend.records.shot import DEPTH_BACKGROUND, Frame, HandPose, Shot
+from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.composition import SceneLayer, joined, mean_frame, over, visible_parts
 from livehand.backend.rendering.renderer import Renderer
 from numpy.lib.stride_tricks import sliding_window_view

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 from livehand.backend.nerf.crop import Crop
-from livehand.backend.records.shot import DEPTH_BACKGROUND, empty_frame
+from livehand.backend.records.frame import DEPTH_BACKGROUND, empty_frame
 from livehand.backend.rendering.decode import decode_frame
 
 

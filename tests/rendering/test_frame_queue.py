@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.shot import HandPose, Shot, empty_frame
+from livehand.backend.records.frame import empty_frame
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.frame_queue import FrameQueue
 from livehand.backend.rendering.frame_task import FrameTask, HandTask
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.records.shot import Frame
+from livehand.backend.records.frame import Frame
 from livehand.backend.rendering.grade import Grade, graded
 
 

@@ -20,7 +20,8 @@ from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.shot import DEPTH_BACKGROUND, HandPose, Shot
+from livehand.backend.records.frame import DEPTH_BACKGROUND
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer, RenderStopped
 
 SIZE = (66, 88)

@@ -5,7 +5,8 @@ import pytest
 import trimesh
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at
-from livehand.backend.records.shot import DEPTH_BACKGROUND, HandPose, Shot
+from livehand.backend.records.frame import DEPTH_BACKGROUND
+from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.surface_maps import nearest_maps, surface_maps
 
 SIZE = (60, 70)

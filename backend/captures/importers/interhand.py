@@ -17,7 +17,8 @@ import numpy as np
 
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
-from ...records.shot import HandPose, Side
+from ...records.shot import HandPose
+from ...records.side import Side
 from .json_stream import list_entries, member
 
 DataSplit = Literal["train", "val", "test"]

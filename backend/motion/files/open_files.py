@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..document import SUFFIXES, load_document
 from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from ..formats.format import Format

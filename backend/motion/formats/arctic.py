@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..document import Document
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format

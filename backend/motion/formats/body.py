@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..document import Document
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format

@@ -14,7 +14,7 @@ import numpy as np
 from ...geometry.rotation import matrix_to_axis_angle
 from ...hand.model import MIRROR_POINT
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..document import Document
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 from .format import Format

@@ -9,7 +9,7 @@ import numpy as np
 from ...captures.importers.interhand import NeuralAnnotFit, read_fits
 from ...captures.importers.json_stream import member_names
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
 
 _NAME = "InterHand2.6M NeuralAnnot"

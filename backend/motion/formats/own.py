@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import PoseFile, pose_file, raw_hand

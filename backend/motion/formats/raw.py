@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...records.shot import Side
+from ...records.side import Side
 from ..document import Document
 from ..pose_file import PoseFile, pose_file, raw_hand
 from .format import Format

@@ -15,7 +15,7 @@ import numpy as np
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...hand.model import MIRROR_POINT, HandModel
 from ...records.errors import LiveHandError
-from ...records.shot import SIDES, Side
+from ...records.side import SIDES, Side
 from ..motion import HandMotion, mirrored
 from .articulation import FREE, NaturalPoses, all_angles, within_limits
 from .initial_pose import aligned_bones, aligned_palm

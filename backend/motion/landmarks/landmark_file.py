@@ -15,7 +15,7 @@ import numpy as np
 
 from ...hand.model import MIRROR_POINT, HandModel
 from ...records.errors import LiveHandError
-from ...records.shot import Side
+from ...records.side import Side
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import METRES, FileInfo, check_changes, with_gaps_filled

@@ -18,7 +18,7 @@ from ...hand.atlas import unwrap
 from ...hand.cap import capped
 from ...hand.model import PARENTS
 from ...records.errors import LiveHandError
-from ...records.shot import Side
+from ...records.side import Side
 from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
 from .joint_weights import joint_weights, joints_of_bones

@@ -8,7 +8,7 @@ from ...geometry.rotation import rotation_between
 from ...hand.model import MIRROR_POINT
 from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
-from ...records.shot import Side
+from ...records.side import Side
 
 _KNUCKLES = [1, 4, 7, 10]
 _LAST_JOINTS = [3, 6, 9, 12]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ....backend.avatars.session import Session
 from ....backend.records.camera import Camera
-from ....backend.records.shot import Frame
+from ....backend.records.frame import Frame
 from ....backend.rendering.composition import joined, visible_parts
 from ....backend.rendering.grade import graded
 from ....backend.runtime.thread_limits import thread_limit
