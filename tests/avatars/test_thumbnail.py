@@ -12,6 +12,8 @@ from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.runtime.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def thumbnail(hand):

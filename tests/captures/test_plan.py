@@ -10,6 +10,8 @@ from livehand.backend.captures.plan import CapturePlan
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model import UPRIGHT
 
+pytestmark = pytest.mark.slow
+
 SMALL = CapturePlan(poses=23, cameras=11, cameras_per_pose=4, size_px=(24, 32), eval_views=5)
 
 

@@ -24,6 +24,8 @@ from livehand.backend.records.frame import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def gestures(tmp_path):

@@ -33,6 +33,8 @@ from livehand.backend.runtime.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
 )

@@ -14,6 +14,8 @@ from livehand.backend.records.errors import LiveHandError
 from safetensors.torch import save_file
 from torch.nn.functional import conv2d, max_pool2d
 
+pytestmark = pytest.mark.slow
+
 LAYOUTS = {"vgg16": _vgg16, "alexnet": _alexnet, "squeezenet1_1": _squeezenet}
 
 

@@ -10,6 +10,8 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.trace import trace as trace_reference
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SamplerConfig(5, 0.003)
 FIELD = FieldConfig(width=24, density_width=12, planes=((32, 3, 4), (128, 2, 8), (200, 1, 3)), relief=64)
 

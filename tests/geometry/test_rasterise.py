@@ -7,6 +7,8 @@ import trimesh
 from livehand.backend.geometry.rasterise import NEAR_M, rasterise
 from livehand.backend.records.camera import Camera, look_at
 
+pytestmark = pytest.mark.slow
+
 SIZE = (23, 17)
 
 

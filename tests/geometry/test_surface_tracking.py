@@ -10,6 +10,8 @@ from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.sampler import SamplerConfig, sample_rays
 
+pytestmark = pytest.mark.slow
+
 SHELL_M = 0.003
 CONFIG = SamplerConfig(8, SHELL_M)
 SIDES = ((0, -1, 0.1), (0, 1, 0.2), (-0.3, 0.2, 1), (-1, -0.5, 0.3), (0.2, 0.3, -1))

@@ -8,6 +8,8 @@ from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import SurfaceSamples, atlas_uv, interpolate, signed_height
 from livehand.backend.hand.topology import topology_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def topology(hand):

@@ -8,6 +8,8 @@ from livehand.backend.hand.cap import cap_faces, capped, flat_cap
 from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def open_faces(hand):

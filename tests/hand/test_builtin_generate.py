@@ -13,6 +13,8 @@ from livehand.backend.hand.model_file import default_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def built():

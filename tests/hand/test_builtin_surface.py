@@ -19,6 +19,8 @@ from livehand.backend.hand.model_file import default_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial import cKDTree
 
+pytestmark = pytest.mark.slow
+
 COORDINATE_MASKS = {"naily", "tfold", "jid"}  # places, not strengths
 
 

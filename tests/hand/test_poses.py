@@ -8,6 +8,8 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
 from livehand.backend.records.shot import HandPose
 
+pytestmark = pytest.mark.slow
+
 # Flesh gives way: a fingertip pressed on the hand may overlap it by twice this before it counts as inside.
 SKIN_M = 0.004
 TIP_JOINTS = (3, 6, 9, 12, 15)

@@ -24,6 +24,8 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer, RenderStopped
 
+pytestmark = pytest.mark.slow
+
 SIZE = (66, 88)
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 3, 4), (128, 1, 4)), relief=8),

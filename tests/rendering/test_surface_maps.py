@@ -9,6 +9,8 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.surface_maps import nearest_maps, surface_maps
 
+pytestmark = pytest.mark.slow
+
 SIZE = (60, 70)
 
 

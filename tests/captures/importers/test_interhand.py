@@ -24,6 +24,8 @@ from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.slow
+
 SIZE = (33, 51)
 COLOUR, STRETCHED, GREY = "400262", "400412", "410001"
 FRAMES = (100, 103, 106, 109, 112)

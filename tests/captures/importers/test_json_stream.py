@@ -75,6 +75,7 @@ def test_malformed_json_is_an_error_of_ours(tmp_path, text):
         list(list_entries(path, ("a",)))
 
 
+@pytest.mark.slow
 def test_a_large_file_is_never_in_memory_as_a_whole(tmp_path):
     path = tmp_path / "large.json"
     path.write_text(json.dumps({"a": [{"id": k, "text": "x" * 100} for k in range(20_000)]}))

@@ -19,6 +19,8 @@ from livehand.backend.runtime.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 SIZE = (72, 96)
 CONFIG = MaskConfig()
 

@@ -87,6 +87,7 @@ print(int(np.isfinite(nearest).sum()))
 """
 
 
+@pytest.mark.slow
 def test_the_cache_of_one_package_name_does_not_break_another(tmp_path):
     """An extension and a pip package import the same files under two names, and named tuples are cached by name."""
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}

@@ -13,6 +13,8 @@ from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.shade import shade
 from livehand.backend.nerf.volume import Composite
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SamplerConfig(8, 0.003)
 # Channels that fill blocks of four, and others that do not; one plane without height.
 FIELDS = {

@@ -9,6 +9,8 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.geometry.tolerances import NEAR_M
 from livehand.backend.nerf.rays import CameraTensors, project
 
+pytestmark = pytest.mark.slow
+
 LAYERS = 24  # more than any ray has crossings here
 
 

@@ -11,6 +11,8 @@ from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.trace import trace as trace_reference
 
+pytestmark = pytest.mark.slow
+
 CONFIG = SamplerConfig(8, 0.003)
 # Share of samples whose surface point may be another: on an edge rounding decides which face is found, and from there
 # the walk past a crease may lead elsewhere. 4e-6 over five poses, five views and two sizes.

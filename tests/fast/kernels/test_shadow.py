@@ -6,6 +6,8 @@ from livehand.backend.fast.backend import lit_share_by_kernel
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.visibility import DIRECTIONS, lit_share_reference, visibility_transfer
 
+pytestmark = pytest.mark.slow
+
 
 def shares(mesh, topology):
     """The lit shares [K, V] by the kernel and by the reference, of the points of `visibility_transfer`."""

@@ -23,6 +23,8 @@ from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligne
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton, node_jacobian
 from livehand.backend.records.errors import LiveHandError
 
+pytestmark = pytest.mark.slow
+
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 # MANO's joints to MediaPipe's landmarks, tips appended thumb to pinky: published with many trackers.
