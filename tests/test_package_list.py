@@ -20,8 +20,8 @@ def test_folders_with_modules_are_packages():
 
 
 def test_the_extension_asks_for_the_packages_that_pip_installs():
-    """All but numpy, which Blender brings."""
-    of_pip = set(load_toml("pyproject.toml")["project"]["dependencies"]) - {"numpy>=1.26"}
+    """All but numpy, which Blender brings, and scipy, which only training and evaluation use."""
+    of_pip = set(load_toml("pyproject.toml")["project"]["dependencies"]) - {"numpy>=1.26", "scipy>=1.11"}
     assert {requirement.pip for requirement in REQUIREMENTS} == of_pip
 
 

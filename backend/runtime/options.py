@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 Config = TypeVar("Config")
 
 
-def add_options(parser: argparse._ActionsContainer, config: type, *names: str) -> None:
+def add_options(parser: argparse._ActionsContainer, config: type, *names: str) -> None:  # pyright: ignore[reportPrivateUsage]
     """Add options for the named fields of a dataclass, which have defaults, to an `argparse` parser or group."""
     annotations = get_type_hints(config, include_extras=True)
     defaults = {field.name: field.default for field in fields(config)}

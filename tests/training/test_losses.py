@@ -177,7 +177,8 @@ def test_the_gradient_is_the_finite_difference(perceptual, lpips):
         size = 1e-5 if distance is None else 1e-4
         difference = float((loss(size, distance) - loss(-size, distance)) / (2 * size))
         assert float(slope) == pytest.approx(difference, rel=2e-2)
-    perceptual.float(), lpips.float()
+    perceptual.float()
+    lpips.float()
 
 
 def test_the_given_files_determine_the_distance(tmp_path):
