@@ -2,55 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.mesh import Topology
 from ..geometry.visibility import MAP_PX, ShadowMapPoints, visibility_transfer
 from ..nerf.backend import Precision, RayRenderer
-from ..nerf.conditions import FrameConditions
 from ..nerf.field import PaperField, PlaneField
-from ..nerf.rays import HandInView, SurfaceRays
 from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.sampler import SamplerConfig
-from ..nerf.volume import Composite
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .shade import shade
 from .trace import trace
-
-
-class NumbaBackend:
-    """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
-
-    def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
-        """As the protocol."""
-        return visibility_transfer(mesh, topology, lit_share_by_kernel)
-
-    def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
-        """As the protocol."""
-        return trace(hand, config, generator)
-
-    def shade(
-        self,
-        field: PaperField | PlaneField,
-        rays: SurfaceRays,
-        hand: HandInView,
-        conditions: FrameConditions,
-        shell_m: float,
-    ) -> Composite:
-        """As the protocol."""
-        return shade(field, rays, hand, conditions, shell_m)
-
-    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
-        """As the protocol; the paper's field is traced by the kernels and queried by torch."""
-        if isinstance(field, PlaneField):
-            return FusedRayRenderer(field, config, precision)
-        return ChunkedRayRenderer(self, field, config, precision)
 
 
 def lit_share_by_kernel(points: ShadowMapPoints, topology: Topology) -> Float[Tensor, "K V"]:
@@ -63,3 +33,17 @@ def lit_share_by_kernel(points: ShadowMapPoints, topology: Topology) -> Float[Te
         lambda first, last: lit_share(arrays, faces, MAP_PX, first, last, out), len(lit), torch.get_num_threads()
     )
     return lit
+
+
+class NumbaBackend:
+    """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
+
+    visibility = staticmethod(partial(visibility_transfer, lit_share=lit_share_by_kernel))
+    trace = staticmethod(trace)
+    shade = staticmethod(shade)
+
+    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+        """As the protocol; the paper's field is traced by the kernels and queried by torch."""
+        if isinstance(field, PlaneField):
+            return FusedRayRenderer(field, config, precision)
+        return ChunkedRayRenderer(self, field, config, precision)

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderedRays, RenderHooks, autocast
 from .conditions import FrameConditions
@@ -23,24 +20,9 @@ from .volume import Composite
 class ReferenceBackend:
     """The stages as `geometry` and `nerf` define them."""
 
-    def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
-        """As the protocol."""
-        return visibility_transfer(mesh, topology)
-
-    def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
-        """As the protocol."""
-        return trace(hand, config, generator)
-
-    def shade(
-        self,
-        field: PaperField | PlaneField,
-        rays: SurfaceRays,
-        hand: HandInView,
-        conditions: FrameConditions,
-        shell_m: float,
-    ) -> Composite:
-        """As the protocol."""
-        return shade(field, rays, hand, conditions, shell_m)
+    visibility = staticmethod(visibility_transfer)
+    trace = staticmethod(trace)
+    shade = staticmethod(shade)
 
     def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """As the protocol."""

@@ -31,14 +31,14 @@ class Watch:
 
     def look_at(self, viewport):
         """Watch the add-on's module `viewport.viewport`."""
-        watch, texture_class = self, viewport.PictureTexture
+        watch, texture_class = self, viewport.ImageTexture
 
         class WatchedTexture(texture_class):
             def __init__(self, picture):
                 super().__init__(picture)
                 watch.pictures.append((time.perf_counter(), max(picture.rgba.shape)))
 
-        viewport.PictureTexture = WatchedTexture
+        viewport.ImageTexture = WatchedTexture
         for name in ("update", "draw"):
             setattr(viewport.Viewport, name, self._timed(getattr(viewport.Viewport, name)))
 
@@ -149,7 +149,7 @@ def story(watch, report):
     yield from render_a_still(space, report)
     space.shading.type = "SOLID"
     yield 2
-    report.check(not bpy.app.timers.is_registered(engine.studio.timer._callback), "a timer is left behind")
+    report.check(not bpy.app.timers.is_registered(engine.viewport_shared.timer._callback), "a timer is left behind")
 
 
 def pose_in_the_tab(hand):
