@@ -110,7 +110,6 @@ def heads_of(side):
 
 def drop_the_take(report):
     """Drag the same file from another program's window onto the hand; needs Tk and tkdnd."""
-    bpy.context.scene.frame_set(12)
     x, y, size = 20, 640, (160, 60)
     script = [Path(__file__).with_name("drag_source.py"), folder_with_the_take() / "take.json", x, y]
     source = subprocess.Popen(["python3", *map(str, script)], stderr=subprocess.PIPE, text=True)
@@ -118,6 +117,7 @@ def drop_the_take(report):
     if source.poll() is not None:
         report.figures["dropped"] = f"not tried: {source.stderr.read().strip().splitlines()[-1]}"
         return
+    bpy.context.scene.frame_set(12)
     yield from select("left")
     target = place_of(hand_of("left").matrix_world.translation)
     start = (x + size[0] // 2, y + size[1] // 2)
