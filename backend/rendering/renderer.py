@@ -43,7 +43,7 @@ class RenderStopped(Exception):
 
 @dataclass(frozen=True)
 class Renderer:
-    """One avatar on one hand model and device. It renders with copies of the avatar's networks.
+    """One avatar on one hand model and device. It copies the avatar's networks at its first render and uses the copies.
 
     Attributes:
         avatar: the trained appearance.
