@@ -11,6 +11,7 @@ import numpy as np
 
 from .camera import Camera
 from .errors import LiveHandError
+from .light import Light
 from .side import Side
 
 
@@ -58,11 +59,14 @@ class Shot:
         vertices: [V, 3] posed surface in the world, m, in the hand model's vertex order. They come from the evaluated
             mesh, so shape keys, sculpting, modifiers and retargeted rigs are respected.
         camera: the view.
+        light: what falls on the hand; None: the light of the avatar's capture. Avatars that are not relightable keep
+            their capture's light whatever this is.
     """
 
     pose: HandPose
     vertices: np.ndarray
     camera: Camera
+    light: Light | None = None
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
