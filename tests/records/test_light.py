@@ -2,7 +2,6 @@ from math import pi
 
 import numpy as np
 import pytest
-
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 
