@@ -17,8 +17,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ..nerf.avatar import Avatar, AvatarConfig
-from ..nerf.field import FieldConfig, build_field
+from ..nerf.avatar import Avatar, AvatarConfig, build_field
+from ..nerf.field import FieldConfig
 from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.mesh import Topology
+from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import MAP_PX, ShadowMapPoints, visibility_transfer
 from ..nerf.backend import Precision, RayRenderer
 from ..nerf.field import PaperField, PlaneField
@@ -20,6 +21,8 @@ from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .shade import shade
+from .shadow_maps import look_up_by_kernel
+from .shell import first_hit
 from .trace import trace
 
 
@@ -39,6 +42,8 @@ class NumbaBackend:
     """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
 
     visibility = staticmethod(partial(visibility_transfer, lit_share=lit_share_by_kernel))
+    point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
+    first_hit = staticmethod(first_hit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 

@@ -88,9 +88,9 @@ class FusedRayRenderer:
         return GatheredRays(pixel, directions / directions.norm(dim=-1, keepdim=True), gathered, t, dt)
 
     def decode(self, gathered: Composite, view: Tensor) -> Composite:
-        """Colour and features of rays."""
+        """What the field makes of rays (`PlaneField.shaded`)."""
         chunks = zip(*(values.split(self.rays_per_decode) for values in (*gathered, view)), strict=True)
-        channels = [self.field.decode(Composite(*chunk), view).channels for *chunk, view in chunks]
+        channels = [self.field.shaded(Composite(*chunk), view).channels for *chunk, view in chunks]
         return gathered._replace(channels=torch.cat(channels))
 
     def _skin(self, hand: HandInView, conditions: FrameConditions) -> Skin:

@@ -73,7 +73,7 @@ def shade(
     weights = (field.near.weight, field.near.bias, field.density.weight, field.density.bias)
     tables = [plane.table for plane in (*field.feature_planes, field.relief)]
     gathered = Composite(*_CompositeAlongRays.apply(field, samples, light, *weights, *tables))
-    return field.decode(gathered, geometry.view)
+    return field.shaded(gathered, geometry.view)
 
 
 def _needs_geometry_gradient(rays: SurfaceRays, conditions: FrameConditions, steps: Steps) -> bool:

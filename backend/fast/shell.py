@@ -41,6 +41,18 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     return crossings
 
 
+def first_hit(hand: HandInView) -> Tensor:
+    """`nerf.sampler.first_hit` by a kernel."""
+    positions_px, depth = project(hand.camera, hand.mesh.vertices)
+    mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), hand.topology.faces.numpy())
+    width, height = hand.camera.size_px
+    nearest = np.full(width * height, np.inf, np.float32)
+    in_parallel(
+        lambda first, last: nearest_depth(mesh, width, first, last, False, nearest), height, torch.get_num_threads()
+    )
+    return torch.as_tensor(nearest)
+
+
 def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:
     """Pixels [R] and directions [R, 3] of the rays that have anything to sample, also as the kernels take them."""
     is_live = np.zeros(len(crossings.counts), np.bool_)

@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from .field import FieldConfig, PaperField, PlaneField, build_field
+from .field import BakedField, FieldConfig, PaperField, PlaneField
+from .lit_field import LitField
 from .sampler import SamplerConfig
 from .superres import SuperResConfig, build_superres
 
@@ -61,6 +62,13 @@ class Avatar:
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     thumbnail: np.ndarray | None = None
+
+
+def build_field(config: FieldConfig) -> PaperField | PlaneField:
+    """The field the configuration names, with fresh weights."""
+    if config.kind == "paper":
+        return PaperField()
+    return LitField(config) if config.light == "linear" else BakedField(config)
 
 
 def new_avatar(name: str, hand_name: str, hand_sha256: str, config: AvatarConfig, seed: int = 0) -> Avatar:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.shadow_maps import LightViews, PointShadows
 from .conditions import FrameConditions
 from .field import PaperField, PlaneField
 from .rays import HandInView, SurfaceRays
@@ -65,6 +66,22 @@ class RenderBackend(Protocol):
 
     def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
         """As `geometry.visibility.visibility_transfer`."""
+        ...
+
+    def point_shadows(
+        self,
+        mesh: PosedMesh,
+        topology: Topology,
+        occluders: Float[Tensor, "T 3 3"],
+        views: LightViews,
+        points: Float[Tensor, "P 3"],
+        map_px: int,
+    ) -> PointShadows:
+        """As `geometry.shadow_maps.point_shadows`."""
+        ...
+
+    def first_hit(self, hand: HandInView) -> Float[Tensor, " P"]:
+        """As `nerf.sampler.first_hit`, of the mesh itself."""
         ...
 
     def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:

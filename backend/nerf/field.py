@@ -48,11 +48,8 @@ class FieldConfig:
     """Approximate length on the skin of one atlas unit; decides which planes are finer than a pixel."""
     pose: bool = True
     """Whether the field is conditioned on the local pose (False: the ablation)."""
-
-
-def build_field(config: FieldConfig) -> PaperField | PlaneField:
-    """The field the configuration names, with fresh weights."""
-    return PaperField() if config.kind == "paper" else PlaneField(config)
+    light: Literal["baked", "linear"] = "baked"
+    """`baked`: colours in the light of the capture. `linear`: coefficients for any light (`nerf.lit_field`)."""
 
 
 class PaperField(nn.Module):
@@ -91,63 +88,61 @@ class PaperField(nn.Module):
 
 
 class PlaneField(nn.Module):
-    """Feature planes on the atlas; samples give density only, and colour is decoded once per ray.
+    """Feature planes on the atlas; samples give density only, and appearance is decoded once per ray.
 
-    The features gathered at a ray's samples are composited, and a decoder turns their mean into colour, so that its
-    cost does not grow with the samples (deferred shading, as Hedman et al. 2021, "Baking Neural Radiance Fields").
+    The features gathered at a ray's samples are composited, and a decoder takes their mean, so that its cost does not
+    grow with the samples (deferred shading, as Hedman et al. 2021, "Baking Neural Radiance Fields").
 
     One plane holds relief: offsets of the surface normal in the canonical hand's axes, which the surface's local
     rotation turns into the world before decoding. So tendons, creases and nails are shaded correctly in every pose,
     where a decoder of features alone learns only their mean shading.
+
+    Attributes:
+        near_channels: of the gathered features that determine the density, which come first.
+        gathered_channels: of all gathered features: after those, the normal, the relief normal and `light_code`.
     """
 
-    VIEW_CHANNELS = 5
-
-    def __init__(self, config: FieldConfig):
+    def __init__(self, config: FieldConfig, light_channels: int):
         super().__init__()
         self.config = config
         self.planes = nn.ModuleList(FeaturePlane(*size) for size in config.planes)
         self.relief = FeaturePlane(config.relief, 1, 3)
-        self.light = nn.Linear(DIRECTIONS, LIGHT_CHANNELS)
-        near = sum(channels for _, _, channels in config.planes) + 2 + LOCAL_POSE_CHANNELS
-        self.near = nn.Linear(near, config.density_width)
+        self.near_channels = sum(channels for _, _, channels in config.planes) + 2 + LOCAL_POSE_CHANNELS
+        self.near = nn.Linear(self.near_channels, config.density_width)
         self.density = nn.Linear(config.density_width, 1)
-        self.normal_slice = slice(near + 3, near + 6)
-        self.gathered_channels = near + 3 + 3 + LIGHT_CHANNELS
-        decoded = self.gathered_channels + self.VIEW_CHANNELS
-        first = nn.Linear(decoded, config.width)
-        self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
-        self.channels = nn.Linear(config.width, CHANNELS)
+        self.gathered_channels = self.near_channels + 3 + 3 + light_channels
         if not config.pose:
-            for layer in (self.near, first):
-                _mask_inputs(layer.weight, slice(near - LOCAL_POSE_CHANNELS, near))
+            self._leave_out_pose(self.near)
 
-    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
-        """A learned code of the light that each vertex receives under the capture's illumination."""
-        return self.light(visibility)
+    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V E"]:
+        """What each vertex adds to the gathered features, from its visibility."""
+        raise NotImplementedError
+
+    def shaded(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
+        """What volume rendering returns for rays of these unit directions, world, from their composited features."""
+        raise NotImplementedError
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """Volume-rendered channels [R, 32], premultiplied."""
+        """The rays, volume-rendered; see `shaded`."""
         height = inputs.height[:, None]
         features = [self._read(plane, inputs, read_plane) for plane in self.feature_planes]
         near = torch.cat([*features, height, height**2, inputs.local_pose], -1)
         sigma = _density(self.density(relu(self.near(near)))[:, 0], inputs.height)
         gathered = torch.cat([near, inputs.normal, self._relief_normal(inputs, read_plane), inputs.light], -1)
-        return self.decode(composite(sigma, gathered, steps), inputs.view)
+        return self.shaded(composite(sigma, gathered, steps), inputs.view)
 
     @property
     def feature_planes(self) -> list[FeaturePlane]:
         """The planes without the relief's."""
         return [plane for plane in self.planes if isinstance(plane, FeaturePlane)]
 
-    def decode(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
-        """Colour and features of rays, from the composited gathered features and unit directions, world."""
-        mean = gathered.channels / gathered.alpha.clamp(min=_MIN_ALPHA)[:, None]
-        normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
-        hidden = torch.cat([mean, view_features(normal, view)], -1)
-        for layer in self.trunk:
-            hidden = relu(layer(hidden), inplace=True)
-        return gathered._replace(channels=_channels(self.channels(hidden)) * gathered.alpha[:, None])
+    @property
+    def normal_slice(self) -> slice:
+        """Where the gathered features hold the relief normal."""
+        return slice(self.near_channels + 3, self.near_channels + 6)
+
+    def _leave_out_pose(self, layer: nn.Linear) -> None:
+        _mask_inputs(layer.weight, slice(self.near_channels - LOCAL_POSE_CHANNELS, self.near_channels))
 
     def _relief_normal(self, inputs: FieldInputs, read_plane: PlaneReader) -> Float[Tensor, "S 3"]:
         """The posed normal with the relief's offset, unit length, world."""
@@ -163,6 +158,39 @@ class PlaneField(nn.Module):
         """1, or less for planes finer than a pixel at the sample, which would alias."""
         texel_m = self.config.atlas_m / plane.resolution
         return (2 * texel_m / footprint_m).clamp(max=1)
+
+
+class BakedField(PlaneField):
+    """A field of planes whose decoder returns colour and features, in the light of the capture."""
+
+    VIEW_CHANNELS = 5
+
+    def __init__(self, config: FieldConfig):
+        super().__init__(config, LIGHT_CHANNELS)
+        self.light = nn.Linear(DIRECTIONS, LIGHT_CHANNELS)
+        first = nn.Linear(self.gathered_channels + self.VIEW_CHANNELS, config.width)
+        self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
+        self.channels = nn.Linear(config.width, CHANNELS)
+        if not config.pose:
+            self._leave_out_pose(first)
+
+    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 8"]:
+        """A learned code of the light that each vertex receives under the capture's illumination."""
+        return self.light(visibility)
+
+    def shaded(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
+        """Colour and features [R, 32] of rays, premultiplied."""
+        mean = mean_features(gathered)
+        normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
+        hidden = torch.cat([mean, view_features(normal, view)], -1)
+        for layer in self.trunk:
+            hidden = relu(layer(hidden), inplace=True)
+        return gathered._replace(channels=_channels(self.channels(hidden)) * gathered.alpha[:, None])
+
+
+def mean_features(gathered: Composite) -> Float[Tensor, "R K"]:
+    """The gathered features of rays, as means over their samples."""
+    return gathered.channels / gathered.alpha.clamp(min=_MIN_ALPHA)[:, None]
 
 
 def _mask_inputs(weight: Tensor, inputs: slice) -> None:

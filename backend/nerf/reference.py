@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import torch
 
+from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderedRays, RenderHooks, autocast
 from .conditions import FrameConditions
 from .field import PaperField, PlaneField
 from .rays import HandInView, SurfaceRays, split_rays
-from .sampler import SamplerConfig
+from .sampler import SamplerConfig, first_hit
 from .shade import shade
 from .trace import trace
 from .volume import Composite
@@ -21,6 +22,8 @@ class ReferenceBackend:
     """The stages as `geometry` and `nerf` define them."""
 
     visibility = staticmethod(visibility_transfer)
+    point_shadows = staticmethod(point_shadows)
+    first_hit = staticmethod(first_hit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 

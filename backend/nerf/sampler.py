@@ -120,7 +120,7 @@ def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
-    return _without_empty(_stop_at(inside, _first_hit(inner, camera)[pixel]))
+    return _without_empty(_stop_at(inside, _nearest_front(inner, camera)[pixel]))
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
@@ -128,7 +128,12 @@ def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -
     return rasterise(positions_px, depth, topology.faces, camera.size_px)
 
 
-def _first_hit(fragments: Fragments, camera: CameraTensors) -> Float[Tensor, " P"]:
+def first_hit(hand: HandInView) -> Float[Tensor, " P"]:
+    """Depth of the mesh's first front face per pixel, m; infinite where there is none."""
+    return _nearest_front(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), hand.camera)
+
+
+def _nearest_front(fragments: Fragments, camera: CameraTensors) -> Float[Tensor, " P"]:
     """Depth of the first front face per pixel; infinite where there is none."""
     width, height = camera.size_px
     nearest = fragments.depth.new_full((width * height,), torch.inf)

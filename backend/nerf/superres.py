@@ -12,24 +12,29 @@ from typing import Literal
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle
+from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle, relu
 
-from .field import CHANNELS
+from .field import CHANNELS, FEATURE_CHANNELS
+from .lighting import COEFFICIENTS
 
 RGBA = 4
+LIT_MAPS = COEFFICIENTS + FEATURE_CHANNELS + 3 + 1
+"""Maps that `LitSuperRes` takes: coefficients, features, relief normal in camera axes, alpha; all premultiplied."""
+LIT_IMAGE = COEFFICIENTS + 3 + 1
+"""Channels that it returns: coefficients, normal in camera axes, alpha."""
 
 
 @dataclass(frozen=True)
 class SuperResConfig:
     """Which network, and its size."""
 
-    kind: Literal["paper", "light"] = "light"
+    kind: Literal["paper", "light", "lit"] = "light"
     """`paper`: the published blocks, 128 and 64 wide, with their constant modulation folded in. `light`: plain
-    convolutions at low resolution and a pixel shuffle."""
+    convolutions at low resolution and a pixel shuffle. `lit`: the same for the coefficients of a relightable field."""
     width: int = 64
-    """Of `light`."""
+    """Of `light` and `lit`."""
     depth: int = 4
-    """Convolutions of `light` before the last."""
+    """Convolutions of `light` and `lit` before the last."""
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Colour gain applied after the network: that of a training camera whose colours the avatar reproduces."""
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -38,27 +43,50 @@ class SuperResConfig:
 
 def build_superres(config: SuperResConfig) -> nn.Module:
     """The network the configuration names, with fresh weights."""
-    return PaperSuperRes(config) if config.kind == "paper" else LightSuperRes(config)
+    networks = {"paper": PaperSuperRes, "light": LightSuperRes, "lit": LitSuperRes}
+    return networks[config.kind](config)
 
 
-class LightSuperRes(nn.Module):
-    """Residual convolutions at low resolution, shuffled up, added to the bilinearly enlarged RGBA."""
+class _ResidualSuperRes(nn.Module):
+    """Residual convolutions at low resolution, shuffled up, added to what is enlarged bilinearly."""
 
-    def __init__(self, config: SuperResConfig):
+    def __init__(self, config: SuperResConfig, maps: int, channels: int):
         super().__init__()
         self.config = config
-        self.head = nn.Conv2d(CHANNELS + 1, config.width, 3, padding=1)
+        self.head = nn.Conv2d(maps, config.width, 3, padding=1)
         self.body = nn.ModuleList(nn.Conv2d(config.width, config.width, 3, padding=1) for _ in range(config.depth - 1))
-        self.tail = nn.Conv2d(config.width, RGBA * 4, 3, padding=1)
+        self.tail = nn.Conv2d(config.width, channels * 4, 3, padding=1)
         for parameter in self.tail.parameters():
             nn.init.zeros_(parameter)  # start as bilinear enlargement
 
-    def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
-        """RGBA, not clamped."""
+    def _enlarged(self, maps: Tensor, base: Tensor) -> Tensor:
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
-        return _graded(_sum(enlarge(_rgba(maps)), pixel_shuffle(self.tail(hidden), 2)), self.config)
+        return _sum(enlarge(base), pixel_shuffle(self.tail(hidden), 2))
+
+
+class LightSuperRes(_ResidualSuperRes):
+    """Enlarges colour and alpha."""
+
+    def __init__(self, config: SuperResConfig):
+        super().__init__(config, CHANNELS + 1, RGBA)
+
+    def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
+        """RGBA, not clamped."""
+        return _graded(self._enlarged(maps, _rgba(maps)), self.config)
+
+
+class LitSuperRes(_ResidualSuperRes):
+    """Enlarges the coefficients and the normal of a relightable field, before any light is known."""
+
+    def __init__(self, config: SuperResConfig):
+        super().__init__(config, LIT_MAPS, LIT_IMAGE)
+
+    def forward(self, maps: Float[Tensor, "B 47 H W"]) -> Float[Tensor, "B 18 2*H 2*W"]:
+        """Coefficients (not negative, premultiplied), normal in camera axes (of any length), alpha (not clamped)."""
+        image = self._enlarged(maps, torch.cat([maps[:, :COEFFICIENTS], maps[:, -4:]], 1))
+        return torch.cat([relu(image[:, :COEFFICIENTS]), image[:, COEFFICIENTS:]], 1)
 
 
 class PaperSuperRes(nn.Module):

@@ -4,7 +4,8 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.fast.shade import _CompositeAlongRays
-from livehand.backend.nerf.field import FieldConfig, build_field
+from livehand.backend.nerf.avatar import build_field
+from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig

@@ -3,8 +3,9 @@
 import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.nerf.avatar import build_field
 from livehand.backend.nerf.backend import RenderHooks
-from livehand.backend.nerf.field import FieldConfig, PaperField, build_field
+from livehand.backend.nerf.field import FieldConfig, PaperField
 from livehand.backend.nerf.rays import HandInView, split_rays
 from livehand.backend.nerf.reference import ChunkedRayRenderer, ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig

@@ -51,6 +51,23 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
 
 
 @compiled
+def nearest_sides(positions_px, depth, faces, size, fronts, backs):
+    """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size."""
+    for face in range(faces.shape[0]):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        area = _area(positions_px, depth, a, b, c)
+        if abs(area) <= _MIN_AREA:
+            continue
+        nearest = fronts if area < _0 else backs
+        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, size, 0, size)
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                if z > _0:
+                    nearest[y * size + x] = min(nearest[y * size + x], z)
+
+
+@compiled
 def _area(positions_px, depth, a, b, c):
     """Twice the signed area of a projected face, px^2; 0 where it is not drawn."""
     if min(depth[a], depth[b], depth[c]) <= _NEAR_M:

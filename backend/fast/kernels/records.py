@@ -135,6 +135,24 @@ class ShadowPoints(NamedTuple):
     bias: np.float32
 
 
+class ShadowCasters(NamedTuple):
+    """As `geometry.shadow_maps.ShadowScene`, with faces [F, 3] of the mesh and others_faces [T, 3] of the others.
+
+    mesh_px and others_px are [K, V, 2], mesh_depth and others_depth [K, V] radii; the last three are in radii, too.
+    """
+
+    mesh_px: np.ndarray
+    mesh_depth: np.ndarray
+    faces: np.ndarray
+    others_px: np.ndarray
+    others_depth: np.ndarray
+    others_faces: np.ndarray
+    map_px: int
+    tolerance: np.float32
+    contact: np.float32
+    max_depth_in: np.float32
+
+
 class TracedSamples(NamedTuple):
     """What traced rays are written to: t [R, N] m, dt [R] m, is_stopped [R], face [R, N], barycentric, height [R, N] m.
 

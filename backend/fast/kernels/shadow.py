@@ -1,11 +1,11 @@
-"""Equals `geometry.visibility.lit_share_reference`: one small shadow map per direction, compared with each vertex."""
+"""Equals `geometry.visibility.lit_share_reference` and `geometry.shadow_maps.look_up_reference`: small shadow maps."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .compiled import compiled
-from .raster import nearest_depth
+from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
 
 _HALF, _0, _1 = (np.float32(value) for value in (0.5, 0, 1))
@@ -42,3 +42,54 @@ def _unblocked(shadow, size, x, y, depth):
     if depth <= shadow[pixel + size + 1]:
         lit += fx * fy
     return lit
+
+
+@compiled
+def look_up_points(casters, px, depth, first, last, lit, depth_in):
+    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points at px, depth."""
+    size = casters.map_px
+    entry, leaving = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
+    other = np.empty(size * size, np.float32)
+    for view in range(first, last):
+        entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
+        nearest_sides(casters.mesh_px[view], casters.mesh_depth[view], casters.faces, size, entry, leaving)
+        others = ProjectedMesh(casters.others_px[view], casters.others_depth[view], casters.others_faces)
+        nearest_depth(others, size, 0, size, True, other)
+        _join(entry, leaving, other, casters.contact)
+        for point in range(px.shape[1]):
+            lit[view, point], depth_in[view, point] = _look_up(
+                entry, leaving, casters, px[view, point, 0], px[view, point, 1], depth[view, point]
+            )
+
+
+@compiled
+def _join(entry, leaving, other, contact):
+    """Turn `leaving` into the depth at which light ends; entry is minus infinity where it ends before the mesh."""
+    for pixel in range(len(entry)):
+        middle = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
+        blocker = other[pixel] + contact
+        if blocker < entry[pixel]:
+            entry[pixel] = -np.inf
+        leaving[pixel] = min(middle, blocker)
+
+
+@compiled
+def _look_up(entry, blocker, casters, x, y, depth):
+    """(share of the four nearest pixels in which a point is lit, its depth behind the surface)."""
+    size, most = casters.map_px, casters.max_depth_in
+    x, y = x - _HALF, y - _HALF
+    last = np.float32(size - 1)
+    if not (x >= _0 and y >= _0 and x < last and y < last and depth > _0):
+        return _1, _0
+    column, row = int(x), int(y)
+    fx, fy = x - np.float32(column), y - np.float32(row)
+    lit, inside = _0, _0
+    for dy in range(2):
+        wy = fy if dy else _1 - fy
+        for dx in range(2):
+            weight = wy * (fx if dx else _1 - fx)
+            pixel = (row + dy) * size + column + dx
+            if depth <= blocker[pixel] + casters.tolerance:
+                lit += weight
+            inside += weight * min(max(depth - entry[pixel], -most), most)
+    return lit, max(inside, _0)

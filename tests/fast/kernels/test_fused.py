@@ -6,8 +6,9 @@ from livehand.backend.fast.fused_render import FusedRayRenderer
 from livehand.backend.fast.kernels import fused
 from livehand.backend.fast.trace import trace
 from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.nerf.avatar import build_field
 from livehand.backend.nerf.backend import RenderHooks
-from livehand.backend.nerf.field import FieldConfig, PlaneField, build_field
+from livehand.backend.nerf.field import BakedField, FieldConfig
 from livehand.backend.nerf.rays import CameraTensors, HandInView
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.shade import shade
@@ -62,14 +63,14 @@ class Fused:
         self.expected_view = rays.directions / rays.directions.norm(dim=-1, keepdim=True)
 
 
-class Undecoded(PlaneField):
+class Undecoded(BakedField):
     """The same field without its decoder."""
 
     def __init__(self, field):
         super().__init__(field.config)
         self.load_state_dict(field.state_dict())
 
-    def decode(self, gathered, view):
+    def shaded(self, gathered, view):
         return gathered
 
 

@@ -1,0 +1,207 @@
+"""Shadows at points on a mesh: how much light reaches them from a direction, and how deep they lie behind the surface.
+
+A shadow map holds, per pixel, where light enters the mesh and where it leaves it. A point is lit if it lies before the
+middle of the two (Woo 1992, "The shadow depth map revisited"), so that a surface neither shadows itself nor leaks light
+where parts touch, without a bias that would depend on the angle. Other triangles block light where they begin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from .mesh import PosedMesh, Topology
+from .rasterise import Fragments, rasterise
+
+MAX_DEPTH_IN_M = 0.025
+"""Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
+FAR = 1000.0
+"""Distance of parallel light, in radii of the mesh: its rays are then parallel to 0.1 degrees."""
+# Rounding, not a bias against self-shadowing; radii of the mesh.
+_TOLERANCE = 1e-4
+# An object in contact with the skin touches a mesh that is coarser than both; template metres.
+_CONTACT_M = 0.001
+# Light nearer than the mesh's own radius is seen under this squared sine, in a map that no longer holds all of the mesh.
+_LEAST_SQUARED = 0.1
+
+
+class Bounds(NamedTuple):
+    """A sphere around a mesh: centre [3] m, radius [] m."""
+
+    centre: Tensor
+    radius: Tensor
+
+    @classmethod
+    def of(cls, mesh: PosedMesh) -> Bounds:
+        """The sphere about the mean vertex."""
+        centre = mesh.vertices.mean(0)
+        return cls(centre, (mesh.vertices - centre).norm(dim=-1).amax())
+
+
+class LightViews(NamedTuple):
+    """K views of a mesh from its light.
+
+    Attributes:
+        frames: [K, 3, 3] rows: right, down, and towards the light, world.
+        distance: [K] from the centre of the bounds, in radii; `FAR` for parallel light.
+    """
+
+    frames: Tensor
+    distance: Tensor
+
+    @classmethod
+    def along(cls, towards: Float[Tensor, "K 3"], distance: Float[Tensor, " K"]) -> LightViews:
+        """The views from these unit directions."""
+        least = torch.nn.functional.one_hot(towards.abs().argmin(-1), 3).to(towards.dtype)
+        right = torch.nn.functional.normalize(torch.linalg.cross(least, towards), dim=-1)
+        return cls(torch.stack([right, torch.linalg.cross(right, towards), towards], 1), distance)
+
+
+class PointShadows(NamedTuple):
+    """What P points receive from K views.
+
+    Attributes:
+        lit: [K, P] share of the nearby map pixels in which the point is lit.
+        depth_in_m: [K, P] depth behind the surface that faces the light, template metres, 0 to `MAX_DEPTH_IN_M`, which
+            also stands for points behind other triangles.
+    """
+
+    lit: Tensor
+    depth_in_m: Tensor
+
+
+class ProjectedPoints(NamedTuple):
+    """Points in K shadow maps: px [K, P, 2], depth [K, P] in radii."""
+
+    px: Tensor
+    depth: Tensor
+
+
+class ShadowScene(NamedTuple):
+    """What casts shadows, projected into K maps of `map_px` pixels a side.
+
+    Attributes:
+        mesh: its vertices.
+        faces: [F, 3] of the mesh.
+        others: corners of other triangles, [K, 3 T, 2] and [K, 3 T].
+        map_px: width and height of a map.
+        tolerance: in radii.
+        contact: in radii.
+        max_depth_in: in radii.
+    """
+
+    mesh: ProjectedPoints
+    faces: Tensor
+    others: ProjectedPoints
+    map_px: int
+    tolerance: float
+    contact: float
+    max_depth_in: float
+
+
+ShadowLookup = Callable[[ShadowScene, ProjectedPoints], PointShadows]
+"""(scene, points) -> shadows, with depths in radii."""
+
+
+def point_shadows(
+    mesh: PosedMesh,
+    topology: Topology,
+    occluders: Float[Tensor, "T 3 3"],
+    views: LightViews,
+    points: Float[Tensor, "P 3"],
+    map_px: int,
+    look_up: ShadowLookup | None = None,
+) -> PointShadows:
+    """The shadows at points on or near a mesh.
+
+    Args:
+        mesh: a closed surface.
+        topology: of the mesh.
+        occluders: corners of other triangles that cast shadows on it, world, m.
+        views: from the light.
+        points: world, m.
+        map_px: width and height of a shadow map.
+        look_up: makes the maps and compares the points with them; None: `look_up_reference`.
+    """
+    bounds = Bounds.of(mesh)
+    in_template = float(mesh.scale / bounds.radius)
+    scene = ShadowScene(
+        mesh=_project(mesh.vertices, bounds, views, map_px),
+        faces=topology.faces,
+        others=_project(occluders.reshape(-1, 3), bounds, views, map_px),
+        map_px=map_px,
+        tolerance=_TOLERANCE,
+        contact=_CONTACT_M * in_template,
+        max_depth_in=MAX_DEPTH_IN_M * in_template,
+    )
+    shadows = (look_up or look_up_reference)(scene, _project(points, bounds, views, map_px))
+    return PointShadows(shadows.lit, shadows.depth_in_m / in_template)
+
+
+def _project(points: Float[Tensor, "P 3"], bounds: Bounds, views: LightViews, map_px: int) -> ProjectedPoints:
+    """Points in the maps, whose borders are a pixel outside the bounds."""
+    local = torch.einsum("kij,pj->kpi", views.frames, (points - bounds.centre) / bounds.radius)
+    distance = views.distance[:, None]
+    depth = distance - local[..., 2]
+    reach = distance / (distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()
+    scale = distance / (torch.where(depth.abs() > 1e-6, depth, 1e-6) * reach)
+    px = (local[..., :2] * scale[..., None] * 0.5 + 0.5) * (map_px - 2) + 1
+    return ProjectedPoints(px, depth)
+
+
+def look_up_reference(scene: ShadowScene, points: ProjectedPoints) -> PointShadows:
+    """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
+    entry, blocker = _maps(scene)
+    position = points.px - 0.5
+    is_inside = ((position >= 0) & (position < scene.map_px - 1)).all(-1) & (points.depth > 0)
+    position = torch.where(is_inside[..., None], position, torch.zeros_like(position))
+    first = position.floor()
+    share = position - first
+    column, row = first.long().unbind(-1)
+    lit, depth_in = torch.zeros_like(points.depth), torch.zeros_like(points.depth)
+    for dy, weight_y in ((0, 1 - share[..., 1]), (1, share[..., 1])):
+        for dx, weight_x in ((0, 1 - share[..., 0]), (1, share[..., 0])):
+            pixel = (row + dy) * scene.map_px + column + dx
+            weight = weight_x * weight_y
+            lit = lit + weight * (points.depth <= blocker.gather(1, pixel) + scene.tolerance)
+            behind = (points.depth - entry.gather(1, pixel)).clamp(-scene.max_depth_in, scene.max_depth_in)
+            depth_in = depth_in + weight * behind
+    outside = ~is_inside
+    return PointShadows(
+        torch.where(outside, torch.ones_like(lit), lit),
+        torch.where(outside, torch.zeros_like(depth_in), depth_in.clamp(min=0)),
+    )
+
+
+def _maps(scene: ShadowScene) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
+    """Per map pixel, the depth at which light enters the mesh (minus infinity: blocked before), and where it ends."""
+    count = len(scene.mesh.depth)
+    fragments = _fragments(scene.mesh, scene.faces, scene.map_px)
+    size = count * scene.map_px**2
+    entry = _nearest(fragments, fragments.is_front, size)
+    leaving = _nearest(fragments, ~fragments.is_front, size)
+    middle = torch.where(leaving.isfinite(), (entry + leaving) / 2, entry)
+    corners = torch.arange(scene.others.depth.shape[1], device=entry.device).reshape(-1, 3)
+    others = _fragments(scene.others, corners, scene.map_px)
+    other = _nearest(others, torch.ones_like(others.is_front), size) + scene.contact
+    is_blocked = other < entry
+    entry = torch.where(is_blocked, -torch.inf, entry)
+    return entry.reshape(count, -1), torch.minimum(middle, other).reshape(count, -1)
+
+
+def _fragments(points: ProjectedPoints, faces: Tensor, map_px: int) -> Fragments:
+    """The fragments of all maps; pixels count on from map to map."""
+    fragments = []
+    for index in range(len(points.depth)):
+        one = rasterise(points.px[index], points.depth[index], faces, (map_px, map_px))
+        fragments.append(one._replace(pixel=one.pixel + index * map_px**2))
+    return Fragments(*(torch.cat(values) for values in zip(*fragments, strict=True)))
+
+
+def _nearest(fragments: Fragments, which: Tensor, size: int) -> Float[Tensor, " M"]:
+    nearest = fragments.depth.new_full((size,), torch.inf)
+    return nearest.scatter_reduce(0, fragments.pixel[which], fragments.depth[which], "amin")

@@ -1,0 +1,226 @@
+"""Samples of a frame's light: directions of the sky, and points of every lamp."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import cos, pi, tan
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.shadow_maps import FAR, Bounds, LightViews
+from ..geometry.visibility import direction_frames
+from ..records.light import Lamp, Light, Sky, sky_directions
+
+SKY_DIRECTIONS = 64
+# Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
+_SAMPLES_FROM_DEG = ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1))
+# Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
+_LEAST_DISTANCE_M = 0.005
+_GOLDEN_ANGLE = pi * (3 - 5**0.5)
+
+
+class SkySamples(NamedTuple):
+    """The sky as K directions.
+
+    Attributes:
+        towards: [K, 3] unit, world.
+        flux: [K, 3] radiance times solid angle of each direction's cell, divided by pi.
+    """
+
+    towards: Tensor
+    flux: Tensor
+
+    @classmethod
+    def of(cls, sky: Sky | None, device: torch.device | str) -> SkySamples:
+        """The samples of a sky; None is black."""
+        towards = direction_frames(SKY_DIRECTIONS, device)[:, 2]
+        flux = torch.zeros(SKY_DIRECTIONS, 3, device=device)
+        if sky is not None:
+            energy = (sky.radiance * sky.solid_angles[..., None] / pi).reshape(-1, 3)
+            cell = torch.as_tensor(_cells(*sky.radiance.shape[:2]), device=device)
+            flux = flux.index_add(0, cell, torch.as_tensor(energy, dtype=torch.float32, device=device))
+        return cls(towards, flux)
+
+    def views(self) -> LightViews:
+        """Views for shadow maps."""
+        return LightViews.along(self.towards, torch.full_like(self.towards[:, 0], FAR))
+
+
+class LampSamples(NamedTuple):
+    """L lamps as K points, or directions of suns.
+
+    Attributes:
+        lamp: [K] the lamp of each sample.
+        position: [K, 3] m; of a sun: unit direction towards it.
+        is_sun: [K].
+        axis: [K, 3] unit direction in which the lamp shines.
+        is_area: [K] whether the light falls off with the cosine to the axis.
+        share: [K] of the lamp's light, divided by pi.
+        tan_spread: [K] tangent of half an area lamp's beam; infinite: no limit.
+        spread_share: [K] factor that keeps the beam's power.
+        cos_cone: [K] cosine of half a spot's cone; -2: no cone.
+        cone_edge: [K] steepness of the cone's edge, per unit of cosine.
+        shadow: [K] 1, or 0 for lamps that cast none.
+        rgb: [L, 3] as in `records.light.Lamp`.
+        radius_rad: [L] half the angle under which the hand sees the lamp.
+    """
+
+    lamp: Tensor
+    position: Tensor
+    is_sun: Tensor
+    axis: Tensor
+    is_area: Tensor
+    share: Tensor
+    tan_spread: Tensor
+    spread_share: Tensor
+    cos_cone: Tensor
+    cone_edge: Tensor
+    shadow: Tensor
+    rgb: Tensor
+    radius_rad: Tensor
+
+    @classmethod
+    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds) -> LampSamples:
+        """The samples of lamps around a hand."""
+        centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
+        angles = [_angle_rad(lamp, centre) for lamp in lamps]
+        rows = [
+            _rows_of(index, lamp, centre, angle) for index, (lamp, angle) in enumerate(zip(lamps, angles, strict=True))
+        ]
+        columns = zip(*rows, strict=True) if rows else _EMPTY_COLUMNS
+        tensors = [_tensor(np.concatenate(column), device) for column in columns]
+        rgb = np.array([lamp.rgb for lamp in lamps]).reshape(-1, 3)
+        return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
+
+    def views(self, bounds: Bounds) -> LightViews:
+        """Views for shadow maps."""
+        offset = self.position - bounds.centre
+        distance = offset.norm(dim=-1)
+        towards = torch.where(self.is_sun[:, None], self.position, offset / distance.clamp(min=1e-6)[:, None])
+        radii = (distance / bounds.radius).clamp(1e-3, FAR)
+        return LightViews.along(towards, torch.where(self.is_sun, torch.full_like(radii, FAR), radii))
+
+    def arriving(self, points: Float[Tensor, "P 3"]) -> tuple[Float[Tensor, "K P 3"], Float[Tensor, "K P"]]:
+        """(unit directions towards the light, irradiance / pi of a surface that faces it for an rgb of 1)."""
+        offset = self.position[:, None] - points
+        squared = (offset * offset).sum(-1).clamp(min=_LEAST_DISTANCE_M**2)
+        towards = torch.where(self.is_sun[:, None, None], self.position[:, None], offset / squared.sqrt()[..., None])
+        along = -(towards * self.axis[:, None]).sum(-1)
+        strength = torch.where(self.is_sun[:, None], torch.ones_like(along), self._emitted(along) / squared)
+        return towards.expand(-1, len(points), -1), self.share[:, None] * strength
+
+    def _emitted(self, along: Float[Tensor, "K P"]) -> Float[Tensor, "K P"]:
+        """Intensity of each sample, per watt, in directions with this cosine to its axis."""
+        edge = ((along - self.cos_cone[:, None]) * self.cone_edge[:, None]).clamp(0, 1)
+        cone = torch.where(self.cos_cone[:, None] < -1, torch.ones_like(edge), edge * edge * (3 - 2 * edge))
+        facing = along.clamp(min=1e-6)
+        tangent = (1 / facing**2 - 1).clamp(min=0).sqrt()
+        beam = ((self.tan_spread[:, None] - tangent) * self.spread_share[:, None]).clamp(min=0)
+        beam = torch.where(self.tan_spread[:, None].isinf(), torch.ones_like(beam), beam)
+        area = along.clamp(min=0) * beam / pi
+        return torch.where(self.is_area[:, None], area, cone / (4 * pi))
+
+
+class LightSamples(NamedTuple):
+    """The light of a frame, sampled."""
+
+    sky: SkySamples
+    lamps: LampSamples
+
+    @classmethod
+    def of(cls, light: Light, bounds: Bounds) -> LightSamples:
+        """The samples around a hand."""
+        return cls(SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds))
+
+
+_EMPTY_COLUMNS = ([np.zeros(0, np.int64)],) + tuple(
+    [np.zeros(shape, kind)]
+    for shape, kind in (
+        ((0, 3), float),
+        ((0,), bool),
+        ((0, 3), float),
+        ((0,), bool),
+        *(((0,), float),) * 6,
+    )
+)
+
+
+def _rows_of(index: int, lamp: Lamp, centre: np.ndarray, angle_rad: float) -> tuple[np.ndarray, ...]:
+    """The columns of `LampSamples` for one lamp's samples."""
+    count = next(samples for least_deg, samples in _SAMPLES_FROM_DEG if np.rad2deg(angle_rad) >= least_deg)
+    positions = _positions(lamp, centre, count)
+
+    def column(value: float) -> np.ndarray:
+        return np.full(count, value)
+
+    half_spread = min(lamp.spread_rad, pi) / 2
+    is_wide = lamp.kind != "area" or half_spread > pi / 2 - 1e-3
+    half_cone = lamp.cone_rad / 2
+    is_cone = lamp.kind == "spot"
+    return (
+        np.full(count, index),
+        positions,
+        np.full(count, lamp.kind == "sun"),
+        np.tile(lamp.direction, (count, 1)),
+        np.full(count, lamp.kind == "area"),
+        column(1 / (count * pi)),
+        column(np.inf if is_wide else tan(half_spread)),
+        column(1.0 if is_wide else 1 / max(tan(half_spread) - half_spread, 1e-6)),
+        column(cos(half_cone) if is_cone else -2.0),
+        column(1 / max((1 - cos(half_cone)) * lamp.blend, 1e-4) if is_cone else 0.0),
+        column(float(lamp.casts_shadow)),
+    )
+
+
+def _positions(lamp: Lamp, centre: np.ndarray, count: int) -> np.ndarray:
+    """[count, 3] points spread over the lamp as the hand sees it; of a sun, unit directions towards it."""
+    if lamp.kind == "area":
+        offsets = _disc(count) if lamp.is_ellipse else _square(count)
+        width, height = lamp.size_m
+        return lamp.position + offsets * (width / 2, height / 2) @ lamp.rotation[:, :2].T
+    if lamp.kind == "sun":
+        directions = -lamp.direction + np.tan(lamp.angle_rad / 2) * _disc(count) @ lamp.rotation[:, :2].T
+        return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    towards = (lamp.position - centre) / max(np.linalg.norm(lamp.position - centre), 1e-9)
+    across = np.linalg.svd(towards[None])[2][1:]
+    return lamp.position + lamp.radius_m * _disc(count) @ across
+
+
+def _disc(count: int) -> np.ndarray:
+    """[count, 2] points spread over the unit disc (Vogel 1979); one point is its centre."""
+    if count == 1:
+        return np.zeros((1, 2))
+    index = np.arange(count)
+    radius, angle = np.sqrt((index + 0.5) / count), index * _GOLDEN_ANGLE
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
+
+
+def _square(count: int) -> np.ndarray:
+    """[count, 2] centres of the cells of [-1, 1]^2; count is a square number."""
+    side = round(count**0.5)
+    centres = (2 * np.arange(side) + 1) / side - 1
+    return np.stack(np.meshgrid(centres, centres), -1).reshape(-1, 2)
+
+
+def _angle_rad(lamp: Lamp, centre: np.ndarray) -> float:
+    """The largest angle under which the lamp is seen from a point."""
+    if lamp.kind == "sun":
+        return lamp.angle_rad
+    size_m = max(lamp.size_m) if lamp.kind == "area" else 2 * lamp.radius_m
+    return 2 * float(np.arctan2(size_m / 2, np.linalg.norm(lamp.position - centre)))
+
+
+def _tensor(values: np.ndarray, device: torch.device) -> Tensor:
+    kind = None if values.dtype in (bool, np.int64) else torch.float32
+    return torch.as_tensor(values, dtype=kind, device=device)
+
+
+@lru_cache(maxsize=8)
+def _cells(height: int, width: int) -> np.ndarray:
+    """[H * W] the sky direction nearest to each texel of an equirectangular map."""
+    towards = direction_frames(SKY_DIRECTIONS, "cpu")[:, 2].double().numpy()
+    return (sky_directions(height, width).reshape(-1, 3) @ towards.T).argmax(1)

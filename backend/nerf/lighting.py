@@ -1,0 +1,222 @@
+"""What a frame's light does at the points of a hand: features that are linear in the light.
+
+A relightable field gives every ray coefficients that do not depend on the light; a pixel's colour is the sum of
+coefficients times these features. Shadows and what is spread inside the skin are computed per low-resolution ray; what
+depends on the fine normal is evaluated at full size, from the direction and strength in which light arrives there.
+
+All light is in units of the radiance of a white diffuse surface (irradiance / pi).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.shadow_maps import PointShadows
+from .light_samples import LampSamples, SkySamples
+
+SCATTER_M = (0.0012, 0.004)
+"""Depths to which light enters the skin: short and long mean free paths (of blue and red light), template metres."""
+WRAP = (0.25, 0.7)
+"""How far light reaches around the surface by these depths: a share of the cosine."""
+ROUGHNESS = (0.3, 0.55)
+"""Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
+# Reflectance of skin at normal incidence, index of refraction 1.4.
+_F0 = 0.028
+# Angle of the cell around each of the sky's directions, rad: its reflection is at least so wide.
+_SKY_CELL_RAD = 0.25
+_TINY = 1e-8
+
+
+class LightShadows(NamedTuple):
+    """The shadows at R points: of the sky's directions, and of the lamps' samples."""
+
+    sky: PointShadows
+    lamps: PointShadows
+
+
+class SurfacePoints(NamedTuple):
+    """Where R rays meet the skin.
+
+    Attributes:
+        position: [R, 3] m, world.
+        normal: [R, 3] unit, of the mesh.
+        relief_normal: [R, 3] unit, with the learnt relief.
+        view: [R, 3] unit, from the camera.
+    """
+
+    position: Tensor
+    normal: Tensor
+    relief_normal: Tensor
+    view: Tensor
+
+
+class Openness(NamedTuple):
+    """How open R points lie to the sky, whatever its light: [R] cosine-weighted share, and [R, 3] its mean direction."""
+
+    share: Tensor
+    towards: Tensor
+
+
+class LightFeatures(NamedTuple):
+    """What light does at R points, for L lamps.
+
+    Attributes:
+        lamp_vectors: [R, L, 3] direction times strength in which each lamp's unshadowed light arrives, for an rgb of 1.
+        lamp_rgb: [L, 3].
+        lamp_radius_rad: [L] half the angle of each lamp.
+        sky_vectors: [R, 3, 3] the same of the sky, for each colour.
+        sky_gloss: [R, 2, 3] the sky in the glossy lobes.
+        scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
+        ambient: [3] the hand's mean diffuse light, which it sheds on itself.
+    """
+
+    lamp_vectors: Tensor
+    lamp_rgb: Tensor
+    lamp_radius_rad: Tensor
+    sky_vectors: Tensor
+    sky_gloss: Tensor
+    scattered: Tensor
+    ambient: Tensor
+
+
+def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
+    """The openness of points with these normals."""
+    seen = shadows.lit.T * (normal @ sky.towards.T).clamp(min=0)
+    share = seen.sum(1) * (4 / len(sky.towards))
+    return Openness(share, torch.nn.functional.normalize(seen @ sky.towards, dim=-1))
+
+
+def light_features(
+    sky: SkySamples, lamps: LampSamples, shadows: LightShadows, points: SurfacePoints, ambient: Float[Tensor, " 3"]
+) -> LightFeatures:
+    """The features of points, with gradients to the relief normals."""
+    towards, strength = lamps.arriving(points.position)
+    lit = lamps.shadow[:, None] * shadows.lamps.lit + (1 - lamps.shadow[:, None])
+    depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
+    of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
+    vectors = towards * (strength * lit)[..., None]
+    count = len(lamps.rgb)
+    summed = [
+        values.new_zeros(count, *values.shape[1:]).index_add(0, lamps.lamp, values) for values in (vectors, of_lamps)
+    ]
+    sky_towards = sky.towards[:, None].expand(-1, len(points.position), -1)
+    of_sky = _scattered(sky_towards, torch.ones_like(shadows.sky.lit), shadows.sky.depth_in_m, points.normal)
+    facing = (sky.towards @ points.relief_normal.T > 0) * shadows.sky.lit
+    return LightFeatures(
+        lamp_vectors=summed[0].transpose(0, 1),
+        lamp_rgb=lamps.rgb,
+        lamp_radius_rad=lamps.radius_rad,
+        sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
+        sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
+        scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
+        ambient=ambient,
+    )
+
+
+def mean_diffuse(
+    sky: SkySamples,
+    lamps: LampSamples,
+    shadows: LightShadows,
+    position: Float[Tensor, "P 3"],
+    normal: Float[Tensor, "P 3"],
+) -> Float[Tensor, " 3"]:
+    """The mean diffuse light at points with these normals."""
+    towards, strength = lamps.arriving(position)
+    lit = lamps.shadow[:, None] * shadows.lamps.lit + (1 - lamps.shadow[:, None])
+    of_samples = (strength * lit * (towards * normal).sum(-1).clamp(min=0)).mean(1)
+    of_sky = (shadows.sky.lit * (sky.towards @ normal.T).clamp(min=0)).mean(1)
+    return of_samples @ lamps.rgb[lamps.lamp] + of_sky @ sky.flux
+
+
+def _scattered(
+    towards: Float[Tensor, "K R 3"],
+    strength: Float[Tensor, "K R"],
+    depth_in_m: Float[Tensor, "K R"],
+    normal: Float[Tensor, "R 3"],
+) -> Float[Tensor, "K R 2"]:
+    """Light from each sample that arrives inside the skin: around the terminator, and through thin parts."""
+    cosine = (towards * normal).sum(-1)
+    depths = []
+    for scatter_m, wrap in zip(SCATTER_M, WRAP, strict=True):
+        around = ((cosine + wrap) / (1 + wrap)).clamp(min=0)
+        depths.append(strength * around * torch.exp(-depth_in_m / scatter_m))
+    return torch.stack(depths, -1)
+
+
+def _sky_gloss(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2 3"]:
+    towards = sky.towards[:, None].expand(-1, len(points.view), -1)
+    lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), _SKY_CELL_RAD))
+    return torch.einsum("krg,kc->rgc", lobes * lit[..., None], sky.flux)
+
+
+def glossy(
+    normal: Float[Tensor, "*n 3"],
+    towards: Float[Tensor, "*n 3"],
+    view: Float[Tensor, "*n 3"],
+    light_radius_rad: Float[Tensor, "*n"],
+) -> Float[Tensor, "*n 2"]:
+    """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
+
+    Args:
+        normal: unit.
+        towards: unit, towards the light.
+        view: unit, from the camera.
+        light_radius_rad: half the angle of the light, by which a lobe is at least widened.
+    """
+    half = torch.nn.functional.normalize(towards - view, dim=-1)
+    to_light = (normal * towards).sum(-1)
+    to_eye = -(normal * view).sum(-1).clamp(max=-0.05)
+    to_half = (normal * half).sum(-1).clamp(0, 1)
+    fresnel = _F0 + (1 - _F0) * (1 - (towards * half).sum(-1).clamp(0, 1)) ** 5
+    is_lit = to_light > 0
+    to_light = to_light.clamp(min=1e-4)
+    lobes = []
+    for roughness in ROUGHNESS:
+        squared = (roughness**2 + light_radius_rad / 2).clamp(max=1) ** 2
+        # pi times the distribution: light is in units of irradiance / pi.
+        distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
+        shadowing = 0.5 / (
+            to_light * (to_eye**2 * (1 - squared) + squared).sqrt()
+            + to_eye * (to_light**2 * (1 - squared) + squared).sqrt()
+        )
+        lobes.append(torch.where(is_lit, distribution * shadowing * fresnel * to_light, torch.zeros_like(to_light)))
+    return torch.stack(lobes, -1)
+
+
+DIFFUSE, SCATTERED, AMBIENT, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
+"""Where these begin among the coefficients."""
+COEFFICIENTS = 14
+
+
+def lit_colour(
+    coefficients: Float[Tensor, "P 14"],
+    normal: Float[Tensor, "P 3"],
+    view: Float[Tensor, "P 3"],
+    features: LightFeatures,
+) -> Float[Tensor, "P 3"]:
+    """Scene-linear colours of P points, whose features are given for each.
+
+    Args:
+        coefficients: of the field, not negative; premultiplied by alpha if the colour is to be.
+        normal: unit, world, with all relief.
+        view: unit, from the camera.
+        features: as `light_features`, at these points.
+    """
+    strength = features.lamp_vectors.norm(dim=-1)
+    towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
+    facing = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
+    of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
+    diffuse = facing @ features.lamp_rgb + of_sky
+    lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad)
+    gloss = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb) + features.sky_gloss
+    scattered = coefficients[:, SCATTERED].reshape(-1, 2, 3) * features.scattered
+    return (
+        coefficients[:, DIFFUSE] * diffuse
+        + scattered.sum(1)
+        + coefficients[:, AMBIENT] * features.ambient
+        + (coefficients[:, GLOSS, None] * gloss).sum(1)
+    )

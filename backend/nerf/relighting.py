@@ -1,0 +1,121 @@
+"""From the rays of a relightable field to a picture in any light.
+
+`lit_image` enlarges what does not depend on the light, once per pose and camera; `relit` multiplies it by a light.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+from torch.nn.functional import normalize
+
+from .lighting import COEFFICIENTS, LightFeatures, SurfacePoints, lit_colour
+from .maps import enlarge_maps, low_resolution_maps
+from .rays import CameraTensors, ray_directions
+from .superres import LIT_MAPS, enlarge
+from .volume import Composite
+
+
+class LitImage(NamedTuple):
+    """P pixels of a hand at full size, in no light.
+
+    Attributes:
+        pixel: [P] row * width + column.
+        coefficients: [P, 14] premultiplied.
+        normal: [P, 3] unit, world.
+        view: [P, 3] unit, from the camera.
+        alpha: [H, W] of all pixels, not clamped.
+        depth: [H, W] m; infinite where no ray meets the hand.
+    """
+
+    pixel: Tensor
+    coefficients: Tensor
+    normal: Tensor
+    view: Tensor
+    alpha: Tensor
+    depth: Tensor
+
+
+def lit_image(
+    superres: nn.Module, low: Composite, points: SurfacePoints, pixel: Int[Tensor, " R"], camera: CameraTensors
+) -> LitImage:
+    """Enlarge the decoded rays of a relightable field.
+
+    Args:
+        superres: `LitSuperRes`.
+        low: as `LitField.decode` returns it.
+        points: where the rays meet the skin.
+        pixel: of the rays, in the low-resolution image.
+        camera: of the low-resolution image.
+    """
+    rotation = camera.world2cam[:3, :3]
+    normal = (points.relief_normal @ rotation.T) * low.alpha[:, None]
+    stacked = low._replace(channels=torch.cat([low.channels, normal.to(low.channels.dtype)], 1))
+    maps, depth = low_resolution_maps(stacked, pixel, camera.size_px)
+    assert len(maps) == LIT_MAPS
+    image = enlarge_maps(superres, maps).float().flatten(1)
+    covered = _covered(pixel, camera.size_px)
+    full = _doubled(camera)
+    return LitImage(
+        pixel=covered,
+        coefficients=image[:COEFFICIENTS, covered].T,
+        normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ rotation,
+        view=normalize(ray_directions(full, covered), dim=-1),
+        alpha=image[-1].reshape(full.size_px[1], full.size_px[0]),
+        depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
+    )
+
+
+def relit(
+    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+) -> Float[Tensor, "3 H W"]:
+    """Scene-linear colours, premultiplied by alpha, of an image at twice `size_px`.
+
+    Args:
+        image: of the hand.
+        features: at its rays.
+        pixel: of the rays.
+        size_px: of the low-resolution image.
+    """
+    colours = lit_colour(image.coefficients, image.normal, image.view, _enlarged(features, pixel, size_px, image.pixel))
+    width, height = size_px
+    flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
+    return flat.T.reshape(3, 2 * height, 2 * width)
+
+
+def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -> Float[Tensor, "R 3"]:
+    """Scene-linear colours of the low-resolution rays, premultiplied."""
+    return lit_colour(low.channels[:, :COEFFICIENTS], points.relief_normal, points.view, features)
+
+
+def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], at: Tensor) -> LightFeatures:
+    """The features at pixels of the full-size image, bilinear among the rays that there are."""
+    names = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered")
+    parts = [getattr(features, name) for name in names]
+    rows = torch.cat([torch.ones_like(parts[-1][:, 0, :1]), *(values.flatten(1) for values in parts)], 1)
+    width, height = size_px
+    maps = rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
+    large = enlarge(maps.T.reshape(1, -1, height, width))[0].flatten(1)[:, at].T
+    straight = large[:, 1:] / large[:, :1]
+    split = straight.split([values[0].numel() for values in parts], 1)
+    shaped = {
+        name: part.reshape(len(at), *values.shape[1:]) for name, part, values in zip(names, split, parts, strict=True)
+    }
+    return features._replace(**shaped)
+
+
+def _covered(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
+    """The pixels of the full-size image that a bilinear enlargement of the rays reaches."""
+    width, height = size_px
+    has_ray = torch.zeros(1, 1, height, width, device=pixel.device)
+    has_ray.view(-1)[pixel] = 1
+    return (enlarge(has_ray).flatten() > 0).nonzero()[:, 0]
+
+
+def _doubled(camera: CameraTensors) -> CameraTensors:
+    width, height = camera.size_px
+    scale = camera.K.new_tensor([2.0, 2.0, 1.0])
+    return camera._replace(K=scale[:, None] * camera.K, size_px=(2 * width, 2 * height))

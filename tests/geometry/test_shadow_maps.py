@@ -1,0 +1,113 @@
+"""Shadows at points: spheres alone, behind one another, in contact, and behind other triangles."""
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.geometry.mesh import posed_mesh
+from livehand.backend.geometry.shadow_maps import FAR, MAX_DEPTH_IN_M, LightViews
+from torch.nn.functional import normalize
+
+NO_OCCLUDERS = torch.zeros(0, 3, 3)
+MAP_PX = 128
+TOWARDS = normalize(torch.tensor([[0.0, 0, 1], [1, 0, 0], [0.3, -0.5, 0.8], [-0.7, -0.6, -0.2]]), dim=-1)
+FROM_AFAR = LightViews.along(TOWARDS, torch.full((4,), FAR))
+
+
+def shadows_of(backend, mesh, topology, views=FROM_AFAR, occluders=NO_OCCLUDERS, points=None):
+    points = mesh.vertices if points is None else points
+    return backend.point_shadows(mesh, topology, occluders, views, points, MAP_PX)
+
+
+def test_a_lone_sphere_is_lit_on_one_half_up_to_its_edge(spheres, backend):
+    mesh, topology = spheres(((0.2, -0.1, 0.3), 0.05), subdivisions=4)
+    lit = shadows_of(backend, mesh, topology).lit
+    cosine = TOWARDS @ mesh.normals.T
+    assert lit[cosine > 0.1].min() > 0.999
+    assert lit[cosine < -0.35].max() == 0  # nearer to the edge, map pixels beside the sphere are lit
+    irradiance = (lit * cosine.clamp(min=0)).mean(1)
+    torch.testing.assert_close(irradiance, cosine.clamp(min=0).mean(1), atol=0, rtol=0.005)
+
+
+def test_the_depth_behind_the_surface_is_the_way_of_the_light(spheres, backend):
+    radius = 0.01
+    mesh, topology = spheres(((0, 0, 0), radius), subdivisions=4)
+    points = torch.tensor([[0.0, 0, 1], [0, 0, 0], [0, 0, -1], [0, 0.6, 0.8], [0, 0.6, -0.8]]) * radius
+    found = shadows_of(backend, mesh, topology, points=points).depth_in_m[0]
+    torch.testing.assert_close(found, torch.tensor([0, 1, 2, 0, 1.6]) * radius, atol=2e-4, rtol=0)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
+def test_lengths_are_the_templates_whatever_the_scale(spheres, backend, scale):
+    mesh, topology = spheres(((0, 0, 0), 0.01), subdivisions=3)
+    scaled = posed_mesh(topology, mesh.vertices * scale)
+    found, expected = (shadows_of(backend, one, topology) for one in (scaled, mesh))
+    torch.testing.assert_close(found.depth_in_m, expected.depth_in_m, atol=2e-5, rtol=0)
+    assert ((found.lit - expected.lit).abs() > 0.01).float().mean() < 0.01
+
+
+def test_parts_in_contact_do_not_leak(spheres, backend):
+    """A small sphere rests on a large one: the place of contact is dark from above."""
+    mesh, topology = spheres(((0, 0, 0), 0.05), ((0, 0, 0.062), 0.012), subdivisions=4)
+    angle = torch.linspace(0, 0.1, 11)
+    under = 0.05 * torch.stack([angle.sin(), torch.zeros(11), angle.cos()], -1)
+    lit = shadows_of(backend, mesh, topology, points=under).lit[0]
+    assert lit.max() == 0
+
+
+def test_a_near_lamp_casts_a_larger_shadow(spheres, backend):
+    """Of a ball of 12 mm, 50 mm before a plane's points, from 100 mm: similar triangles, 25 mm."""
+    mesh, topology = spheres(((0, 0, 0), 0.012), subdivisions=4)
+    radius = 0.012
+    x = torch.linspace(0, 0.04, 81)
+    points = torch.stack([x, torch.zeros(81), torch.full((81,), -0.05)], -1)
+    views = LightViews.along(TOWARDS[:1], torch.tensor([0.1 / radius]))
+    lit = shadows_of(backend, mesh, topology, views, points=points).lit[0]
+    edge = x[lit > 0.5].min()
+    grazing = np.arcsin(0.012 / 0.1)
+    assert float(edge) == pytest.approx(0.15 * np.tan(grazing), abs=1.5e-3)
+
+
+def test_other_triangles_block_light_but_not_from_behind(spheres, backend):
+    mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=3)
+    wall = torch.tensor([[[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]])
+    cosine = TOWARDS[:1] @ mesh.normals.T
+    before, behind = (
+        shadows_of(backend, mesh, topology, occluders=wall + torch.tensor([0, 0, z])) for z in (0.2, -0.2)
+    )
+    assert before.lit[0].max() == 0
+    assert before.depth_in_m[0].min() == pytest.approx(MAX_DEPTH_IN_M)
+    assert behind.lit[:1][cosine > 0.1].min() > 0.999
+
+
+def test_half_a_wall_casts_a_straight_edge(spheres, backend):
+    mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=4)
+    wall = torch.tensor([[[0.0, -9, 0.2], [9, -9, 0.2], [9, 9, 0.2]], [[0.0, -9, 0.2], [9, 9, 0.2], [0, 9, 0.2]]])
+    lit = shadows_of(backend, mesh, topology, occluders=wall).lit[0]
+    x, faces_light = mesh.vertices[:, 0], mesh.normals[:, 2] > 0.1
+    assert lit[faces_light & (x > 0.002)].max() == 0
+    assert lit[faces_light & (x < -0.002)].min() > 0.999
+
+
+def test_a_lamp_within_the_mesh_or_beside_it_gives_finite_shadows(spheres, backend):
+    mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=3)
+    for distance in (1e-3, 0.5, 1.0, 1.01, 2.0):
+        views = LightViews.along(TOWARDS, torch.full((4,), distance))
+        shadows = shadows_of(backend, mesh, topology, views)
+        assert all(values.isfinite().all() and values.min() >= 0 for values in shadows)
+
+
+def test_both_backends_agree_on_a_hand(posed):
+    from livehand.backend.fast.backend import NumbaBackend
+    from livehand.backend.nerf.reference import ReferenceBackend
+
+    hand = posed("fist")
+    views = LightViews.along(TOWARDS, torch.tensor([FAR, 1.5, 3.0, 8.0]))
+    generator = torch.Generator().manual_seed(1)
+    occluders = hand.mesh.vertices.mean(0) + torch.randn(4, 3, 3, generator=generator) * 0.06
+    results = [
+        shadows_of(backend, hand.mesh, hand.topology, views, occluders)
+        for backend in (NumbaBackend(), ReferenceBackend())
+    ]
+    for fast, slow in zip(*results, strict=True):
+        assert ((fast - slow).abs() > 1e-3).float().mean() < 1e-3
+    assert 0.1 < results[0].lit.mean() < 0.9
