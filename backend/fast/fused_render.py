@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..nerf.backend import Precision, RenderedRays, RenderHooks, autocast
+from ..nerf.backend import Precision, RenderHooks, autocast
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
 from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
-from ..nerf.rays import HandInView
+from ..nerf.rays import HandInView, RenderedRays
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
 from .kernels.compiled import in_parallel

@@ -25,7 +25,7 @@ FAR = 1000.0
 _TOLERANCE = 1e-4
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
 _CONTACT_M = 0.001
-# Light nearer than the mesh's own radius is seen under this squared sine, in a map that no longer holds all of the mesh.
+# A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh.
 _LEAST_SQUARED = 0.1
 
 

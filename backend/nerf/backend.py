@@ -8,39 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.shadow_maps import LightViews, PointShadows
 from .conditions import FrameConditions
 from .field import PaperField, PlaneField
-from .rays import HandInView, SurfaceRays
+from .light_samples import LightSamples
+from .lighting import LightFeatures, LightShadows, SurfacePoints
+from .rays import HandInView, RenderedRays, SurfaceRays
+from .relighting import LitImage
 from .sampler import SamplerConfig
 from .volume import Composite
 
 Precision = Literal["fp32", "bf16"]
 Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode"]
 OnStage = Callable[[Stage], None]
-
-
-class RenderedRays(NamedTuple):
-    """R low-resolution rays of N samples, rendered.
-
-    Attributes:
-        pixel: [R] row * width + column, in the crop.
-        composite: of each ray.
-        t: [R, N] depth of each sample, m.
-        dt: [R] depth step of the samples, m.
-    """
-
-    pixel: Tensor
-    composite: Composite
-    t: Tensor
-    dt: Tensor
 
 
 @dataclass(frozen=True)
@@ -82,6 +69,16 @@ class RenderBackend(Protocol):
 
     def first_hit(self, hand: HandInView) -> Float[Tensor, " P"]:
         """As `nerf.sampler.first_hit`, of the mesh itself."""
+        ...
+
+    def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
+        """As `nerf.lighting.light_features`."""
+        ...
+
+    def relit(
+        self, image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+    ) -> Float[Tensor, "3 H W"]:
+        """As `nerf.relighting.relit`, without gradients."""
         ...
 
     def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:

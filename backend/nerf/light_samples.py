@@ -88,10 +88,9 @@ class LampSamples(NamedTuple):
         """The samples of lamps around a hand."""
         centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
         angles = [_angle_rad(lamp, centre) for lamp in lamps]
-        rows = [
-            _rows_of(index, lamp, centre, angle) for index, (lamp, angle) in enumerate(zip(lamps, angles, strict=True))
-        ]
-        columns = zip(*rows, strict=True) if rows else _EMPTY_COLUMNS
+        rows = [_rows_of(index, *one, centre) for index, one in enumerate(zip(lamps, angles, strict=True))]
+        none = tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
+        columns = zip(*(rows or [none]), strict=True)
         tensors = [_tensor(np.concatenate(column), device) for column in columns]
         rgb = np.array([lamp.rgb for lamp in lamps]).reshape(-1, 3)
         return cls(*tensors, rgb=_tensor(rgb, device), radius_rad=_tensor(np.array(angles).reshape(-1) / 2, device))
@@ -137,19 +136,7 @@ class LightSamples(NamedTuple):
         return cls(SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds))
 
 
-_EMPTY_COLUMNS = ([np.zeros(0, np.int64)],) + tuple(
-    [np.zeros(shape, kind)]
-    for shape, kind in (
-        ((0, 3), float),
-        ((0,), bool),
-        ((0, 3), float),
-        ((0,), bool),
-        *(((0,), float),) * 6,
-    )
-)
-
-
-def _rows_of(index: int, lamp: Lamp, centre: np.ndarray, angle_rad: float) -> tuple[np.ndarray, ...]:
+def _rows_of(index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray) -> tuple[np.ndarray, ...]:
     """The columns of `LampSamples` for one lamp's samples."""
     count = next(samples for least_deg, samples in _SAMPLES_FROM_DEG if np.rad2deg(angle_rad) >= least_deg)
     positions = _positions(lamp, centre, count)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
-from .light_samples import LampSamples, SkySamples
+from .light_samples import LampSamples, LightSamples, SkySamples
 
 SCATTER_M = (0.0012, 0.004)
 """Depths to which light enters the skin: short and long mean free paths (of blue and red light), template metres."""
@@ -24,18 +24,27 @@ WRAP = (0.25, 0.7)
 """How far light reaches around the surface by these depths: a share of the cosine."""
 ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
-# Reflectance of skin at normal incidence, index of refraction 1.4.
-_F0 = 0.028
-# Angle of the cell around each of the sky's directions, rad: its reflection is at least so wide.
-_SKY_CELL_RAD = 0.25
+F0 = 0.028
+"""Reflectance of skin at normal incidence, index of refraction 1.4."""
+SKY_CELL_RAD = 0.25
+"""Angle of the cell around each of the sky's directions: its reflection is at least so wide."""
 _TINY = 1e-8
 
 
 class LightShadows(NamedTuple):
-    """The shadows at R points: of the sky's directions, and of the lamps' samples."""
+    """The shadows of a light whose sky has K directions and which has L lamps.
+
+    Attributes:
+        sky: of the sky's directions at R points.
+        lamps: of the lamps' samples at R points.
+        mean_of_sky: [K] the hand's mean diffuse light for a flux of 1 from each direction.
+        mean_of_lamps: [L] the same for each lamp's rgb.
+    """
 
     sky: PointShadows
     lamps: PointShadows
+    mean_of_sky: Tensor
+    mean_of_lamps: Tensor
 
 
 class SurfacePoints(NamedTuple):
@@ -55,7 +64,7 @@ class SurfacePoints(NamedTuple):
 
 
 class Openness(NamedTuple):
-    """How open R points lie to the sky, whatever its light: [R] cosine-weighted share, and [R, 3] its mean direction."""
+    """How open R points lie to the sky: share [R], weighted by the cosine, and mean direction towards it [R, 3]."""
 
     share: Tensor
     towards: Tensor
@@ -90,12 +99,12 @@ def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"
     return Openness(share, torch.nn.functional.normalize(seen @ sky.towards, dim=-1))
 
 
-def light_features(
-    sky: SkySamples, lamps: LampSamples, shadows: LightShadows, points: SurfacePoints, ambient: Float[Tensor, " 3"]
-) -> LightFeatures:
-    """The features of points, with gradients to the relief normals."""
+def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
+    """The features of points, without gradients: those that depend on normals vary slowly with them."""
+    sky, lamps = light
+    points = SurfacePoints(*(values.detach() for values in points))
     towards, strength = lamps.arriving(points.position)
-    lit = lamps.shadow[:, None] * shadows.lamps.lit + (1 - lamps.shadow[:, None])
+    lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
     of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
     vectors = towards * (strength * lit)[..., None]
@@ -113,23 +122,24 @@ def light_features(
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
         sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
-        ambient=ambient,
+        ambient=shadows.mean_of_sky @ sky.flux + shadows.mean_of_lamps @ lamps.rgb,
     )
 
 
 def mean_diffuse(
-    sky: SkySamples,
-    lamps: LampSamples,
-    shadows: LightShadows,
-    position: Float[Tensor, "P 3"],
-    normal: Float[Tensor, "P 3"],
-) -> Float[Tensor, " 3"]:
-    """The mean diffuse light at points with these normals."""
-    towards, strength = lamps.arriving(position)
-    lit = lamps.shadow[:, None] * shadows.lamps.lit + (1 - lamps.shadow[:, None])
-    of_samples = (strength * lit * (towards * normal).sum(-1).clamp(min=0)).mean(1)
-    of_sky = (shadows.sky.lit * (sky.towards @ normal.T).clamp(min=0)).mean(1)
-    return of_samples @ lamps.rgb[lamps.lamp] + of_sky @ sky.flux
+    light: LightSamples, sky: PointShadows, lamps: PointShadows, position: Tensor, normal: Float[Tensor, "P 3"]
+) -> tuple[Float[Tensor, " K"], Float[Tensor, " L"]]:
+    """The mean diffuse light at points with these normals, as in `LightShadows`."""
+    towards, strength = light.lamps.arriving(position)
+    facing = (towards * normal).sum(-1).clamp(min=0)
+    of_samples = (strength * _unblocked(light.lamps, lamps) * facing).mean(1)
+    of_lamps = of_samples.new_zeros(len(light.lamps.rgb)).index_add(0, light.lamps.lamp, of_samples)
+    return (sky.lit * (light.sky.towards @ normal.T).clamp(min=0)).mean(1), of_lamps
+
+
+def _unblocked(lamps: LampSamples, shadows: PointShadows) -> Float[Tensor, "K P"]:
+    """The share of each sample's light that arrives; all of it from lamps that cast no shadows."""
+    return lamps.shadow[:, None] * shadows.lit + (1 - lamps.shadow[:, None])
 
 
 def _scattered(
@@ -149,7 +159,7 @@ def _scattered(
 
 def _sky_gloss(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2 3"]:
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
-    lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), _SKY_CELL_RAD))
+    lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
     return torch.einsum("krg,kc->rgc", lobes * lit[..., None], sky.flux)
 
 
@@ -171,7 +181,7 @@ def glossy(
     to_light = (normal * towards).sum(-1)
     to_eye = -(normal * view).sum(-1).clamp(max=-0.05)
     to_half = (normal * half).sum(-1).clamp(0, 1)
-    fresnel = _F0 + (1 - _F0) * (1 - (towards * half).sum(-1).clamp(0, 1)) ** 5
+    fresnel = F0 + (1 - F0) * (1 - (towards * half).sum(-1).clamp(0, 1)) ** 5
     is_lit = to_light > 0
     to_light = to_light.clamp(min=1e-4)
     lobes = []

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..records.depth_profile import DepthProfile
-from .backend import RenderedRays
 from .crop import MARGIN_PX, Crop
+from .rays import RenderedRays
 from .volume import Composite
 
 

@@ -15,6 +15,7 @@ from torch import Tensor
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
 from ..records.camera import Camera
+from .volume import Composite
 
 
 class CameraTensors(NamedTuple):
@@ -47,6 +48,22 @@ class SurfaceRays(NamedTuple):
     dt: Tensor
     is_stopped: Tensor
     samples: SurfaceSamples
+
+
+class RenderedRays(NamedTuple):
+    """R low-resolution rays of N samples, rendered.
+
+    Attributes:
+        pixel: [R] row * width + column, in the crop.
+        composite: of each ray.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    composite: Composite
+    t: Tensor
+    dt: Tensor
 
 
 def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:

@@ -8,10 +8,12 @@ import torch
 
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
-from .backend import Precision, RayRenderer, RenderBackend, RenderedRays, RenderHooks, autocast
+from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast
 from .conditions import FrameConditions
 from .field import PaperField, PlaneField
-from .rays import HandInView, SurfaceRays, split_rays
+from .lighting import light_features
+from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
+from .relighting import relit
 from .sampler import SamplerConfig, first_hit
 from .shade import shade
 from .trace import trace
@@ -24,6 +26,8 @@ class ReferenceBackend:
     visibility = staticmethod(visibility_transfer)
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)
+    light_features = staticmethod(light_features)
+    relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 

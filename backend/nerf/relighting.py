@@ -18,6 +18,9 @@ from .rays import CameraTensors, ray_directions
 from .superres import LIT_MAPS, enlarge
 from .volume import Composite
 
+_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered")
+"""The fields of `LightFeatures` that differ from ray to ray."""
+
 
 class LitImage(NamedTuple):
     """P pixels of a hand at full size, in no light.
@@ -91,20 +94,27 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
     return lit_colour(low.channels[:, :COEFFICIENTS], points.relief_normal, points.view, features)
 
 
+def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
+    """The features on the low-resolution grid, zero where there is no ray; the first column is 1 where there is one."""
+    rows = torch.cat([torch.ones(len(pixel), 1, device=pixel.device), *(v.flatten(1) for v in _of_rays(features))], 1)
+    width, height = size_px
+    return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
+
+
+def _of_rays(features: LightFeatures) -> list[Tensor]:
+    return [getattr(features, name) for name in _OF_RAYS]
+
+
 def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], at: Tensor) -> LightFeatures:
     """The features at pixels of the full-size image, bilinear among the rays that there are."""
-    names = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered")
-    parts = [getattr(features, name) for name in names]
-    rows = torch.cat([torch.ones_like(parts[-1][:, 0, :1]), *(values.flatten(1) for values in parts)], 1)
     width, height = size_px
-    maps = rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
+    maps = feature_maps(features, pixel, size_px)
     large = enlarge(maps.T.reshape(1, -1, height, width))[0].flatten(1)[:, at].T
     straight = large[:, 1:] / large[:, :1]
-    split = straight.split([values[0].numel() for values in parts], 1)
-    shaped = {
-        name: part.reshape(len(at), *values.shape[1:]) for name, part, values in zip(names, split, parts, strict=True)
-    }
-    return features._replace(**shaped)
+    shapes = [values.shape[1:] for values in _of_rays(features)]
+    split = straight.split([shape.numel() for shape in shapes], 1)
+    shaped = (part.reshape(len(at), *shape) for part, shape in zip(split, shapes, strict=True))
+    return features._replace(**dict(zip(_OF_RAYS, shaped, strict=True)))
 
 
 def _covered(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:

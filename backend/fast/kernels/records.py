@@ -165,3 +165,86 @@ class TracedSamples(NamedTuple):
     face: np.ndarray
     barycentric: np.ndarray
     height: np.ndarray
+
+
+class PointArrays(NamedTuple):
+    """As `nerf.lighting.SurfacePoints`: position [R, 3] m, and unit vectors [R, 3] (numba allows no name `view`)."""
+
+    position: np.ndarray
+    normal: np.ndarray
+    relief_normal: np.ndarray
+    view_direction: np.ndarray
+
+
+class SkyArrays(NamedTuple):
+    """K directions of the sky, unit [K, 3], their flux [K, 3], and the shadows [K, R] of each at R points."""
+
+    towards: np.ndarray
+    flux: np.ndarray
+    lit: np.ndarray
+    depth_in_m: np.ndarray
+
+
+class LampArrays(NamedTuple):
+    """As `nerf.light_samples.LampSamples`, and the shadows [K, R] of each sample at R points."""
+
+    lamp: np.ndarray
+    position: np.ndarray
+    is_sun: np.ndarray
+    axis: np.ndarray
+    is_area: np.ndarray
+    share: np.ndarray
+    tan_spread: np.ndarray
+    spread_share: np.ndarray
+    cos_cone: np.ndarray
+    cone_edge: np.ndarray
+    shadow: np.ndarray
+    rgb: np.ndarray
+    lit: np.ndarray
+    depth_in_m: np.ndarray
+
+
+class FeatureArrays(NamedTuple):
+    """As `nerf.lighting.LightFeatures` at R points; zero at the start."""
+
+    lamp_vectors: np.ndarray
+    sky_vectors: np.ndarray
+    sky_gloss: np.ndarray
+    scattered: np.ndarray
+
+
+class Lobes(NamedTuple):
+    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], and the angle of a sky cell."""
+
+    scatter_m: np.ndarray
+    wrap: np.ndarray
+    alpha: np.ndarray
+    sky_cell_rad: np.float32
+    f0: np.float32
+
+
+class RelitImage(NamedTuple):
+    """P pixels of a full-size image and the light's features on its low-resolution grid.
+
+    Attributes:
+        pixel: [P] row * width + column, in the full-size image.
+        coefficients: [P, 14].
+        normal: [P, 3].
+        view_direction: [P, 3].
+        maps: [h * w, 1 + C] low resolution: 1 where there is a ray, and its features: lamp vectors, sky vectors, sky
+            gloss and scattered light; zero elsewhere.
+        width: of the maps.
+        lamp_rgb: [L, 3].
+        lamp_radius_rad: [L].
+        ambient: [3].
+    """
+
+    pixel: np.ndarray
+    coefficients: np.ndarray
+    normal: np.ndarray
+    view_direction: np.ndarray
+    maps: np.ndarray
+    width: int
+    lamp_rgb: np.ndarray
+    lamp_radius_rad: np.ndarray
+    ambient: np.ndarray

@@ -1,0 +1,178 @@
+"""Equals `nerf.lighting.light_features` and `nerf.relighting.relit`."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from .compiled import compiled_loosely as compiled
+
+_0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
+_PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
+_LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
+DIFFUSE, SCATTERED, AMBIENT, GLOSS = 0, 3, 9, 12
+"""Where these begin among the coefficients."""
+
+
+@compiled
+def light_features(points, sky, lamps, lobes, first, last, out):
+    """Fill the features of points [first, last) (`FeatureArrays`)."""
+    both = np.empty(2, np.float32)
+    for point in range(first, last):
+        _add_sky(points, sky, lobes, point, both, out)
+        _add_lamps(points, lamps, lobes, point, both, out)
+
+
+@compiled
+def _add_sky(points, sky, lobes, point, both, out):
+    normal, relief, view = points.normal, points.relief_normal, points.view_direction
+    for k in range(len(sky.towards)):
+        x, y, z = sky.towards[k, 0], sky.towards[k, 1], sky.towards[k, 2]
+        cosine = x * normal[point, 0] + y * normal[point, 1] + z * normal[point, 2]
+        _scattered(cosine, sky.depth_in_m[k, point], lobes, both)
+        for depth in range(2):
+            for c in range(3):
+                out.scattered[point, depth, c] += both[depth] * sky.flux[k, c]
+        lit = sky.lit[k, point]
+        facing = x * relief[point, 0] + y * relief[point, 1] + z * relief[point, 2]
+        if lit <= _0 or facing <= _0:
+            continue
+        _glossy(facing, x, y, z, relief[point], view[point], lobes.sky_cell_rad, lobes, both)
+        for c in range(3):
+            arriving = lit * sky.flux[k, c]
+            out.sky_vectors[point, 0, c] += x * arriving
+            out.sky_vectors[point, 1, c] += y * arriving
+            out.sky_vectors[point, 2, c] += z * arriving
+            out.sky_gloss[point, 0, c] += both[0] * arriving
+            out.sky_gloss[point, 1, c] += both[1] * arriving
+
+
+@compiled
+def _add_lamps(points, lamps, lobes, point, both, out):
+    for k in range(len(lamps.lamp)):
+        lamp, shadow = lamps.lamp[k], lamps.shadow[k]
+        x, y, z, strength = _arriving(points.position, lamps, k, point)
+        normal = points.normal
+        cosine = x * normal[point, 0] + y * normal[point, 1] + z * normal[point, 2]
+        _scattered(cosine, shadow * lamps.depth_in_m[k, point], lobes, both)
+        for depth in range(2):
+            for c in range(3):
+                out.scattered[point, depth, c] += both[depth] * strength * lamps.rgb[lamp, c]
+        arriving = strength * (shadow * lamps.lit[k, point] + _1 - shadow)
+        out.lamp_vectors[point, lamp, 0] += x * arriving
+        out.lamp_vectors[point, lamp, 1] += y * arriving
+        out.lamp_vectors[point, lamp, 2] += z * arriving
+
+
+@compiled
+def _arriving(position, lamps, k, point):
+    """(unit direction towards the sample, irradiance / pi of a surface that faces it)."""
+    x, y, z, share = lamps.position[k, 0], lamps.position[k, 1], lamps.position[k, 2], lamps.share[k]
+    if lamps.is_sun[k]:
+        return x, y, z, share
+    x, y, z = x - position[point, 0], y - position[point, 1], z - position[point, 2]
+    squared = max(x * x + y * y + z * z, _LEAST_SQUARED_M)
+    length = np.sqrt(squared)
+    x, y, z = x / length, y / length, z / length
+    along = -(x * lamps.axis[k, 0] + y * lamps.axis[k, 1] + z * lamps.axis[k, 2])
+    return x, y, z, share * _emitted(along, lamps, k) / squared
+
+
+@compiled
+def _emitted(along, lamps, k):
+    """Intensity of a sample, per watt, in a direction with this cosine to its axis."""
+    if lamps.is_area[k]:
+        if along <= _0:
+            return _0
+        tan_spread = lamps.tan_spread[k]
+        if tan_spread == np.inf:
+            return along / _PI
+        facing = max(along, _LEAST_FACING)
+        tangent = np.sqrt(max(_1 / (facing * facing) - _1, _0))
+        return along / _PI * max((tan_spread - tangent) * lamps.spread_share[k], _0)
+    if lamps.cos_cone[k] < -_1:
+        return _1 / (_4 * _PI)
+    edge = min(max((along - lamps.cos_cone[k]) * lamps.cone_edge[k], _0), _1)
+    return edge * edge * (_3 - _2 * edge) / (_4 * _PI)
+
+
+@compiled
+def _scattered(cosine, depth_in_m, lobes, both):
+    """Fill the shares of light that arrive at the two depths inside the skin."""
+    for depth in range(2):
+        around = (cosine + lobes.wrap[depth]) / (_1 + lobes.wrap[depth])
+        both[depth] = around * np.exp(-depth_in_m / lobes.scatter_m[depth]) if around > _0 else _0
+
+
+@compiled
+def _glossy(to_light, x, y, z, normal, view, light_radius_rad, lobes, both):
+    """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
+    hx, hy, hz = x - view[0], y - view[1], z - view[2]
+    length = max(np.sqrt(hx * hx + hy * hy + hz * hz), _TINY)
+    hx, hy, hz = hx / length, hy / length, hz / length
+    to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), _GRAZING)
+    to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
+    away = _1 - min(max(x * hx + y * hy + z * hz, _0), _1)
+    fresnel = lobes.f0 + (_1 - lobes.f0) * away * away * away * away * away
+    to_light = max(to_light, _LEAST_COSINE)
+    for lobe in range(2):
+        alpha = min(lobes.alpha[lobe] + light_radius_rad * _HALF, _1)
+        squared = alpha * alpha
+        base = to_half * to_half * (squared - _1) + _1
+        shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
+            to_light * to_light * (_1 - squared) + squared
+        )
+        both[lobe] = squared / (base * base) * _HALF / shadowing * fresnel * to_light
+
+
+@compiled
+def relit_pixels(image, lobes, first, last, out):
+    """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
+    lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
+    here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    sky_at, gloss_at, scattered_at = 1 + 3 * lamps, 10 + 3 * lamps, 16 + 3 * lamps
+    for index in range(first, last):
+        _enlarged(image.maps, image.width, image.pixel[index], here)
+        normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
+        for c in range(3):
+            of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
+            rgb[c] = (
+                weights[DIFFUSE + c] * max(of_sky, _0)
+                + weights[SCATTERED + c] * here[scattered_at + c]
+                + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c]
+                + weights[AMBIENT + c] * image.ambient[c]
+                + weights[GLOSS] * here[gloss_at + c]
+                + weights[GLOSS + 1] * here[gloss_at + 3 + c]
+            )
+        for lamp in range(lamps):
+            x, y, z = here[1 + 3 * lamp], here[2 + 3 * lamp], here[3 + 3 * lamp]
+            facing = x * normal[0] + y * normal[1] + z * normal[2]
+            if facing <= _0:
+                continue
+            strength = max(np.sqrt(x * x + y * y + z * z), _TINY)
+            x, y, z = x / strength, y / strength, z / strength
+            _glossy(facing / strength, x, y, z, normal, view, image.lamp_radius_rad[lamp], lobes, both)
+            gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            for c in range(3):
+                rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)
+        for c in range(3):
+            out[image.pixel[index], c] = rgb[c]
+
+
+@compiled
+def _enlarged(maps, width, pixel, here):
+    """Fill `here` with the maps' values at a full-size pixel, bilinear among the rays that there are."""
+    height = len(maps) // width
+    row, column = pixel // (2 * width), pixel % (2 * width)
+    top = min(max((row - 1) // 2, 0), height - 1)
+    left = min(max((column - 1) // 2, 0), width - 1)
+    bottom, right = min((row + 1) // 2, height - 1), min((column + 1) // 2, width - 1)
+    wy = _QUARTER if row % 2 else _3Q
+    wx = _QUARTER if column % 2 else _3Q
+    a, b, c, d = top * width + left, top * width + right, bottom * width + left, bottom * width + right
+    wa, wb, wc, wd = (_1 - wy) * (_1 - wx), (_1 - wy) * wx, wy * (_1 - wx), wy * wx
+    total = wa * maps[a, 0] + wb * maps[b, 0] + wc * maps[c, 0] + wd * maps[d, 0]
+    wa, wb, wc, wd = wa / total, wb / total, wc / total, wd / total
+    for k in range(len(here)):
+        here[k] = wa * maps[a, k] + wb * maps[b, k] + wc * maps[c, k] + wd * maps[d, k]
