@@ -3,9 +3,10 @@
 A capture is a folder with
 - `transforms.json`: provenance, and for each image its file, K (px), cam2world (OpenCV axes, m), size, camera index,
   pose index, split and, if it has one, the file of its mask;
+- in version 2, the lights of the images too (`lights`), whose skies are files;
 - `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side;
-- images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or images without alpha and for each a mask, a grey
-  image of the same size that is white on the hand.
+- images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or scene-linear OpenEXR with premultiplied alpha;
+  or images without alpha and for each a mask, a grey image of the same size that is white on the hand.
 
 docs/capture.md documents the format for users.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 from zipfile import BadZipFile
@@ -24,20 +25,38 @@ import numpy as np
 
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
+from ..records.light import Light
 from ..records.shot import HandPose
 from ..records.side import Side
-from .picture import ALPHA_MODES, no_alpha, read_mask, read_picture
+from .lights import CaptureLight, light_entry, read_light, write_skies
+from .picture import ALPHA_MODES, no_alpha, read_linear_picture, read_mask, read_picture, srgb_to_linear, straight
 
 FORMAT = "livehand-capture"
-VERSION = 1
+VERSION, LIT_VERSION = 1, 2
+"""Of captures without and with lights."""
 
-Split = Literal["train", "novel_pose", "novel_camera", "test"]
-"""`novel_pose` has a held-out pose and a training camera, `novel_camera` the opposite; in `test` both are held out."""
+Split = Literal["train", "novel_pose", "novel_camera", "test", "novel_light"]
+"""`novel_pose` has a held-out pose and a training camera, `novel_camera` the opposite; in `test` both are held out.
+
+`novel_light` has a training pose and camera in a light of no training image; the lights of `test` are held out too.
+"""
 
 
 @dataclass(frozen=True)
 class CaptureView:
-    """One image of a capture; `mask` is the file of its alpha, None if the image has an alpha channel."""
+    """One image of a capture.
+
+    Attributes:
+        file: relative to the capture's folder.
+        camera: its view.
+        camera_index: which camera.
+        pose_index: which pose.
+        split: whether it is trained on, and if not, what is new in it.
+        mask: the file of its alpha; None: the image has an alpha channel.
+        light: which of the capture's lights, None: not known. Of a light group, all that the image shows is in the
+            light of that group; images of one pose and camera show the same hand.
+        exposure: file value = linear value x exposure.
+    """
 
     file: str
     camera: Camera
@@ -45,21 +64,59 @@ class CaptureView:
     pose_index: int
     split: Split
     mask: str | None = None
+    light: int | None = None
+    exposure: float = 1.0
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the file is OpenEXR; other files are sRGB-encoded."""
+        return self.file.lower().endswith(".exr")
 
 
 @dataclass(frozen=True)
 class Capture:
-    """The index and poses of a capture folder; images are read on request."""
+    """The index, poses and lights of a capture folder; images are read on request."""
 
     folder: Path
     hand_sha256: str
     provenance: dict
     poses: tuple[HandPose, ...]
     views: tuple[CaptureView, ...]
+    lights: tuple[CaptureLight, ...] = ()
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether it has what only version 2 can say: lights, exposures or linear images."""
+        return bool(self.lights) or any(
+            view.light is not None or view.exposure != 1 or view.is_linear for view in self.views
+        )
 
     def of_split(self, split: Split) -> tuple[CaptureView, ...]:
         """The views of one split, in file order."""
         return tuple(view for view in self.views if view.split == split)
+
+    def light_of(self, view: CaptureView) -> Light | None:
+        """The light of a view; None: not known."""
+        return None if view.light is None else self.lights[view.light].light
+
+    def read_linear(self, view: CaptureView) -> np.ndarray:
+        """[H, W, 4] float32 of any view: scene-linear Rec.709 colour premultiplied by alpha, and alpha.
+
+        Colours are as the light makes them: the exposure is divided out.
+
+        Raises:
+            LiveHandError: as `read_image`, for the image or its mask.
+        """
+        if view.is_linear:
+            pixels = read_linear_picture(self.folder / view.file, view.camera.size_px, view.mask is not None)
+        else:
+            pixels = self.read_pixels(view).astype(np.float32) / 255
+            pixels[..., :3] = srgb_to_linear(pixels[..., :3]) * pixels[..., 3:]
+        if view.is_linear and view.mask is not None:
+            alpha = read_mask(self.folder / view.mask, view.camera.size_px)[..., None].astype(np.float32) / 255
+            pixels = np.concatenate([straight(pixels) * alpha, alpha], -1)
+        pixels[..., :3] /= view.exposure
+        return pixels
 
     def read_image(self, view: CaptureView) -> np.ndarray:
         """[H, W, 4] float32: sRGB-encoded colour times alpha (the image on black), and alpha.
@@ -76,6 +133,8 @@ class Capture:
         Raises:
             LiveHandError: as `read_image`, for the image or its mask.
         """
+        if view.is_linear:
+            raise LiveHandError(f"{self.folder / view.file} must be an 8-bit image here, got linear OpenEXR")
         mode, pixels = read_picture(self.folder / view.file, "RGBA", view.camera.size_px)
         if view.mask is not None:
             alpha = read_mask(self.folder / view.mask, view.camera.size_px)
@@ -93,21 +152,34 @@ def load_capture(folder: Path | str) -> Capture:
     """
     folder = Path(folder)
     document = _read_json(folder / "transforms.json")
-    if document.get("format") != FORMAT or document.get("version") != VERSION:
+    version = document.get("version")
+    if document.get("format") != FORMAT or version not in (VERSION, LIT_VERSION):
         raise LiveHandError(
-            f"{folder / 'transforms.json'} must say format {FORMAT} version {VERSION}, "
+            f"{folder / 'transforms.json'} must say format {FORMAT} version {VERSION} or {LIT_VERSION}, "
             f"got {document.get('format')!r} {document.get('version')!r}"
         )
     poses = _read_poses(folder / "poses.npz")
     frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
     if not isinstance(frames, list) or not isinstance(hand_sha256, str):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
-    views = read_all(folder, ((_read_view, entry, len(poses)) for entry in frames))
-    return Capture(folder, hand_sha256, document.get("provenance", {}), poses, views)
+    provenance = document.get("provenance", {})
+    if version == VERSION:
+        views = read_all(folder, ((_read_view, entry, len(poses)) for entry in frames))
+        return Capture(folder, hand_sha256, provenance, poses, views)
+    entries = document.get("lights", [])
+    if not isinstance(entries, list):
+        raise LiveHandError(f"{folder / 'transforms.json'} must have a list of lights, got {str(entries)[:40]}")
+    lights = read_all(folder, ((read_light, folder, index, entry) for index, entry in enumerate(entries)))
+    views = read_all(folder, ((_read_lit_view, entry, len(poses), len(lights)) for entry in frames))
+    return Capture(folder, hand_sha256, provenance, poses, views, lights)
 
 
 def save_capture_index(capture: Capture) -> None:
-    """Write `poses.npz` and `transforms.json`, each under a temporary name first; the caller writes the images."""
+    """Write the lights' skies, `poses.npz` and `transforms.json`, each under a temporary name first, in this order.
+
+    The caller writes the images.
+    """
+    write_skies(capture.folder, capture.lights)
     arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
     partial = capture.folder / "poses.partial"
     with partial.open("wb") as file:
@@ -122,16 +194,20 @@ def index_document(capture: Capture) -> str:
     """The text of the capture's `transforms.json`."""
     document = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": LIT_VERSION if capture.is_lit else VERSION,
         "hand_sha256": capture.hand_sha256,
         "provenance": capture.provenance,
         "frames": [_view_entry(view) for view in capture.views],
     }
+    if capture.is_lit:
+        document["lights"] = [light_entry(index, light) for index, light in enumerate(capture.lights)]
     return json.dumps(document, indent=1) + "\n"
 
 
 def _view_entry(view: CaptureView) -> dict:
     mask = {} if view.mask is None else {"mask_path": view.mask}
+    light = {} if view.light is None else {"light": view.light}
+    exposure = {} if view.exposure == 1 else {"exposure": view.exposure}
     return {
         "file_path": view.file,
         **mask,
@@ -141,6 +217,8 @@ def _view_entry(view: CaptureView) -> dict:
         "size_px": list(view.camera.size_px),
         "K": view.camera.K.tolist(),
         "cam2world": view.camera.cam2world.tolist(),
+        **light,
+        **exposure,
     }
 
 
@@ -180,6 +258,18 @@ def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
     if not 0 <= view.pose_index < pose_count:
         raise LiveHandError(f"{name} must name one of {pose_count} poses, got {view.pose_index}")
     return view
+
+
+def _read_lit_view(entry: dict | object, pose_count: int, light_count: int) -> CaptureView:
+    """A view of version 2, which may have a light and an exposure."""
+    view = _read_view(entry, pose_count)
+    light, exposure = (entry.get("light"), entry.get("exposure", 1.0)) if isinstance(entry, dict) else (None, 1.0)
+    is_index = isinstance(light, int) and not isinstance(light, bool) and 0 <= light < light_count
+    if light is not None and not is_index:
+        raise LiveHandError(f"{view.file}: light must be one of {light_count} lights, got {light!r}")
+    if isinstance(exposure, bool) or not isinstance(exposure, float | int) or not 0 < exposure < np.inf:
+        raise LiveHandError(f"{view.file}: exposure must be a finite number above 0, got {exposure!r}")
+    return replace(view, light=light, exposure=float(exposure))
 
 
 def _read_poses(path: Path) -> tuple[HandPose, ...]:

@@ -22,7 +22,7 @@ from .picture import ALPHA_MODES, no_alpha, read_header, wrong_size
 
 # A hand counts as visible if this share of its vertices projects into the image; fewer may all be hidden or cut off.
 _SHARE_IN_IMAGE = 0.1
-_HAND_ALPHA = 128  # of 255
+_HAND_ALPHA = 0.5
 
 
 def check_capture(capture: Capture, hand: HandModel, decode: bool = True) -> None:
@@ -49,9 +49,11 @@ def _index_faults(capture: Capture, hand: HandModel) -> Iterable[str]:
     for file, count in Counter(view.file for view in capture.views).items():
         if count > 1:
             yield f"{file} must be named once, got {count} times"
-    for (camera, pose), count in Counter((view.camera_index, view.pose_index) for view in capture.views).items():
+    shown = Counter((view.camera_index, view.pose_index, view.light) for view in capture.views)
+    for (camera, pose, light), count in shown.items():
         if count > 1:
-            yield f"camera {camera} must have one image of pose {pose}, got {count}"
+            of_light = "" if light is None else f" in light {light}"
+            yield f"camera {camera} must have one image of pose {pose}{of_light}, got {count}"
 
 
 def _pose_faults(capture: Capture, hand: HandModel) -> Iterable[str]:
@@ -109,7 +111,7 @@ def _header_fault(capture: Capture, view: CaptureView) -> str | None:
 def _pixel_fault(capture: Capture, view: CaptureView, box: np.ndarray | None) -> str | None:
     """The fault in the pixels, if any: unreadable, or with alpha where the hand is not."""
     try:
-        is_hand = capture.read_pixels(view)[..., 3] >= _HAND_ALPHA
+        is_hand = _alpha(capture, view) >= _HAND_ALPHA
     except LiveHandError as error:
         return str(error)
     if box is None:
@@ -125,6 +127,11 @@ def _pixel_fault(capture: Capture, view: CaptureView, box: np.ndarray | None) ->
             "is it the pose of another frame, or is cam2world not in OpenCV's axes?"
         )
     return None
+
+
+def _alpha(capture: Capture, view: CaptureView) -> np.ndarray:
+    """[H, W] in [0, 1]; image and mask are both read."""
+    return capture.read_linear(view)[..., 3] if view.is_linear else capture.read_pixels(view)[..., 3] / 255
 
 
 def _px(box: Iterable[np.ndarray]) -> str:

@@ -1,4 +1,4 @@
-"""Image files: reads pixels or headers, and checks mode and size."""
+"""Image files, 8-bit or linear OpenEXR: reads pixels or headers, and checks mode and size."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from ..records.errors import LiveHandError
+from .exr import read_exr, read_exr_header
 
 ALPHA_MODES = ("RGBA", "LA")
 """Pillow's modes of images with alpha."""
@@ -32,6 +33,39 @@ def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, 
     return own_mode, pixels
 
 
+def read_linear_picture(path: Path, size_px: tuple[int, int], has_mask: bool) -> np.ndarray:
+    """[H, W, 4] float32 of an OpenEXR file: linear colour premultiplied by alpha, and alpha (1 where it has none).
+
+    Raises:
+        LiveHandError: missing, unreadable, not of the given size, without R, G and B, not finite or with alpha outside
+            [0, 1]; without alpha although it has no mask.
+    """
+    channels = read_exr(path)
+    if not {"R", "G", "B"} <= set(channels):
+        raise LiveHandError(f"{path} must have channels R, G and B, got {sorted(channels)}")
+    if "A" not in channels and not has_mask:
+        raise LiveHandError(no_alpha(path, "".join(sorted(channels))))
+    height, width = channels["R"].shape
+    if (width, height) != tuple(size_px):
+        raise LiveHandError(wrong_size(path, size_px, (width, height)))
+    alpha = channels.get("A", np.ones((height, width), np.float16))
+    pixels = np.stack([channels["R"], channels["G"], channels["B"], alpha], -1).astype(np.float32)
+    if not np.isfinite(pixels).all() or pixels[..., 3].min() < 0 or pixels[..., 3].max() > 1.001:
+        raise LiveHandError(f"{path} must be finite with alpha in [0, 1], got other values")
+    return pixels
+
+
+def straight(pixels: np.ndarray) -> np.ndarray:
+    """[H, W, 3] the colours of premultiplied pixels [H, W, 4] without their alpha."""
+    alpha = pixels[..., 3:]
+    return pixels[..., :3] / np.where(alpha > 0, alpha, 1)
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Scene-linear values of sRGB-encoded ones, both in [0, 1]."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(encoded.dtype)
+
+
 def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
     """[H, W] uint8: a mask's alpha if it has any, else its brightness.
 
@@ -45,11 +79,14 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
 
 
 def read_header(path: Path) -> tuple[str, tuple[int, int]]:
-    """An image's mode and (width, height), without decoding its pixels.
+    """An image's mode and (width, height), without decoding its pixels; OpenEXR with alpha has the mode RGBA.
 
     Raises:
         LiveHandError: missing, or not an image.
     """
+    if path.suffix.lower() == ".exr":
+        names, size_px = read_exr_header(path)
+        return ("RGBA" if {"R", "G", "B", "A"} <= set(names) else "".join(names)), size_px
     try:
         with Image.open(path) as image:
             return image.mode, image.size

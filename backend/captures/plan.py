@@ -5,8 +5,9 @@ World: Blender's, Z up, metres; the front of the light is -Y.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from ..hand.model_file import load_default_hand
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split
+from .lit_plan import LitViews, light_views, of_first_poses
 from .split import split_of
+from .varied_light import HELD_OUT_KINDS
 
 DISTANCE_M = 0.75
 # Lengths for the built-in hand; they scale with the size of another hand.
@@ -44,8 +47,10 @@ class CapturePlan:
         size_px: (width, height) of an image.
         samples: Cycles samples per pixel of training views.
         eval_samples: Cycles samples per pixel of held-out views, enough that noise does not hide progress.
-        eval_views: largest number of views in each held-out split.
+        eval_views: largest number of views in each held-out split; with varied lights, the split `test` has half as
+            many of each of its five kinds of light.
         first_poses: render only this many of the poses (None: all); the rest of the plan can be rendered later.
+        lights: the dome for all images, or for each image a light of its own (`varied_light`).
     """
 
     seed: int = 0
@@ -58,14 +63,22 @@ class CapturePlan:
     eval_samples: int = 64
     eval_views: int = 12
     first_poses: int | None = None
+    lights: Literal["dome", "varied"] = "dome"
 
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model)
-        views = _spread_views(self, _sample_cameras(rng, self, _relative_size(model)))
-        last = self.poses if self.first_poses is None else self.first_poses
-        return Capture(folder, model.sha256, provenance, poses, tuple(v for v in views if v.pose_index < last))
+        size = _relative_size(model)
+        views = _spread_views(self, _sample_cameras(rng, self, size))
+        lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
+        if self.first_poses is not None:
+            lit = of_first_poses(lit, self.first_poses)
+        return Capture(folder, model.sha256, provenance, poses, lit.views, lit.lights)
+
+    def facts(self) -> dict:
+        """The plan for a capture's provenance; that of a capture in the dome does not tell of lights."""
+        return {name: value for name, value in asdict(self).items() if (name, value) != ("lights", "dome")}
 
     def is_held_out_pose(self, index: int) -> bool:
         """Whether no training view shows this pose."""
@@ -155,7 +168,7 @@ def _fibonacci_sphere(count: int) -> np.ndarray:
 
 
 def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView, ...]:
-    """Every training pose from some training cameras, and `eval_views` evenly spread views of each held-out split."""
+    """Every training pose from some training cameras, and evenly spread views of each held-out split."""
     by_split: dict[Split, list[CaptureView]] = {"train": [], "novel_pose": [], "novel_camera": [], "test": []}
     for pose in range(plan.poses):
         seen_by = _cameras_of_pose(plan, pose)
@@ -164,9 +177,20 @@ def _spread_views(plan: CapturePlan, cameras: list[Camera]) -> tuple[CaptureView
             if split != "train" or index in seen_by:
                 view = CaptureView(f"images/pose{pose:03d}_cam{index:02d}.png", camera, index, pose, split)
                 by_split[split].append(view)
-    held_out = [_spread(by_split[split], plan.eval_views) for split in ("novel_pose", "novel_camera", "test")]
+    held_out = [_spread(by_split[split], _most_views(plan, split)) for split in ("novel_pose", "novel_camera", "test")]
     chosen = sum(held_out, by_split["train"])
+    if plan.lights == "varied":
+        chosen += [_in_novel_light(view) for view in _spread(by_split["train"], plan.eval_views)]
     return tuple(sorted(chosen, key=lambda view: view.file))
+
+
+def _most_views(plan: CapturePlan, split: Split) -> int:
+    is_by_kind = plan.lights == "varied" and split == "test"
+    return max(1, plan.eval_views // 2) * len(HELD_OUT_KINDS) if is_by_kind else plan.eval_views
+
+
+def _in_novel_light(view: CaptureView) -> CaptureView:
+    return replace(view, file=view.file.replace(".png", "_novel.png"), split="novel_light")
 
 
 def _cameras_of_pose(plan: CapturePlan, pose: int) -> set[int]:

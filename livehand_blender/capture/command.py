@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--eval-views", type=int, default=plan.eval_views, help="largest number of views per held-out split"
     )
     parser.add_argument("--first-poses", type=int, default=plan.first_poses, help="render only the first N poses")
+    parser.add_argument(
+        "--lights",
+        choices=("dome", "varied"),
+        default=plan.lights,
+        help="dome: the same light for all images (default); varied: a light for each, for avatars that can be lit",
+    )
     parser.add_argument("--threads", type=int, default=None, help="render threads (default: all)")
 
 
@@ -71,7 +77,7 @@ def run(args: argparse.Namespace) -> dict:
     from .render import render_capture
 
     plan = CapturePlan(**{field.name: getattr(args, field.name) for field in fields(CapturePlan)})
-    provenance = {"made_by": "livehand capture", "plan": asdict(plan)}
+    provenance = {"made_by": "livehand capture", "plan": plan.facts()}
     own = _own_hand(args)
     if own is None:
         capture = render_capture(args.output, plan, provenance, args.threads)
@@ -79,7 +85,8 @@ def run(args: argparse.Namespace) -> dict:
         look_sha256 = hashlib.sha256(own.look.read_bytes()).hexdigest() if own.look else None
         provenance |= {"hand": own.model.name, "look_sha256": look_sha256}
         capture = render_capture(args.output, plan, provenance, args.threads, own)
-    counts = {split: len(capture.of_split(split)) for split in ("train", "novel_pose", "novel_camera", "test")}
+    splits = ("train", "novel_pose", "novel_camera", "test", *(("novel_light",) if capture.is_lit else ()))
+    counts = {split: len(capture.of_split(split)) for split in splits}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
 
 

@@ -1,28 +1,12 @@
-"""The light of captures: a dome in world space, so that self-shadowing depends on the pose. Z up, front -Y."""
+"""The dome of captures as a world: in world space, so that self-shadowing depends on the pose."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import bpy
 import numpy as np
 
+from ...backend.captures.dome import GROUND, LOBES, ZENITH, Lobe
 from .node_graph import NodeGraph, enable_nodes
-
-
-class Lobe(NamedTuple):
-    """A soft light: direction towards it, linear radiance, and cosine exponent (larger is narrower)."""
-
-    towards: tuple[float, float, float]
-    radiance: tuple[float, float, float]
-    exponent: float
-
-
-KEY = Lobe((-0.75, -0.75, 0.75), (9.5, 9.0, 8.3), 42)
-FILL = Lobe((0.8, -0.35, -0.5), (1.5, 1.7, 2.0), 14)
-KICK = Lobe((-0.75, 0.45, 0.6), (1.5, 1.4, 1.3), 10)
-BACK = Lobe((0.55, 0.80, 0.55), (3.6, 3.4, 3.15), 20)
-GROUND, SKY = (0.22, 0.205, 0.19), (0.36, 0.39, 0.44)
 
 
 def dome_world() -> bpy.types.World:
@@ -32,8 +16,8 @@ def dome_world() -> bpy.types.World:
     direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]
     separate = graph.node("ShaderNodeSeparateXYZ")
     graph.connect(direction, separate.inputs[0])
-    radiance = graph.mix(graph.remap(separate.outputs["Z"], -1, 1, 0, 1), GROUND, SKY)
-    for lobe in (KEY, FILL, KICK, BACK):
+    radiance = graph.mix(graph.remap(separate.outputs["Z"], -1, 1, 0, 1), GROUND, ZENITH)
+    for lobe in LOBES:
         radiance = graph.mix(1.0, radiance, _lobe_radiance(graph, direction, lobe), "ADD")
     graph.connect(radiance, graph.tree.nodes["Background"].inputs[0])
     world.cycles.sampling_method = "MANUAL"

@@ -19,6 +19,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import HandPose
 from .bake import bake_skin
+from .lit_image import LitImages, is_complete_picture
 from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
 from .skin import SKIN_TONES, SkinTone, baked_material
@@ -60,6 +61,9 @@ def render_capture(
     capture = plan.make(folder, model, provenance)
     _begin_or_resume(capture)
     missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
+    if capture.is_lit:
+        images = {_image_key(view) for view in missing}
+        missing = [view for view in capture.views if _image_key(view) in images]
     if missing:
         render_views(capture, missing, plan, own or detailed_surface(model), threads)
     return capture
@@ -80,12 +84,24 @@ def render_views(
         if isinstance(subject, DressedHand)
         else _builtin_surface(subject, tone, capture.folder / "skin")
     )
+    hand = subject.model if isinstance(subject, DressedHand) else load_default_hand()
+    lit = LitImages(scene, capture, hand) if capture.is_lit else None
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
         for pose_index, of_pose in groupby(views, lambda view: view.pose_index):
             surface.set_pose(capture.poses[pose_index])
-            for view in of_pose:
-                _render_view(scene, view, plan, capture.folder)
-                progress.update()
+            for _, of_image in groupby(of_pose, _image_key):
+                groups = list(of_image)
+                _set_sampling(scene.cycles, groups[0], plan)
+                if lit is None:
+                    _render_view(scene, groups[0], capture.folder)
+                else:
+                    lit.render(groups)
+                progress.update(len(groups))
+
+
+def _image_key(view: CaptureView) -> tuple:
+    """Equal for the light groups of one image."""
+    return view.pose_index, view.camera_index, view.split
 
 
 def _own_surface(own: DressedHand, tone: SkinTone) -> Surface:
@@ -99,12 +115,15 @@ def _builtin_surface(detail: DetailedSurface, tone: SkinTone, maps_folder: Path)
     return surface
 
 
-def _render_view(scene: bpy.types.Scene, view: CaptureView, plan: CapturePlan, folder: Path) -> None:
+def _set_sampling(cycles: bpy.types.PropertyGroup, view: CaptureView, plan: CapturePlan) -> None:
+    cycles.samples = plan.samples if view.split == "train" else plan.eval_samples
+    # Noise that is equal in all views would be learnt as texture.
+    cycles.seed = 1000 * view.pose_index + view.camera_index
+
+
+def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> None:
     set_camera(scene, view.camera)
     scene.cycles.use_denoising = True
-    scene.cycles.samples = plan.samples if view.split == "train" else plan.eval_samples
-    # Noise that is equal in all views would be learnt as texture.
-    scene.cycles.seed = 1000 * view.pose_index + view.camera_index
     final = folder / view.file
     partial = final.with_name("partial_" + final.name)
     scene.render.filepath = str(partial)
@@ -116,6 +135,8 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, plan: CapturePlan, f
 
 def is_complete(path: Path, view: CaptureView) -> bool:
     """Whether the image exists, can be decoded and has its camera's size."""
+    if view.is_linear:
+        return is_complete_picture(path, view.camera.size_px)
     try:
         with Image.open(path) as image:
             image.load()

@@ -1,0 +1,104 @@
+"""Renders an image in several light groups at once, each denoised by itself, as linear pixels."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...backend.captures.exr import read_exr
+
+_WHOLE = "whole"  # the layer of the sum of all groups
+_IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties  # from Blender 5.0 on
+
+
+class LightGroupPasses:
+    """The light groups of a scene, and the compositor that denoises and saves them.
+
+    Cycles' own denoiser knows Combined alone, so it is switched off; the compositor's is the same.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, most: int):
+        self._scene = scene
+        self._layer = scene.view_layers[0]
+        self.names = tuple(f"group{index}" for index in range(most))
+        for name in self.names:
+            self._layer.lightgroups.add(name=name)
+        scene.cycles.use_denoising = False
+        self._layer.cycles.denoising_store_passes = True
+        scene.render.use_compositing = True
+        self._connected = ()
+
+    def render(self, count: int, is_denoised: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Alpha [h, w] and the first `count` groups [h, w, 3], premultiplied: float32, of the render's border.
+
+        They add up to Combined if they are not denoised.
+        """
+        with tempfile.TemporaryDirectory(prefix="livehand") as folder:
+            self._connect(Path(folder), count, is_denoised)
+            bpy.ops.render.render(write_still=False)
+            (path,) = Path(folder).glob("*.exr")
+            channels = read_exr(path)
+        alpha = np.clip(channels[f"{_WHOLE}.A"], 0, 1)
+        groups = [_colours(channels, name) for name in self.names[:count]]
+        return alpha, [np.where(alpha[..., None] > 0, np.maximum(group, 0), 0) for group in groups]
+
+    def combined(self) -> np.ndarray:
+        """[h, w, 3] Combined, not denoised, rendered alone."""
+        with tempfile.TemporaryDirectory(prefix="livehand") as folder:
+            self._connect(Path(folder), 0, False)
+            bpy.ops.render.render(write_still=False)
+            (path,) = Path(folder).glob("*.exr")
+            return _colours(read_exr(path), _WHOLE)
+
+    def _connect(self, folder: Path, count: int, is_denoised: bool) -> None:
+        """Save Combined and the groups as layers of one file in the folder."""
+        tree = _compositor_tree(self._scene)
+        tree.nodes.clear()
+        passes = tree.nodes.new("CompositorNodeRLayers")
+        file = tree.nodes.new("CompositorNodeOutputFile")
+        names = (_WHOLE, *self.names[:count])
+        _set_output(file, folder, names)
+        tree.links.new(passes.outputs["Image"], file.inputs[_WHOLE])
+        for name in names[1:]:
+            picture = passes.outputs[f"Combined_{name}"]
+            if is_denoised:
+                denoise = tree.nodes.new("CompositorNodeDenoise")
+                tree.links.new(picture, denoise.inputs["Image"])
+                tree.links.new(passes.outputs["Denoising Normal"], denoise.inputs["Normal"])
+                tree.links.new(passes.outputs["Denoising Albedo"], denoise.inputs["Albedo"])
+                picture = denoise.outputs[0]
+            tree.links.new(picture, file.inputs[name])
+
+
+def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+    if _IS_GROUP:
+        if scene.compositing_node_group is None:
+            scene.compositing_node_group = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+        return scene.compositing_node_group
+    scene.use_nodes = True
+    return scene.node_tree
+
+
+def _set_output(file: bpy.types.Node, folder: Path, names: tuple[str, ...]) -> None:
+    """One uncompressed float OpenEXR file with these layers."""
+    if _IS_GROUP:
+        file.directory, file.file_name = str(folder), "image"
+        file.format.media_type = "MULTI_LAYER_IMAGE"
+        file.file_output_items.clear()
+        for name in names:
+            file.file_output_items.new("RGBA", name)
+    else:
+        file.base_path = str(folder / "image")
+        file.format.file_format = "OPEN_EXR_MULTILAYER"
+        file.layer_slots.clear()
+        for name in names:
+            file.layer_slots.new(name)
+    file.format.color_depth = "32"
+    file.format.exr_codec = "NONE"
+
+
+def _colours(channels: dict[str, np.ndarray], layer: str) -> np.ndarray:
+    return np.stack([channels[f"{layer}.{name}"] for name in "RGB"], -1)
