@@ -53,6 +53,8 @@ def sky_of(radiance: np.ndarray) -> Sky:
     """The map of `SKY_SIZE` whose texels are the means of a finer one's; its values are half floats."""
     solid_angles = np.linalg.norm(fine_directions()[..., :2], axis=-1)[..., None]
     width, height = SKY_SIZE
-    blocks = (np.reshape(x, (height, _FINER, width, _FINER, -1)).sum((1, 3)) for x in (radiance * solid_angles, solid_angles))
+    blocks = (
+        np.reshape(x, (height, _FINER, width, _FINER, -1)).sum((1, 3)) for x in (radiance * solid_angles, solid_angles)
+    )
     total, weight = blocks
     return Sky((total / weight).astype(np.float16).astype(np.float32))

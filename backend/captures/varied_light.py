@@ -173,7 +173,9 @@ class LightDrawing:
     def _aimed(self, lamp: Lamp, towards: np.ndarray) -> Lamp:
         """The lamp at some distance, shining at a point near the hand's middle."""
         position = towards * self._distance_m()
-        return replace(lamp, position=position, rotation=_facing(_unit(position + self.size * self.rng.normal(0, 0.02, 3))))
+        return replace(
+            lamp, position=position, rotation=_facing(_unit(position + self.size * self.rng.normal(0, 0.02, 3)))
+        )
 
     def _distance_m(self) -> float:
         return float(self.size * np.exp(self.rng.uniform(np.log(_NEAREST_M), np.log(_FARTHEST_M))))

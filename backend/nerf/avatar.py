@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from ..records.light import Light
 from .field import BakedField, FieldConfig, PaperField, PlaneField
 from .lit_field import LitField
 from .sampler import SamplerConfig
@@ -30,6 +31,7 @@ class AvatarConfig:
 
 PRESETS: dict[str, AvatarConfig] = {
     "default": AvatarConfig(),
+    "relightable": AvatarConfig(FieldConfig(light="linear"), SuperResConfig(kind="lit")),
     "poseless": AvatarConfig(FieldConfig(pose=False)),
     "paper": AvatarConfig(
         FieldConfig(kind="paper"), SuperResConfig(kind="paper"), SamplerConfig(samples_per_ray=16, shell_m=0.005)
@@ -51,6 +53,7 @@ class Avatar:
         provenance: what it was trained on and how, and its licence.
         metrics: measured on held-out views.
         thumbnail: [P, P, 4] uint8 (`avatars.thumbnail`); None in files of earlier versions.
+        light: of its capture, in which a relightable avatar is rendered where no other is given.
     """
 
     name: str
@@ -62,6 +65,7 @@ class Avatar:
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     thumbnail: np.ndarray | None = None
+    light: Light | None = None
 
 
 def build_field(config: FieldConfig) -> PaperField | PlaneField:

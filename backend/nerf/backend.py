@@ -12,7 +12,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.shadow_maps import LightViews, PointShadows
@@ -26,7 +26,7 @@ from .sampler import SamplerConfig
 from .volume import Composite
 
 Precision = Literal["fp32", "bf16"]
-Stage = Literal["pose", "rasterise", "sample", "field", "superres", "decode"]
+Stage = Literal["pose", "rasterise", "sample", "light", "field", "superres", "decode"]
 OnStage = Callable[[Stage], None]
 
 
@@ -104,3 +104,13 @@ class RenderBackend(Protocol):
 def autocast(device: torch.device, precision: Precision) -> torch.autocast:
     """The context in which networks run: bf16 is autocast; geometry never is."""
     return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16")
+
+
+def in_precision(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
+    """The network as a function that runs in its own autocast."""
+
+    def run(values: Tensor) -> Tensor:
+        with autocast(device, precision):
+            return network(values)
+
+    return run

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -32,7 +34,7 @@ def image_of(
 
 
 def enlarge_maps(
-    superres: nn.Module, maps: Float[Tensor, "33 h w"], pixels_per_band: int = 1 << 17
+    superres: Callable[[Tensor], Tensor], maps: Float[Tensor, "33 h w"], pixels_per_band: int = 1 << 17
 ) -> Float[Tensor, "4 H W"]:
     """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
     height, width = maps.shape[1:]

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import normalize
 
 from .lighting import COEFFICIENTS, LightFeatures, SurfacePoints, lit_colour
@@ -43,12 +44,16 @@ class LitImage(NamedTuple):
 
 
 def lit_image(
-    superres: nn.Module, low: Composite, points: SurfacePoints, pixel: Int[Tensor, " R"], camera: CameraTensors
+    superres: Callable[[Tensor], Tensor],
+    low: Composite,
+    points: SurfacePoints,
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
     Args:
-        superres: `LitSuperRes`.
+        superres: `LitSuperRes`, in any precision; all else here is exact to fp32.
         low: as `LitField.decode` returns it.
         points: where the rays meet the skin.
         pixel: of the rays, in the low-resolution image.
@@ -56,7 +61,7 @@ def lit_image(
     """
     rotation = camera.world2cam[:3, :3]
     normal = (points.relief_normal @ rotation.T) * low.alpha[:, None]
-    stacked = low._replace(channels=torch.cat([low.channels, normal.to(low.channels.dtype)], 1))
+    stacked = low._replace(channels=torch.cat([low.channels.float(), normal], 1))
     maps, depth = low_resolution_maps(stacked, pixel, camera.size_px)
     assert len(maps) == LIT_MAPS
     image = enlarge_maps(superres, maps).float().flatten(1)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from ..nerf.crop import Crop
+from ..records.depth_profile import DepthProfile
 from ..records.frame import DEPTH_BACKGROUND, Frame, empty_frame
 from .srgb import linear_to_srgb, srgb_to_linear
 
@@ -19,11 +22,31 @@ def decode_frame(
     image: Float[Tensor, "4 h w"], depth: Float[Tensor, "h w"], window: Crop, size_px: tuple[int, int]
 ) -> Frame:
     """The network's RGBA (sRGB-encoded colour times alpha) as a scene-linear premultiplied frame of the whole image."""
-    alpha = image[3].clamp(0, 1)
-    alpha = torch.where(alpha < _MIN_ALPHA, torch.zeros_like(alpha), alpha)
+    alpha = _clear_alpha(image[3])
     encoded = torch.minimum(image[:3].clamp(min=0), alpha)
     straight = encoded / torch.where(alpha > 0, alpha, torch.ones_like(alpha))
-    linear = srgb_to_linear(straight) * alpha
+    return _frame(srgb_to_linear(straight) * alpha, alpha, depth, window, size_px)
+
+
+def linear_frame(
+    colours: Float[Tensor, "3 h w"],
+    alpha: Float[Tensor, "h w"],
+    depth: Float[Tensor, "h w"],
+    window: Crop,
+    size_px: tuple[int, int],
+    profile: DepthProfile,
+) -> Frame:
+    """Scene-linear colours that are premultiplied, of any brightness, as a frame of the whole image."""
+    alpha = _clear_alpha(alpha)
+    return replace(_frame(torch.where(alpha > 0, colours, 0.0), alpha, depth, window, size_px), profile=profile)
+
+
+def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
+    alpha = alpha.clamp(0, 1)
+    return torch.where(alpha < _MIN_ALPHA, torch.zeros_like(alpha), alpha)
+
+
+def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: tuple[int, int]) -> Frame:
     solid_depth = torch.where((alpha >= 0.5) & depth.isfinite(), depth, torch.full_like(depth, DEPTH_BACKGROUND))
     frame = empty_frame(size_px)
     window.paste(linear.permute(1, 2, 0).cpu().numpy(), frame.rgb)

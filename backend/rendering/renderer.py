@@ -23,17 +23,22 @@ from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, autocast
 from ..nerf.conditions import FrameConditions
-from ..nerf.crop import crop_of
+from ..nerf.crop import Crop, crop_of
+from ..nerf.field import PaperField, PlaneField
+from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
-from ..nerf.rays import HandInView, camera_tensors
+from ..nerf.rays import HandInView, RenderedRays, camera_tensors
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
+from ..records.light import Light
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
+from .lit_hand import LitHand, render_lit_hand
 
+_DARK = Light()
 Network = TypeVar("Network", bound=nn.Module)
 
 
@@ -91,18 +96,29 @@ class Renderer:
         """
         on_stage("pose")
         topology = self._topology_of(shot)
+        known = [lit for lit in self._lit_hands if lit.shows(shot)]
+        if known:
+            return self._in_light(known[0], shot, on_stage)
         mesh = posed_mesh(topology, self._tensor(shot.vertices))
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler)
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
         rays = self._render_rays(hand, self._conditions(shot, hand), RenderHooks(on_stage, _check(should_stop)))
+        if isinstance(self._field, LitField):
+            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage)]
+            return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
         with autocast(self.torch_device, self.precision):
             image, depth = image_of(self._superres, rays.composite, rays.pixel, hand.camera.size_px)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
         return replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
+
+    @property
+    def is_relightable(self) -> bool:
+        """Whether frames depend on the shot's light."""
+        return isinstance(self.avatar.field, LitField)
 
     @cached_property
     def torch_device(self) -> torch.device:
@@ -114,9 +130,28 @@ class Renderer:
         return self.backend or choose_backend(self.torch_device)
 
     @cached_property
+    def _field(self) -> PaperField | PlaneField:
+        return self._own(self.avatar.field)
+
+    @cached_property
     def _render_rays(self) -> RayRenderer:
-        field = self._own(self.avatar.field)
-        return self._backend.ray_renderer(field, self.avatar.config.sampler, self.precision)
+        return self._backend.ray_renderer(self._field, self.avatar.config.sampler, self.precision)
+
+    @cached_property
+    def _lit_hands(self) -> list[LitHand]:
+        """The last hand that was rendered, for the next light that falls on it; empty before."""
+        return []
+
+    def _lit_hand(
+        self, shot: Shot, crop: Crop, hand: HandInView, rays: RenderedRays, field: LitField, on_stage: OnStage
+    ) -> LitHand:
+        backend, precision = self._backend, self.precision
+        return render_lit_hand(shot, crop, hand, rays, field, self._superres, backend, precision, on_stage)
+
+    def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
+        """The hand in the shot's light, or in its capture's."""
+        on_stage("light")
+        return lit.frame(self._backend, shot.light or self.avatar.light or _DARK)
 
     @cached_property
     def _superres(self) -> nn.Module:
@@ -146,7 +181,10 @@ class Renderer:
 
     def _conditions(self, shot: Shot, hand: HandInView) -> FrameConditions:
         theta = self._canonical_theta(shot.pose)
-        visibility = self._backend.visibility(hand.mesh, hand.topology)
+        if self.is_relightable:  # its shadows come with the light
+            visibility = hand.mesh.vertices.new_zeros(len(hand.mesh.vertices), 0)
+        else:
+            visibility = self._backend.visibility(hand.mesh, hand.topology)
         return FrameConditions.of(self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility)
 
     def _canonical_theta(self, pose: HandPose) -> np.ndarray:

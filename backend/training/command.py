@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .processes import Processes
     from .setup import TrainingResult, TrainingSetup
 
-PRESET_NAMES = ("default", "poseless", "paper")
+PRESET_NAMES = ("default", "relightable", "poseless", "paper")
 """The names in `nerf.avatar.PRESETS`, which needs torch."""
 _SURFACE_DEVIATION_M = 0.001  # with --refine-surface
 
@@ -30,7 +30,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("capture", type=Path, help="folder of the capture")
     add("-o", "--output", type=Path, required=True, metavar="AVATAR", help=".safetensors file to write")
-    add("--config", choices=PRESET_NAMES, default="default", help="networks to train (default: %(default)s)")
+    add(
+        "--config",
+        choices=PRESET_NAMES,
+        help="networks to train (default: relightable if the capture has lights, else default)",
+    )
     add("--hand", type=Path, help="hand model of the capture (default: the built-in hand)")
     add_options(parser.add_mutually_exclusive_group(), TrainConfig, "steps", "minutes")
     add_options(parser, TrainConfig, "batch", "seed", "licence")
@@ -114,7 +118,8 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_distance(*weights) if args.perceptual > 0 else None
     corrections = _corrections(args, capture, hand, output, device)
-    return TrainingSetup(capture, hand, PRESETS[args.config], perceptual, corrections, base)
+    config = args.config or ("relightable" if capture.is_lit else "default")
+    return TrainingSetup(capture, hand, PRESETS[config], perceptual, corrections, base)
 
 
 def _corrections(

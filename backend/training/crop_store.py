@@ -1,7 +1,7 @@
 """Decoded crops of training images, so that no training step waits for an image to be decoded twice.
 
 After the first request, threads decode all crops in order, and a crop that is requested before its turn is decoded at
-once by the caller; either way each is decoded once. A pixel takes 4 bytes: in memory up to a budget, and beyond it in a
+once by the caller; either way each is decoded once. They are kept in memory up to a budget, and beyond it in a
 memory-mapped file without a name in the folder of the images, which the system's file cache keeps in memory as far as
 there is room. If there is no room on the disk either, the rest is decoded at every request.
 """
@@ -30,10 +30,12 @@ class CropStore:
 
     Args:
         sizes_px: (width, height) of each crop.
-        decode: reads crop `i`: [height, width, 4] uint8. Called from several threads, once for each crop that is kept.
+        decode: reads crop `i`: [height, width, 4] of `dtype`. Called from several threads, once for each crop that is
+            kept.
         folder: where the file may be written.
         budget_bytes: of memory.
         disk_share: share of the free disk space that may be used.
+        dtype: of the values.
     """
 
     def __init__(
@@ -43,10 +45,11 @@ class CropStore:
         folder: Path,
         budget_bytes: int = BUDGET_BYTES,
         disk_share: float = DISK_SHARE,
+        dtype: type[np.generic] = np.uint8,
     ):
         shapes = [(height, width, 4) for width, height in sizes_px]
-        total = sum(int(np.prod(shape)) for shape in shapes)
-        self._buffer = _CropBuffer(shapes, decode, _allocated(total, folder, budget_bytes, disk_share))
+        total = sum(int(np.prod(shape)) for shape in shapes) * np.dtype(dtype).itemsize
+        self._buffer = _CropBuffer(shapes, decode, _allocated(total, folder, budget_bytes, disk_share), np.dtype(dtype))
         self._stop = threading.Event()
         self._is_started = False
         self._waited_s = 0.0
@@ -63,7 +66,7 @@ class CropStore:
         return isinstance(self._buffer.data, np.memmap)
 
     def get(self, index: int) -> np.ndarray:
-        """[height, width, 4] uint8 of crop `index`; read-only for the caller.
+        """[height, width, 4] of crop `index`; read-only for the caller.
 
         Raises:
             whatever `decode` raises.
@@ -97,9 +100,16 @@ def _decode_all(buffer: _CropBuffer, first: int, stop: threading.Event) -> None:
 class _CropBuffer:
     """The bytes of the first `kept` crops, as many as fit, and which of them are decoded."""
 
-    def __init__(self, shapes: Sequence[tuple[int, int, int]], decode: Callable[[int], np.ndarray], data: np.ndarray):
-        self._shapes, self._decode, self.data = shapes, decode, data
-        self._ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)], dtype=np.int64)
+    def __init__(
+        self,
+        shapes: Sequence[tuple[int, int, int]],
+        decode: Callable[[int], np.ndarray],
+        data: np.ndarray,
+        dtype: np.dtype,
+    ):
+        self._shapes, self._decode, self.data, self._dtype = shapes, decode, data, dtype
+        sizes = (int(np.prod(shape)) * dtype.itemsize for shape in shapes)
+        self._ends = np.cumsum([0, *sizes], dtype=np.int64)
         self.kept = int(np.searchsorted(self._ends, len(data), side="right")) - 1
         self._locks = [threading.Lock() for _ in range(self.kept)]
         self._is_ready = [False] * self.kept
@@ -122,7 +132,7 @@ class _CropBuffer:
             self._locks[index].release()
 
     def _crop(self, index: int) -> np.ndarray:
-        return self.data[self._ends[index] : self._ends[index + 1]].reshape(self._shapes[index])
+        return self.data[self._ends[index] : self._ends[index + 1]].view(self._dtype).reshape(self._shapes[index])
 
 
 def _allocated(size: int, folder: Path, budget_bytes: int, disk_share: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..records.errors import LiveHandError
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from .clock import Clock, Interval
 from .config import ReportConfig, TrainConfig
+from .lit_views import LitTrainingViews
 from .parts import TrainedParts, WeightAverage, optimiser_of
 from .preview import HeldOutPreview
 from .processes import ComputeSetup
@@ -141,7 +142,8 @@ def _training_views(setup: TrainingSetup, config: TrainConfig, compute: ComputeS
             f"give --batch {count} or a multiple of it"
         )
     capture, sampler = setup.capture, setup.avatar_config.sampler
-    views = TrainingViews(capture, capture.of_split("train"), setup.hand, sampler, compute.device, config.seed)
+    kind = LitTrainingViews if setup.avatar_config.field.light == "linear" else TrainingViews
+    views = kind(capture, capture.of_split("train"), setup.hand, sampler, compute.device, config.seed)
     if not len(views):
         raise LiveHandError(f"capture {capture.folder} must have training images that show the hand, got none")
     return views

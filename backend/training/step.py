@@ -7,16 +7,22 @@ from math import isfinite
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
-from ..nerf.backend import autocast
+from ..nerf.backend import Precision, autocast, in_precision
+from ..nerf.lighting import openness
+from ..nerf.lit_field import LitField
+from ..nerf.lit_rays import surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
+from ..nerf.relighting import lit_image, relit, relit_rays
+from ..nerf.volume import Composite
 from ..records.errors import LiveHandError
 from .clock import Clock
 from .config import TrainConfig
+from .lit_views import MixedLight, mixed
 from .losses import PerceptualDistance, crop_loss
 from .parts import Correction, Rendered, TrainedParts, set_rates
 from .processes import ComputeSetup
@@ -126,11 +132,13 @@ class Stepper:
         """The loss of one view, and its terms by name."""
         view, source = self.views.get(index, jitter), self.views.views[index]
         self.clock.waiting_s = self.views.waited_s
+        generator = torch.Generator().manual_seed(hash((self.config.seed, state.step, index)) % 2**63)
+        if view.light is not None:
+            view = mixed(view, generator)
         for correction in self.corrections:
             view = correction.before(view, source)
         rendered = self._rendered(view, source)
         perceptual = self.perceptual if state.perceptual_factor > 0 else None
-        generator = torch.Generator().manual_seed(hash((self.config.seed, state.step, index)) % 2**63)
         factor, config = state.perceptual_factor, self.config.loss
         with self._autocast():
             terms = crop_loss(*rendered, view.target, view.is_inside, config, perceptual, factor, generator)
@@ -138,8 +146,7 @@ class Stepper:
         return sum(penalties.values(), terms.total), {**terms._asdict(), **penalties}
 
     def _rendered(self, view: TrainingView, source: CaptureView) -> Rendered:
-        with self._autocast():
-            low, image = render_view(self.avatar, self.views, view)
+        low, image = render_view(self.avatar, self.views, view, self.compute.precision)
         rendered = Rendered(low.float(), image.float())
         for correction in self.corrections:
             rendered = correction.after(rendered, source)
@@ -149,14 +156,42 @@ class Stepper:
         return autocast(self.compute.device, self.compute.precision)
 
 
-def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView) -> Rendered:
+def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precision: Precision = "fp32") -> Rendered:
     """Render the crop of a training view."""
-    shell_m = avatar.config.sampler.shell_m
     hand = HandInView(view.mesh, views.topology, view.camera)
-    composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, shell_m)
-    maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
-    image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px)
-    return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
+    with autocast(views.device, precision):
+        composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, avatar.config.sampler.shell_m)
+        if not isinstance(avatar.field, LitField):
+            maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
+            image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px)
+            return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
+    return _render_lit(avatar.field, avatar.superres, composite, hand, views, view, precision)
+
+
+def _render_lit(
+    field: LitField,
+    superres: nn.Module,
+    gathered: Composite,
+    hand: HandInView,
+    views: TrainingViews,
+    view: TrainingView,
+    precision: Precision,
+) -> Rendered:
+    """Decode gathered rays and light them; colours are exposed and sRGB-encoded as the view's target."""
+    light: MixedLight = view.light
+    gathered = gathered._replace(channels=gathered.channels.float())
+    directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
+    points = surface_points(field, gathered, light.position, directions)
+    open_to = openness(light.samples.sky, light.open_sky, points.normal)
+    with autocast(views.device, precision):
+        low = field.decode(gathered, directions, open_to)
+    features = views.backend.light_features(light.samples, light.shadows, points)
+    pixel, size_px = view.rays.pixel, view.camera.size_px
+    coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
+    maps, _ = low_resolution_maps(coloured, pixel, size_px)
+    image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera)
+    colours = light.encoded(relit(image, features, pixel, size_px))
+    return Rendered(maps, torch.cat([colours, image.alpha[None]]))
 
 
 def _has_finite_gradients(parts: TrainedParts) -> bool:

@@ -7,7 +7,7 @@ are decoded once, in advance (`crop_store`).
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -40,6 +40,7 @@ class TrainingView(NamedTuple):
         rays: with samples on the surface.
         conditions: of the pose.
         mesh: of the pose.
+        light: for a relightable avatar, the light of the image: `lit_views.ViewLight`, mixed `lit_views.MixedLight`.
     """
 
     camera: CameraTensors
@@ -48,6 +49,7 @@ class TrainingView(NamedTuple):
     rays: SurfaceRays
     conditions: FrameConditions
     mesh: PosedMesh
+    light: Any = None
 
 
 class TrainingViews:
@@ -102,8 +104,11 @@ class TrainingViews:
         return Skinning.of(self.hand, self.device)
 
     def _conditions(self, theta: Float[Tensor, "16 3"], mesh: PosedMesh) -> FrameConditions:
-        visibility = self.backend.visibility(mesh, self.topology)
+        visibility = self._visibility(mesh)
         return FrameConditions.of(theta, self._skinning, self.topology, mesh, visibility)
+
+    def _visibility(self, mesh: PosedMesh) -> Tensor:
+        return self.backend.visibility(mesh, self.topology)
 
     @cached_property
     def _poses(self) -> list[tuple[PosedMesh, FrameConditions]]:

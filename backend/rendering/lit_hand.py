@@ -1,0 +1,119 @@
+"""A relightable hand in one pose and view: what is rendered once, and what is rendered anew when the light changes.
+
+Shadows of the hand upon itself, coefficients and their super-resolution are the same in every light. A lamp that moves
+costs its shadow maps and one product; the sky's shadows change only with what stands around the hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import normalize
+
+from ..geometry.shadow_maps import Bounds, PointShadows
+from ..nerf.backend import OnStage, Precision, RenderBackend, autocast, in_precision
+from ..nerf.crop import Crop
+from ..nerf.light_samples import LightSamples
+from ..nerf.lighting import LightFeatures, SurfacePoints
+from ..nerf.lit_field import LitField
+from ..nerf.lit_rays import light_shadows, open_to_sky, ray_positions, surface_points
+from ..nerf.maps import depth_profile
+from ..nerf.rays import HandInView, RenderedRays, ray_directions
+from ..nerf.relighting import LitImage, lit_image
+from ..records.depth_profile import DepthProfile
+from ..records.frame import Frame
+from ..records.light import Light
+from ..records.shot import Shot
+from .decode import linear_frame
+
+
+@dataclass(frozen=True)
+class LitHand:
+    """A hand at full size, in no light.
+
+    Attributes:
+        shot: what it shows; its light is not read.
+        crop: of the image.
+        hand: posed, in the low-resolution view.
+        pixel: of the rays.
+        points: where the rays meet the skin.
+        open_sky: shadows of the sky by the hand alone.
+        image: coefficients and normals.
+        profile: of the rays.
+    """
+
+    shot: Shot
+    crop: Crop
+    hand: HandInView
+    pixel: Tensor
+    points: SurfacePoints
+    open_sky: PointShadows
+    image: LitImage
+    profile: DepthProfile
+
+    def shows(self, shot: Shot) -> bool:
+        """Whether a shot differs by its light at most."""
+        ours, theirs = self.shot, shot
+        return (
+            ours.camera.size_px == theirs.camera.size_px
+            and ours.pose.side == theirs.pose.side
+            and np.array_equal(ours.vertices, theirs.vertices)
+            and np.array_equal(ours.pose.theta, theirs.pose.theta)
+            and np.array_equal(ours.camera.K, theirs.camera.K)
+            and np.array_equal(ours.camera.cam2world, theirs.camera.cam2world)
+        )
+
+    @cached_property
+    def bounds(self) -> Bounds:
+        """Of the mesh."""
+        return Bounds.of(self.hand.mesh)
+
+    def features(self, backend: RenderBackend, light: Light) -> LightFeatures:
+        """What a light does at the points."""
+        samples, position = LightSamples.of(light, self.bounds), self.points.position
+        occluders = torch.as_tensor(light.occluders, dtype=torch.float32, device=position.device)
+        shadows = light_shadows(backend, self.hand, samples, occluders, position)
+        return backend.light_features(samples, shadows, self.points)
+
+    def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
+        """Scene-linear colours of the crop, premultiplied by alpha."""
+        return backend.relit(self.image, self.features(backend, light), self.pixel, self.hand.camera.size_px)
+
+    def frame(self, backend: RenderBackend, light: Light) -> Frame:
+        """The hand in a light."""
+        colours = self.colours(backend, light)
+        return linear_frame(
+            colours, self.image.alpha, self.image.depth, self.crop, self.shot.camera.size_px, self.profile
+        )
+
+
+def render_lit_hand(
+    shot: Shot,
+    crop: Crop,
+    hand: HandInView,
+    rays: RenderedRays,
+    field: LitField,
+    superres: nn.Module,
+    backend: RenderBackend,
+    precision: Precision,
+    on_stage: OnStage,
+) -> LitHand:
+    """Decode and enlarge the gathered rays of a relightable field."""
+    device = rays.t.device
+    on_stage("light")
+    view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
+    position = ray_positions(hand, backend.first_hit(hand), rays.pixel, rays.t, rays.dt)
+    points = surface_points(field, rays.composite, position, view)
+    open_to, open_sky = open_to_sky(backend, hand, points, device)
+    on_stage("field")
+    with autocast(device, precision):
+        low = field.decode(rays.composite, view, open_to)
+    on_stage("superres")
+    image = lit_image(in_precision(superres, device, precision), low, points, rays.pixel, hand.camera)
+    profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
+    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)

@@ -1,0 +1,248 @@
+"""Training images of a relightable avatar: each instant in all of its light groups, mixed anew at every step.
+
+A light group, a photograph in one lamp and one in an environment are each an image in one light. Light adds up, so any
+mixture of the images of one instant shows the hand in the same mixture of their lights: exact, free variety.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..captures.capture import Capture, CaptureView
+from ..geometry.mesh import PosedMesh
+from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
+from ..hand.model import HandModel
+from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
+from ..nerf.lighting import LightShadows
+from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, ray_positions
+from ..nerf.rays import HandInView
+from ..nerf.sampler import SamplerConfig
+from ..records.errors import LiveHandError
+from ..records.light import Light
+from ..rendering.srgb import linear_to_srgb
+from .crop_store import CropStore
+from .views import TrainingView, TrainingViews
+
+_EXPOSED_TO, _EXPOSED_SHARE = 0.9, 0.99
+"""Images are exposed so that this share of the hand's values is below this linear value."""
+_GAIN_SPREAD, _COLOUR_SPREAD = 0.7, 0.25
+"""Standard deviations of a group's random gain, and of its colours against it, as natural logarithms."""
+_LEFT_OUT = 0.2
+"""Probability with which a group is left out, if another remains."""
+
+
+class ViewLight(NamedTuple):
+    """The light of one instant, in G groups.
+
+    Attributes:
+        sky: the directions, and the flux of all groups together.
+        sky_flux: [G, K, 3] of each group.
+        lamps: of all groups.
+        group_of_lamp: [L].
+        shadows: of sky and lamps at the rays' points.
+        open_sky: shadows of the sky by the hand alone.
+        position: [R, 3] of the rays' points, m.
+        targets: [G, 3, 2h, 2w] linear premultiplied colours.
+        alpha: [2h, 2w].
+    """
+
+    sky: SkySamples
+    sky_flux: Tensor
+    lamps: LampSamples
+    group_of_lamp: Tensor
+    shadows: LightShadows
+    open_sky: PointShadows
+    position: Tensor
+    targets: Tensor
+    alpha: Tensor
+
+
+class MixedLight(NamedTuple):
+    """One mixture of the light groups.
+
+    Attributes:
+        samples: its light.
+        shadows: at the rays' points.
+        open_sky: shadows of the sky by the hand alone.
+        position: [R, 3] of the rays' points, m.
+        exposure: [] factor of linear colours before they are encoded.
+    """
+
+    samples: LightSamples
+    shadows: LightShadows
+    open_sky: PointShadows
+    position: Tensor
+    exposure: Tensor
+
+    def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        """Exposed and sRGB-encoded; values over 1 continue the curve."""
+        return linear_to_srgb((linear * self.exposure).clamp(min=0))
+
+
+class LitTrainingViews(TrainingViews):
+    """The instants of a capture with lights; `views` holds the first image of each.
+
+    Raises:
+        LiveHandError: an image's light is not known, or the capture is of another hand.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        views: tuple[CaptureView, ...],
+        hand: HandModel,
+        sampler: SamplerConfig,
+        device: torch.device,
+        seed: int,
+    ):
+        unknown = [view.file for view in views if view.light is None]
+        if unknown:
+            raise LiveHandError(
+                f"a relightable avatar needs the light of every image, {len(unknown)} have none, such as {unknown[0]}; "
+                "capture with --lights varied, or train with --config default"
+            )
+        instants = _instants(views)
+        super().__init__(capture, tuple(group[0] for group in instants), hand, sampler, device, seed)
+        by_file = {group[0].file: group for group in instants}
+        self._groups = [by_file[view.file] for view in self.views]
+        self._kept_light: dict[int, tuple] = {}
+
+    def get(self, index: int, jitter: int) -> TrainingView:
+        """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
+        view = super().get(index, jitter)
+        return view._replace(light=self._light(index, view))
+
+    def _visibility(self, mesh: PosedMesh) -> Tensor:
+        """None: shadows come with the light."""
+        return mesh.vertices.new_zeros(len(mesh.vertices), 0)
+
+    def _target(self, index: int) -> Float[Tensor, "4 H W"]:
+        """Alpha alone: colours depend on how the light is mixed."""
+        return self._linear(index)[0]
+
+    def _linear(self, index: int) -> Float[Tensor, "G 4 H W"]:
+        first = self._first_entry[index]
+        crops = [self._pixels.get(first + group) for group in range(len(self._groups[index]))]
+        return torch.as_tensor(np.stack(crops)).to(self.device).float().permute(0, 3, 1, 2)
+
+    @cached_property
+    def _first_entry(self) -> list[int]:
+        return np.cumsum([0, *(len(group) for group in self._groups)]).tolist()
+
+    @cached_property
+    def _pixels(self) -> CropStore:
+        entries = [(view, crop) for group, crop in zip(self._groups, self._crops, strict=True) for view in group]
+        capture = self.capture  # the store's threads must not reference self
+
+        def decode(index: int) -> np.ndarray:
+            view, crop = entries[index]
+            return crop.cut(capture.read_linear(view)).astype(np.float16)
+
+        sizes_px = [(2 * crop.width, 2 * crop.height) for _, crop in entries]
+        return CropStore(sizes_px, decode, capture.folder, dtype=np.float16)
+
+    def _light(self, index: int, view: TrainingView) -> ViewLight:
+        lights = [self.capture.lights[entry.light].light for entry in self._groups[index] if entry.light is not None]
+        bounds = Bounds.of(view.mesh)
+        lamps = LampSamples.of(tuple(lamp for light in lights for lamp in light.lamps), bounds)
+        group_of_lamp = [group for group, light in enumerate(lights) for _ in light.lamps]
+        skies = [SkySamples.of(light.sky, self.device) for light in lights]
+        sky_flux = torch.stack([sky.flux for sky in skies])
+        hand = HandInView(view.mesh, self.topology, view.camera)
+        position = ray_positions(hand, self.backend.first_hit(hand), view.rays.pixel, view.rays.t, view.rays.dt)
+        sky = SkySamples(skies[0].towards, sky_flux.sum(0))
+        shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
+        linear = self._linear(index)
+        return ViewLight(
+            sky=sky,
+            sky_flux=sky_flux,
+            lamps=lamps,
+            group_of_lamp=torch.tensor(group_of_lamp, dtype=torch.long, device=self.device),
+            shadows=shadows,
+            open_sky=open_sky,
+            position=position,
+            targets=linear[:, :3],
+            alpha=linear[0, 3],
+        )
+
+    def _shadows(
+        self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
+    ) -> tuple[LightShadows, PointShadows]:
+        """The shadows of an instant, computed once and kept in a byte each."""
+        if index not in self._kept_light:
+            occluders = torch.as_tensor(lights[0].occluders, dtype=torch.float32, device=self.device)
+            shadows = light_shadows(self.backend, hand, samples, occluders, position)
+            open_sky = shadows.sky
+            if len(occluders):
+                none = NO_OCCLUDERS.to(self.device)
+                open_sky = light_shadows(self.backend, hand, samples, none, position).sky
+            kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
+            self._kept_light[index] = (*kept, shadows.mean_of_sky, shadows.mean_of_lamps)
+        sky, lamps, open_sky, of_sky, of_lamps = self._kept_light[index]
+        return LightShadows(_unpacked(sky), _unpacked(lamps), of_sky, of_lamps), _unpacked(open_sky)
+
+    def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
+        """As in `TrainingViews`; the shadows are computed again, too."""
+        super().move_pose(pose_index, theta, vertices)
+        self._kept_light = {
+            index: kept for index, kept in self._kept_light.items() if self.views[index].pose_index != pose_index
+        }
+
+
+def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
+    """The view in one mixture of its light groups, drawn from the generator; its target becomes that mixture."""
+    light = view.light
+    weights = group_weights(len(light.targets), generator).to(light.targets.device)
+    lamps = light.lamps._replace(rgb=light.lamps.rgb * weights[light.group_of_lamp])
+    sky = light.sky._replace(flux=(light.sky_flux * weights[:, None]).sum(0))
+    linear = torch.einsum("gchw,gc->chw", light.targets, weights)
+    mixture = MixedLight(
+        LightSamples(sky, lamps), light.shadows, light.open_sky, light.position, exposure_of(linear, light.alpha)
+    )
+    target = torch.cat([mixture.encoded(linear), light.alpha[None]])
+    return view._replace(light=mixture, target=target)
+
+
+def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"]:
+    """Random weights of light groups; one at least is not zero."""
+    gain = torch.exp(_GAIN_SPREAD * torch.randn(count, 1, generator=generator))
+    colour = torch.exp(_COLOUR_SPREAD * torch.randn(count, 3, generator=generator))
+    stays = torch.rand(count, generator=generator) >= _LEFT_OUT
+    stays[torch.randint(count, (), generator=generator)] = True
+    return gain * colour * stays[:, None]
+
+
+def exposure_of(linear: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, ""]:
+    """The factor that brings the brightest values of the hand but 1 % to 0.9."""
+    values = linear[:, alpha > 0.5].flatten()
+    if not len(values):
+        return linear.new_ones(())
+    brightest = values.kthvalue(max(1, round(_EXPOSED_SHARE * len(values)))).values
+    return _EXPOSED_TO / brightest.clamp(min=1e-6)
+
+
+def _instants(views: Iterable[CaptureView]) -> list[tuple[CaptureView, ...]]:
+    """The views by pose and camera."""
+
+    def instant(view: CaptureView) -> tuple[int, int]:
+        return view.pose_index, view.camera_index
+
+    return [tuple(group) for _, group in groupby(sorted(views, key=instant), instant)]
+
+
+def _packed(shadows: PointShadows) -> tuple[Tensor, Tensor]:
+    """A byte for each share and depth."""
+    return (shadows.lit * 255).round().byte(), (shadows.depth_in_m * (255 / MAX_DEPTH_IN_M)).round().byte()
+
+
+def _unpacked(packed: tuple[Tensor, Tensor]) -> PointShadows:
+    lit, depth_in = packed
+    return PointShadows(lit.float() / 255, depth_in.float() * (MAX_DEPTH_IN_M / 255))
