@@ -1,7 +1,8 @@
 """The file of an avatar (`.safetensors`, never a pickle).
 
 Its metadata has one entry, `livehand`, in JSON: format version, hand model, configuration, provenance, metrics, and a
-checksum over everything else, by which an altered file is refused.
+checksum over everything else, by which an altered file is refused. A relightable avatar is of format version 2 and
+may also hold the sky of its capture.
 """
 
 from __future__ import annotations
@@ -22,10 +23,13 @@ from ..nerf.field import FieldConfig
 from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
+from ..records.light import Sky
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 
-FORMAT_VERSION = 1
+BAKED_VERSION, LIT_VERSION = 1, 2
+"""Of avatars in the light of their capture, and of relightable ones."""
+_SKY_KEY = "sky"
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
@@ -37,15 +41,18 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     }
     if avatar.thumbnail is not None:
         tensors[THUMBNAIL_KEY] = torch.from_numpy(avatar.thumbnail)
-    header = {
-        "format_version": FORMAT_VERSION,
+    is_lit = avatar.config.field.light == "linear"
+    header: dict[str, Any] = {
+        "format_version": LIT_VERSION if is_lit else BAKED_VERSION,
         "name": avatar.name,
         "hand_name": avatar.hand_name,
         "hand_sha256": avatar.hand_sha256,
-        "config": asdict(avatar.config),
+        "config": _config_document(avatar.config),
         "provenance": avatar.provenance,
         "metrics": avatar.metrics,
     }
+    if avatar.sky is not None:
+        tensors[_SKY_KEY] = torch.as_tensor(avatar.sky.radiance, dtype=torch.float16)
     header["checksum"] = _checksum(header, tensors)
     partial = path.with_suffix(".partial")
     partial.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
@@ -71,6 +78,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         provenance=header["provenance"],
         metrics=header["metrics"],
         thumbnail=tensors.pop(THUMBNAIL_KEY).numpy() if THUMBNAIL_KEY in tensors else None,
+        sky=Sky(tensors.pop(_SKY_KEY).float().numpy()) if _SKY_KEY in tensors else None,
     )
     try:
         for prefix, network in _networks(avatar).items():
@@ -100,9 +108,10 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     if HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
     header = _parsed(metadata[HEADER_KEY])
-    if header and header.get("format_version") != FORMAT_VERSION:
+    if header and header.get("format_version") not in (BAKED_VERSION, LIT_VERSION):
         raise LiveHandError(
-            f"{path} must be of avatar format {FORMAT_VERSION}, got {header.get('format_version')}; update LiveHand"
+            f"{path} must be of avatar format {BAKED_VERSION} or {LIT_VERSION}, got {header.get('format_version')}; "
+            "update LiveHand"
         )
     if header.pop("checksum", None) != _checksum(header, tensors):
         raise LiveHandError(
@@ -131,6 +140,14 @@ def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
 def _networks(avatar: Avatar) -> dict[str, nn.Module]:
     """The networks by the prefix of their tensors."""
     return {"field.": avatar.field, "superres.": avatar.superres}
+
+
+def _config_document(config: AvatarConfig) -> dict[str, Any]:
+    """The configuration as earlier versions wrote it, unless it has something that they do not know."""
+    document = asdict(config)
+    if config.field.light == "baked":
+        del document["field"]["light"]
+    return document
 
 
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:

@@ -21,8 +21,8 @@ MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
 FAR = 1000.0
 """Distance of parallel light, in radii of the mesh: its rays are then parallel to 0.1 degrees."""
-# Rounding, not a bias against self-shadowing; radii of the mesh.
-_TOLERANCE = 1e-4
+# Where light grazes, smooth normals face it on faces that do not; the middle of the mesh is far enough to allow for it.
+_GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
 _CONTACT_M = 0.001
 # A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh.
@@ -134,7 +134,7 @@ def point_shadows(
         faces=topology.faces,
         others=_project(occluders.reshape(-1, 3), bounds, views, map_px),
         map_px=map_px,
-        tolerance=_TOLERANCE,
+        tolerance=_GRAZING_M * in_template,
         contact=_CONTACT_M * in_template,
         max_depth_in=MAX_DEPTH_IN_M * in_template,
     )

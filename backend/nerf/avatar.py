@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from ..records.light import Light
+from ..records.light import Sky
 from .field import BakedField, FieldConfig, PaperField, PlaneField
 from .lit_field import LitField
 from .sampler import SamplerConfig
@@ -53,7 +53,7 @@ class Avatar:
         provenance: what it was trained on and how, and its licence.
         metrics: measured on held-out views.
         thumbnail: [P, P, 4] uint8 (`avatars.thumbnail`); None in files of earlier versions.
-        light: of its capture, in which a relightable avatar is rendered where no other is given.
+        sky: the light of its capture, in which a relightable avatar is rendered where none is given.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Avatar:
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     thumbnail: np.ndarray | None = None
-    light: Light | None = None
+    sky: Sky | None = None
 
 
 def build_field(config: FieldConfig) -> PaperField | PlaneField:

@@ -107,7 +107,8 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
     of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
-    vectors = towards * (strength * lit)[..., None]
+    faces = (towards * points.relief_normal).sum(-1) > 0  # what is below the horizon must not weigh against the rest
+    vectors = towards * (strength * lit * faces)[..., None]
     count = len(lamps.rgb)
     summed = [
         values.new_zeros(count, *values.shape[1:]).index_add(0, lamps.lamp, values) for values in (vectors, of_lamps)

@@ -30,7 +30,7 @@ from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
-from ..records.light import Light
+from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from .backends import choose_backend
@@ -38,7 +38,7 @@ from .decode import decode_frame
 from .device import torch_device
 from .lit_hand import LitHand, render_lit_hand
 
-_DARK = Light()
+_EVEN_SKY = Sky(np.ones((1, 1, 3)))
 Network = TypeVar("Network", bound=nn.Module)
 
 
@@ -151,7 +151,7 @@ class Renderer:
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""
         on_stage("light")
-        return lit.frame(self._backend, shot.light or self.avatar.light or _DARK)
+        return lit.frame(self._backend, shot.light or Light(sky=self.avatar.sky or _EVEN_SKY))
 
     @cached_property
     def _superres(self) -> nn.Module:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from torch import nn
 
 from ..avatars.file import load_avatar
 from ..captures.capture import Capture
@@ -14,6 +17,7 @@ from ..hand.model import HandModel
 from ..nerf.avatar import Avatar, AvatarConfig, new_avatar
 from ..nerf.backend import Precision
 from ..records.errors import LiveHandError
+from ..records.light import Sky
 from .checkpoint import Progress
 from .config import TrainConfig
 from .losses import PerceptualDistance
@@ -86,7 +90,7 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
         LiveHandError: the avatar to fine-tune has another hand or configuration.
     """
     hand, config = setup.hand, setup.avatar_config
-    avatar = new_avatar(name, hand.name, hand.sha256, config, seed)
+    avatar = replace(new_avatar(name, hand.name, hand.sha256, config, seed), sky=sky_of(setup.capture))
     if setup.base is None:
         return avatar
     base = setup.base.avatar
@@ -95,14 +99,36 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
             f"the avatar to start from must be of hand '{hand.name}', got '{base.name}' of hand '{base.hand_name}'; "
             "give that hand with --hand, or start from another avatar"
         )
-    if base.config != config:
+    if base.config != config and _relightable(base.config) != config:
         raise LiveHandError(
             f"the avatar to start from must be of the configuration to train, got '{base.name}' of another; choose its "
             "own with --config, or start from another avatar"
         )
-    avatar.field.load_state_dict(base.field.state_dict())
-    avatar.superres.load_state_dict(base.superres.state_dict())
+    for ours, theirs in ((avatar.field, base.field), (avatar.superres, base.superres)):
+        _load_what_fits(ours, theirs)
     return avatar
+
+
+def _relightable(config: AvatarConfig) -> AvatarConfig:
+    """The configuration whose geometry and planes a relightable avatar can start from."""
+    field, superres = replace(config.field, light="linear"), replace(config.superres, kind="lit")
+    return replace(config, field=field, superres=superres)
+
+
+def _load_what_fits(ours: nn.Module, theirs: nn.Module) -> None:
+    """Copy all weights, or, into a relightable network, those that it shares with a baked one."""
+    own, weights = ours.state_dict(), theirs.state_dict()
+    ours.load_state_dict({**own, **{k: v for k, v in weights.items() if k in own and own[k].shape == v.shape}})
+
+
+def sky_of(capture: Capture) -> Sky | None:
+    """The sky in which the capture was made: that of its dome, or else the mean of its skies; None: it has none."""
+    skies = [(light.kind, light.light.sky) for light in capture.lights if light.light.sky is not None]
+    shapes = {sky.radiance.shape for _, sky in skies}
+    domes = [sky for kind, sky in skies if kind == "dome"]
+    if domes or len(shapes) != 1:
+        return next(iter(domes), None)
+    return Sky(np.mean([sky.radiance for _, sky in skies], 0))
 
 
 def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
@@ -113,6 +139,8 @@ def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision
     corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in setup.corrections}
     base = setup.base.sha256 if setup.base else None
     avatar_config, capture = asdict(setup.avatar_config), setup.capture.provenance
+    if setup.avatar_config.field.light == "baked":
+        del avatar_config["field"]["light"]  # checkpoints of the first versions do not know it
     return json.dumps([settings, avatar_config, capture, view_count, precision, corrections, base])
 
 

@@ -59,6 +59,9 @@ def _add_lamps(points, lamps, lobes, point, both, out):
         for depth in range(2):
             for c in range(3):
                 out.scattered[point, depth, c] += both[depth] * strength * lamps.rgb[lamp, c]
+        relief = points.relief_normal
+        if x * relief[point, 0] + y * relief[point, 1] + z * relief[point, 2] <= _0:
+            continue
         arriving = strength * (shadow * lamps.lit[k, point] + _1 - shadow)
         out.lamp_vectors[point, lamp, 0] += x * arriving
         out.lamp_vectors[point, lamp, 1] += y * arriving
