@@ -165,11 +165,11 @@ def _sky_gloss(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints
 
 
 def glossy(
-    normal: Float[Tensor, "*n 3"],
-    towards: Float[Tensor, "*n 3"],
-    view: Float[Tensor, "*n 3"],
-    light_radius_rad: Float[Tensor, "*n"],
-) -> Float[Tensor, "*n 2"]:
+    normal: Float[Tensor, "*#n 3"],
+    towards: Float[Tensor, "*#n 3"],
+    view: Float[Tensor, "*#n 3"],
+    light_radius_rad: Float[Tensor, "*#n"],
+) -> Float[Tensor, "... 2"]:
     """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
 
     Args:

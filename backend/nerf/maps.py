@@ -34,8 +34,8 @@ def image_of(
 
 
 def enlarge_maps(
-    superres: Callable[[Tensor], Tensor], maps: Float[Tensor, "33 h w"], pixels_per_band: int = 1 << 17
-) -> Float[Tensor, "4 H W"]:
+    superres: Callable[[Tensor], Tensor], maps: Float[Tensor, "C h w"], pixels_per_band: int = 1 << 17
+) -> Float[Tensor, "D H W"]:
     """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
     height, width = maps.shape[1:]
     rows = max(1, pixels_per_band // width)
@@ -50,7 +50,7 @@ def enlarge_maps(
 
 def low_resolution_maps(
     low: Composite, pixel: Tensor, size_px: tuple[int, int]
-) -> tuple[Float[Tensor, "33 h w"], Float[Tensor, "h w"]]:
+) -> tuple[Float[Tensor, "C h w"], Float[Tensor, "h w"]]:
     """Rays scattered into maps [colour 3, features 29, alpha 1], zero where there is no ray; and depth."""
     width, height = size_px
     values = torch.cat([low.channels, low.alpha[:, None].to(low.channels.dtype)], -1)

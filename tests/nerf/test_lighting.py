@@ -1,0 +1,192 @@
+"""Features of light: linear, unchanged by a rotation of everything, alike in both backends, and physical."""
+
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
+from livehand.backend.nerf.light_samples import LightSamples
+from livehand.backend.nerf.lighting import (
+    COEFFICIENTS,
+    DIFFUSE,
+    GLOSS,
+    LightFeatures,
+    LightShadows,
+    SurfacePoints,
+    glossy,
+    light_features,
+    lit_colour,
+    openness,
+)
+from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.records.light import Lamp, Light, Sky
+from torch.nn.functional import normalize
+
+POINTS = 50
+BOUNDS = Bounds(torch.zeros(3), torch.tensor(0.1))
+GENERATOR = torch.Generator().manual_seed(3)
+
+
+def rand(*shape):
+    return torch.rand(*shape, generator=GENERATOR)
+
+
+def some_light():
+    rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    lamps = (
+        Lamp("area", np.array([3.0, 2, 1]), np.array([0.3, -0.4, 0.5]), rotation, size_m=(0.2, 0.3)),
+        Lamp("spot", np.array([1.0, 2, 9]), np.array([-0.3, 0.4, 0.2]), rotation, radius_m=0.02, cone_rad=3.0),
+        Lamp("sun", np.array([0.5, 0.7, 0.2]), rotation=rotation, casts_shadow=False),
+    )
+    return Light(lamps, Sky(np.random.default_rng(2).uniform(0, 1, (16, 32, 3))))
+
+
+def some_points():
+    normal = normalize(rand(POINTS, 3) - 0.5, dim=-1)
+    relief = normalize(normal + 0.3 * (rand(POINTS, 3) - 0.5), dim=-1)
+    view = normalize(rand(POINTS, 3) - 0.5 - 0.8 * normal, dim=-1)
+    return SurfacePoints(0.1 * (rand(POINTS, 3) - 0.5), normal, relief, view)
+
+
+def some_shadows(light):
+    def of(count):
+        return PointShadows(rand(count, POINTS), 0.02 * rand(count, POINTS))
+
+    sky, lamps = of(len(light.sky.towards)), of(len(light.lamps.lamp))
+    return LightShadows(sky, lamps, rand(len(light.sky.towards)), rand(len(light.lamps.rgb)))
+
+
+def some_coefficients():
+    return rand(POINTS, COEFFICIENTS)
+
+
+@pytest.fixture
+def lit():
+    light = LightSamples.of(some_light(), BOUNDS)
+    return light, some_shadows(light), some_points()
+
+
+def scaled(light, sky, *lamps):
+    return LightSamples(
+        light.sky._replace(flux=sky * light.sky.flux),
+        light.lamps._replace(rgb=torch.tensor(lamps)[:, None] * light.lamps.rgb),
+    )
+
+
+def test_both_backends_agree(lit):
+    ours, theirs = (backend.light_features(*lit) for backend in (NumbaBackend(), ReferenceBackend()))
+    for name in LightFeatures._fields:
+        torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), atol=1e-5, rtol=1e-4)
+
+
+def test_light_adds_up(lit, backend):
+    """The colour in all light is the sum of those in its parts, to single precision."""
+    light, shadows, points = lit
+    coefficients = some_coefficients()
+
+    def colour(*factors):
+        features = backend.light_features(scaled(light, *factors), shadows, points)
+        return lit_colour(coefficients, points.relief_normal, points.view, features)
+
+    whole = colour(1.0, 1.0, 1.0, 1.0)
+    parts = [colour(*row) for row in torch.eye(4).tolist()]
+    assert float((sum(parts) - whole).abs().max() / whole.mean()) < 1e-5
+    torch.testing.assert_close(colour(1e4, 1e4, 1e4, 1e4), 1e4 * whole, rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(colour(1e-4, 1e-4, 1e-4, 1e-4), 1e-4 * whole, rtol=1e-4, atol=1e-10)
+    assert (whole >= 0).all()
+
+
+def test_a_white_diffuse_surface_reflects_irradiance_over_pi():
+    light = LightSamples.of(Light((Lamp("sun", np.array([pi, 2 * pi, 0])),)), BOUNDS)
+    lit_fully = PointShadows(torch.ones(1, 3), torch.zeros(1, 3))
+    sky = PointShadows(torch.ones(64, 3), torch.zeros(64, 3))
+    normal = torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8], [0, 0, -1]])
+    points = SurfacePoints(torch.zeros(3, 3), normal, normal, -normal)
+    shadows = LightShadows(sky, lit_fully, torch.zeros(64), torch.zeros(1))
+    coefficients = torch.zeros(3, COEFFICIENTS)
+    coefficients[:, DIFFUSE] = 1
+    found = lit_colour(coefficients, normal, -normal, light_features(light, shadows, points))
+    torch.testing.assert_close(found, torch.tensor([[1.0, 2, 0], [0.8, 1.6, 0], [0, 0, 0]]), atol=1e-5, rtol=1e-5)
+
+
+def test_shadow_takes_the_lamps_light_away_unless_it_casts_none(lit):
+    light, shadows, points = lit
+    dark = shadows._replace(lamps=PointShadows(torch.zeros_like(shadows.lamps.lit), shadows.lamps.depth_in_m))
+    vectors = light_features(light, dark, points).lamp_vectors
+    assert vectors[:, :2].abs().max() == 0
+    assert vectors[:, 2].abs().max() > 0
+
+
+def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
+    light = LightSamples.of(Light((Lamp("sun", np.ones(3)),)), BOUNDS)
+    depth = torch.tensor([[0.0, 0.002, 0.01, 0.0, 0.0]])
+    normal = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, -1]])
+    points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal)
+    sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
+    shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), torch.zeros(64), torch.zeros(1))
+    short, long = light_features(light, shadows, points).scattered[..., 0].T * pi
+    assert short[0] == pytest.approx(1)
+    assert long[0] == pytest.approx(1)
+    assert short[1] == pytest.approx(np.exp(-0.002 / 0.0012), rel=1e-4)
+    assert long[1] == pytest.approx(np.exp(-0.5), rel=1e-4)
+    assert long[2] > 10 * short[2]
+    assert 0 < short[3] < long[3] < 0.5
+    assert short[4] == 0
+    assert long[4] == 0
+
+
+def test_what_a_lobe_reflects_is_less_than_what_arrives():
+    """White furnace: light from everywhere is reflected by each lobe in no more than Fresnel's share."""
+    side = 400
+    z = (torch.arange(side) + 0.5) / side
+    angle = 2 * pi * torch.arange(side) / side
+    radius = (1 - z * z).sqrt()
+    towards = torch.stack(
+        [radius[:, None] * angle.cos(), radius[:, None] * angle.sin(), z[:, None].expand(-1, side)], -1
+    ).reshape(-1, 3)
+    normal = torch.tensor([0.0, 0, 1]).expand_as(towards)
+    for degrees in (0, 40, 70):
+        view = -torch.tensor([np.sin(np.deg2rad(degrees)), 0, np.cos(np.deg2rad(degrees))]).float()
+        lobes = glossy(normal, towards, view.expand_as(towards), torch.zeros(len(towards)))
+        # `glossy` is pi times the reflectance function times the cosine; the hemisphere's solid angle is 2 pi.
+        albedo = lobes.mean(0) * 2
+        assert (albedo > 0.015).all()
+        assert (albedo < 0.35).all()
+        if degrees == 0:
+            assert albedo[0] == pytest.approx(0.028, rel=0.1)
+
+
+def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():
+    normal = torch.tensor([0.0, 0, 1])
+    view = -normalize(torch.tensor([0.5, 0, 1.0]), dim=0)
+    angles = torch.linspace(-1.2, 1.2, 241)
+    towards = torch.stack([-angles.sin(), torch.zeros(241), angles.cos()], -1)
+    lobes = glossy(normal.expand(241, 3), towards, view.expand(241, 3), torch.zeros(241))
+    assert float(angles[lobes[:, 0].argmax()]) == pytest.approx(np.arctan(0.5), abs=0.05)
+    assert lobes[:, 0].max() > lobes[:, 1].max()
+    wide = glossy(normal.expand(241, 3), towards, view.expand(241, 3), torch.full((241,), 0.5))
+    assert wide[:, 0].max() < lobes[:, 0].max()
+
+
+def test_gloss_takes_the_colour_of_the_light(lit):
+    light, shadows, points = lit
+    coefficients = torch.zeros(POINTS, COEFFICIENTS)
+    coefficients[:, GLOSS] = 1
+    blue = scaled(light, 0.0, 0.0, 1.0, 0.0)
+    colour = lit_colour(coefficients, points.relief_normal, points.view, light_features(blue, shadows, points))
+    bright = colour[colour[:, 2] > 1e-4]
+    torch.testing.assert_close(bright / bright[:, 2:], torch.tensor([1 / 9, 2 / 9, 1]).expand_as(bright))
+
+
+def test_openness_is_one_in_the_open_and_points_along_the_normal():
+    light = LightSamples.of(Light(), BOUNDS)
+    normal = normalize(rand(POINTS, 3) - 0.5, dim=-1)
+    clear = PointShadows(torch.ones(64, POINTS), torch.zeros(64, POINTS))
+    found = openness(light.sky, clear, normal)
+    torch.testing.assert_close(found.share, torch.ones(POINTS), atol=0.05, rtol=0)
+    assert ((found.towards * normal).sum(-1) > 0.98).all()
+    half = PointShadows((light.sky.towards[:, :1] > 0).float().expand(-1, POINTS), clear.depth_in_m)
+    up = torch.tensor([[0.0, 0, 1]]).expand(POINTS, 3)
+    assert openness(light.sky, half, up).share[0] == pytest.approx(0.5, abs=0.05)

@@ -1,0 +1,129 @@
+"""From rays to a picture in any light: a flat patch keeps its values, and the product is what the rays' light makes."""
+
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.nerf.field import FEATURE_CHANNELS
+from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LightFeatures, SurfacePoints
+from livehand.backend.nerf.rays import camera_tensors, ray_directions
+from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.relighting import lit_image, relit_rays
+from livehand.backend.nerf.superres import SuperResConfig, build_superres
+from livehand.backend.nerf.volume import Composite
+from livehand.backend.records.camera import Camera
+from torch.nn.functional import normalize
+
+SIZE = (9, 7)
+TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+CAM2WORLD = np.eye(4)
+CAM2WORLD[:3, :3] = TURN * np.sign(np.linalg.det(TURN))
+
+
+def some_rays(pixel, seed=0):
+    """Rays of the same coefficients, that face the camera."""
+    generator = torch.Generator().manual_seed(seed)
+    camera = camera_tensors(Camera(np.array([[20.0, 0, 4], [0, 20, 3], [0, 0, 1]]), CAM2WORLD, SIZE), "cpu")
+    view = normalize(ray_directions(camera, pixel), dim=-1)
+    coefficients = torch.rand(COEFFICIENTS, generator=generator).expand(len(pixel), -1)
+    channels = torch.cat([coefficients, torch.zeros(len(pixel), FEATURE_CHANNELS)], 1)
+    low = Composite(channels, torch.ones(len(pixel)), torch.full((len(pixel),), 0.5), torch.ones(len(pixel), 1))
+    normal = -torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32).expand(len(pixel), 3)
+    return camera, low, SurfacePoints(0.5 * view, normal, normal, view)
+
+
+def some_features(count, seed=1):
+    generator = torch.Generator().manual_seed(seed)
+
+    def rand(*shape):
+        return torch.rand(*shape, generator=generator)
+
+    vectors = -0.3 * torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32) + 0.1 * rand(1, 2, 3)
+    values = (vectors, rand(1, 3, 3), rand(1, 2, 3), rand(1, 2, 3))
+    vectors, sky, gloss, scattered = (value.expand(count, *value.shape[1:]) for value in values)
+    return LightFeatures(vectors, rand(2, 3), rand(2) * 0.2, sky, gloss, scattered, rand(3))
+
+
+def untrained(seed=0):
+    """Super-resolution that enlarges bilinearly."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return build_superres(SuperResConfig(kind="lit", width=8, depth=2))
+
+
+ALL = torch.arange(SIZE[0] * SIZE[1])
+
+
+def test_an_even_patch_has_the_colour_of_its_rays(backend):
+    camera, low, points = some_rays(ALL)
+    features = some_features(len(ALL))
+    image = lit_image(untrained(), low, points, ALL, camera)
+    large = backend.relit(image, features, ALL, SIZE)
+    small = relit_rays(low, points, features)
+    assert large.shape == (3, 2 * SIZE[1], 2 * SIZE[0])
+    # Only the view differs from pixel to pixel: the gloss alone varies, and little.
+    torch.testing.assert_close(large.mean((1, 2)), small.mean(0), rtol=0.01, atol=1e-4)
+    torch.testing.assert_close(image.alpha, torch.ones_like(image.alpha))
+
+
+def test_normals_and_views_of_the_image_are_the_worlds():
+    camera, low, points = some_rays(ALL)
+    image = lit_image(untrained(), low, points, ALL, camera)
+    torch.testing.assert_close(image.normal, points.normal[:1].expand_as(image.normal), atol=1e-5, rtol=0)
+    assert len(image.pixel) == 4 * len(ALL)
+    # A pixel's view lies between those of the rays around it; four of them share a ray's.
+    view = torch.zeros(4 * len(ALL), 3).index_put((image.pixel,), image.view).reshape(2 * SIZE[1], 2 * SIZE[0], 3)
+    mean = view.reshape(SIZE[1], 2, SIZE[0], 2, 3).mean((1, 3)).reshape(-1, 3)
+    torch.testing.assert_close(normalize(mean, dim=-1), points.view, atol=1e-3, rtol=0)
+
+
+def test_light_does_not_bleed_from_where_there_is_no_ray(backend):
+    """At the border of the rays their own light is continued, not darkened."""
+    pixel = torch.tensor([12, 13, 21, 22])
+    camera, low, points = some_rays(pixel)
+    features = some_features(4)
+    image = lit_image(untrained(), low, points, pixel, camera)
+    coefficients = torch.zeros_like(image.coefficients)
+    coefficients[:, DIFFUSE] = 1
+    even = image._replace(coefficients=coefficients)
+    lit = backend.relit(even, features, pixel, SIZE).flatten(1)[:, image.pixel]
+    torch.testing.assert_close(lit, lit[:, :1].expand_as(lit), rtol=1e-4, atol=1e-6)
+    outside = torch.ones(4 * SIZE[0] * SIZE[1], dtype=torch.bool)
+    outside[image.pixel] = False
+    assert backend.relit(even, features, pixel, SIZE).flatten(1)[:, outside].abs().max() == 0
+
+
+@pytest.mark.parametrize("lamps", [0, 1, 4])
+def test_both_backends_agree_on_any_rays(lamps):
+    generator = torch.Generator().manual_seed(lamps)
+    pixel = torch.randperm(len(ALL), generator=generator)[:30].sort().values
+    camera, low, points = some_rays(pixel)
+    low = low._replace(channels=torch.rand(low.channels.shape, generator=generator))
+    relief = normalize(points.normal + 0.4 * torch.randn(30, 3, generator=generator), dim=-1)
+    image = lit_image(untrained(), low, points._replace(relief_normal=relief), pixel, camera)
+    features = LightFeatures(
+        torch.randn(30, lamps, 3, generator=generator) / pi,
+        torch.rand(lamps, 3, generator=generator),
+        torch.rand(lamps, generator=generator),
+        *(torch.randn(30, size, 3, generator=generator) for size in (3, 2, 2)),
+        torch.rand(3, generator=generator),
+    )
+    ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
+    torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
+    assert ours.abs().max() > 0.1
+
+
+def test_gradients_reach_coefficients_and_normals():
+    camera, low, points = some_rays(ALL)
+    network = untrained()
+    relief = points.relief_normal.clone().requires_grad_()
+    channels = low.channels.clone().requires_grad_()
+    image = lit_image(network, low._replace(channels=channels), points._replace(relief_normal=relief), ALL, camera)
+    ReferenceBackend().relit(image, some_features(len(ALL)), ALL, SIZE).square().mean().backward()
+    assert relief.grad.isfinite().all()
+    assert relief.grad.abs().sum() > 0
+    assert channels.grad[:, :COEFFICIENTS].isfinite().all()
+    assert channels.grad[:, :COEFFICIENTS].abs().sum() > 0
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())

@@ -1,0 +1,164 @@
+"""Relightable avatars from shot to frame: light adds up, moves, is kept, and comes from the same side on both hands."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.light import Lamp, Light, Sky
+from livehand.backend.records.shot import HandPose, Shot
+from livehand.backend.rendering.renderer import Renderer
+
+pytestmark = pytest.mark.slow
+
+SIZE = (66, 88)
+SMALL = AvatarConfig(
+    FieldConfig(width=16, planes=((32, 3, 4), (128, 1, 4)), relief=8, light="linear"),
+    SuperResConfig(kind="lit", width=8, depth=2),
+    SamplerConfig(6, 0.003),
+)
+
+
+def shining(x, y, z):
+    """The rotation of a lamp that shines in this direction."""
+    back = -np.array([x, y, z], float) / np.linalg.norm([x, y, z])
+    right = np.cross([0.1, 0.2, 1.0], back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back], 1)
+
+
+KEY = Lamp("sun", np.array([3.0, 2, 1]), rotation=shining(-1, 0.3, -0.4), angle_rad=0.01, group="key")
+FILL = Lamp("point", np.array([1.0, 2, 6]), np.array([-0.2, -0.3, 0.3]), radius_m=0.02)
+SKY = Sky(np.random.default_rng(0).uniform(0.1, 0.4, (8, 16, 3)), "sky")
+LIGHT = Light((KEY, FILL), SKY)
+
+
+@pytest.fixture(scope="module")
+def renderer(hand):
+    avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
+    avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)))
+    return Renderer(avatar, hand, "cpu")
+
+
+@pytest.fixture(scope="module")
+def shot(hand):
+    pose = HandPose(np.zeros((16, 3)), np.zeros(10), -hand.joints[4])
+    K = np.array([[210.0, 0, 33], [0, 210, 44], [0, 0, 1]])
+    camera = Camera(K, look_at(np.array([0.1, 0.6, 0.2]), np.zeros(3), np.array([1.0, 0, 0])), SIZE)
+    return Shot(pose, posed_vertices(hand, pose), camera, LIGHT)
+
+
+def test_the_frame_is_the_sum_of_its_light_groups(renderer, shot):
+    whole = renderer.render(shot)
+    parts = [renderer.render(replace(shot, light=LIGHT.of_group(name))) for name in LIGHT.groups]
+    assert LIGHT.groups == ("key", "", "sky")
+    summed = sum(part.rgb for part in parts)
+    assert np.abs(summed - whole.rgb).mean() / whole.rgb.mean() < 1e-5
+    assert all(np.array_equal(part.alpha, whole.alpha) for part in parts)
+    assert min(part.rgb.mean() for part in parts) > 0.02 * whole.rgb.mean()
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e4])
+def test_brightness_is_proportional_to_the_light_over_eight_decades(renderer, shot, factor):
+    lamps = tuple(replace(lamp, rgb=factor * lamp.rgb) for lamp in LIGHT.lamps)
+    scaled = renderer.render(replace(shot, light=Light(lamps, replace(SKY, radiance=factor * SKY.radiance))))
+    whole = renderer.render(shot).rgb
+    assert np.abs(scaled.rgb / factor - whole).max() < 1e-4 * whole.max()
+
+
+def test_no_light_is_black_and_none_given_is_the_captures(renderer, shot):
+    dark = renderer.render(replace(shot, light=Light()))
+    assert dark.rgb.max() == 0
+    assert dark.alpha.max() == 1
+    own = renderer.render(replace(shot, light=None))
+    same = renderer.render(replace(shot, light=Light(sky=renderer.avatar.sky)))
+    assert np.array_equal(own.rgb, same.rgb)
+    assert own.rgb.max() > 0
+
+
+def test_only_what_the_light_changes_is_rendered_anew(renderer, shot):
+    def stages(one):
+        seen = []
+        renderer.render(one, on_stage=seen.append)
+        return seen
+
+    other_view = replace(shot, camera=shot.camera.cropped(1, 0, SIZE))
+    renderer.render(shot)
+    assert stages(replace(shot, light=Light((FILL,)))) == ["pose", "light"]
+    assert "superres" in stages(other_view)
+    assert "superres" in stages(replace(shot, vertices=shot.vertices + 1e-4))
+
+
+def test_a_kept_hand_gives_the_frame_of_a_fresh_one(hand, renderer, shot):
+    renderer.render(replace(shot, light=Light((FILL,))))
+    fresh = Renderer(renderer.avatar, hand, "cpu").render(shot)
+    assert np.array_equal(renderer.render(shot).rgb, fresh.rgb)
+
+
+def test_both_backends_render_the_same(hand, renderer, shot):
+    slow = Renderer(renderer.avatar, hand, "cpu", backend=ReferenceBackend()).render(shot)
+    fast = renderer.render(shot)
+    assert np.abs(slow.rgb - fast.rgb).mean() < 0.01 * slow.rgb.mean()
+    assert np.abs(slow.alpha - fast.alpha).mean() < 2e-3
+
+
+def test_a_lamp_lights_its_own_side(renderer, shot):
+    """A sun from the right of the image lights the right of the hand more than one from the left."""
+    right = -shot.camera.cam2world[:3, 0]
+    frames = [
+        renderer.render(replace(shot, light=Light((replace(KEY, rotation=shining(*side)),))))
+        for side in (right, -right)
+    ]
+    columns = [(frame.rgb.sum((0, 2)) * np.arange(SIZE[0])).sum() / frame.rgb.sum() for frame in frames]
+    assert columns[0] > columns[1] + 2
+
+
+def test_a_slab_before_the_lamp_darkens_the_hand(renderer, shot):
+    towards = -KEY.direction
+    across = np.stack([KEY.rotation[:, 0], KEY.rotation[:, 1]])
+    slab = 0.15 * towards + np.array([[[-2, -2], [2, -2], [0, 3]]]) @ across
+    blocked = renderer.render(replace(shot, light=Light((KEY,), occluders=slab)))
+    free = renderer.render(replace(shot, light=Light((KEY,))))
+    assert blocked.rgb.sum() < 0.02 * free.rgb.sum()
+
+
+def test_a_mirrored_hand_in_mirrored_light_is_the_mirror_image(hand, renderer, shot):
+    mirror = np.diag(MIRROR_POINT).astype(float)
+    pose = replace(
+        shot.pose, theta=shot.pose.theta * MIRROR_AXIS_ANGLE, transl=shot.pose.transl * MIRROR_POINT, side="left"
+    )
+    cam2world = shot.camera.cam2world.copy()
+    flip = np.diag([-1.0, 1, 1])
+    cam2world[:3, :3] = mirror @ cam2world[:3, :3] @ flip
+    cam2world[:3, 3] = mirror @ cam2world[:3, 3]
+    K = shot.camera.K.copy()
+    K[0, 2] = SIZE[0] - K[0, 2]
+    lamp = replace(KEY, rotation=mirror @ KEY.rotation @ flip)
+    left = Shot(pose, shot.vertices * MIRROR_POINT, Camera(K, cam2world, SIZE), Light((lamp,)))
+    ours = renderer.render(left).rgb[:, ::-1]
+    theirs = renderer.render(replace(shot, light=Light((KEY,)))).rgb
+    assert np.abs(ours - theirs).mean() < 0.03 * theirs.mean()
+
+
+def test_bf16_changes_little(hand, renderer, shot):
+    rough = Renderer(renderer.avatar, hand, "cpu", precision="bf16").render(shot)
+    exact = renderer.render(shot)
+    assert np.abs(rough.rgb - exact.rgb).mean() < 0.02 * exact.rgb.mean()
+    assert exact.rgb.max() * pi > 1
+    assert torch.tensor(rough.rgb).isfinite().all()
+
+
+def test_old_avatars_ignore_the_light(hand, shot):
+    config = replace(SMALL, field=replace(SMALL.field, light="baked"), superres=SuperResConfig(width=8, depth=2))
+    baked = Renderer(new_avatar("old", hand.name, hand.sha256, config), hand, "cpu")
+    assert not baked.is_relightable
+    assert np.array_equal(baked.render(shot).rgb, baked.render(replace(shot, light=None)).rgb)
