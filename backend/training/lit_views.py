@@ -110,6 +110,7 @@ class LitTrainingViews(TrainingViews):
                 "capture with --lights varied, or train with --config default"
             )
         instants = _instants(views)
+        _check_occluders(capture, instants)
         super().__init__(capture, tuple(group[0] for group in instants), hand, sampler, device, seed)
         by_file = {group[0].file: group for group in instants}
         self._groups = [by_file[view.file] for view in self.views]
@@ -236,6 +237,16 @@ def _instants(views: Iterable[CaptureView]) -> list[tuple[CaptureView, ...]]:
         return view.pose_index, view.camera_index
 
     return [tuple(group) for _, group in groupby(sorted(views, key=instant), instant)]
+
+
+def _check_occluders(capture: Capture, instants: list[tuple[CaptureView, ...]]) -> None:
+    for group in instants:
+        first, *others = (capture.light_of(view) for view in group)
+        if any(not np.array_equal(first.occluders, other.occluders) for other in others if first and other):
+            raise LiveHandError(
+                f"images of one pose and camera must have the same occluders, got others in {group[0].file} than in "
+                f"{group[1].file}; give them different camera indices"
+            )
 
 
 def _packed(shadows: PointShadows) -> tuple[Tensor, Tensor]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars import file as avatar_module
-from livehand.backend.avatars.file import FORMAT_VERSION, load_avatar, read_header, save_avatar
+from livehand.backend.avatars.file import BAKED_VERSION, LIT_VERSION, load_avatar, read_header, save_avatar
 from livehand.backend.avatars.library import SKINS, avatar_path
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.nerf.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
@@ -18,6 +18,7 @@ from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.light import Sky
 from safetensors.torch import load_file, save_file
 
 SMALL = AvatarConfig(
@@ -60,7 +61,7 @@ def test_round_trip(tmp_path, config):
 
 def test_the_header_describes_the_avatar(avatar, path):
     header = read_header(path)
-    assert header["format_version"] == FORMAT_VERSION
+    assert header["format_version"] == BAKED_VERSION
     assert header["provenance"] == avatar.provenance
     assert header["metrics"] == avatar.metrics
     assert header["config"]["sampler"] == asdict(SMALL.sampler)
@@ -146,8 +147,8 @@ def test_an_altered_configuration_is_refused(path):
 
 
 def test_a_newer_version_is_refused(path):
-    rewritten(path, lambda header: header.update(format_version=FORMAT_VERSION + 1))
-    with pytest.raises(LiveHandError, match=f"format {FORMAT_VERSION}, got {FORMAT_VERSION + 1}; update LiveHand"):
+    rewritten(path, lambda header: header.update(format_version=LIT_VERSION + 1))
+    with pytest.raises(LiveHandError, match=f"or {LIT_VERSION}, got {LIT_VERSION + 1}; update LiveHand"):
         load_avatar(path)
 
 
@@ -210,3 +211,23 @@ def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
 def test_other_names_are_paths():
     assert avatar_path("mine.safetensors") == Path("mine.safetensors")
     assert load_avatar().provenance == load_avatar(avatar_path("light")).provenance
+
+
+LIT = replace(SMALL, field=replace(SMALL.field, light="linear"), superres=SuperResConfig(kind="lit", width=4, depth=1))
+
+
+def test_a_relightable_avatar_keeps_the_sky_of_its_capture(tmp_path):
+    radiance = np.random.default_rng(0).uniform(0, 3, (4, 8, 3)).astype(np.float16).astype(np.float32)
+    made = replace(new_avatar("ada", "hand", "ab" * 32, LIT), sky=Sky(radiance))
+    save_avatar(made, tmp_path / "a.safetensors")
+    back = load_avatar(tmp_path / "a.safetensors")
+    assert back.config == LIT
+    assert np.array_equal(back.sky.radiance, radiance)
+    assert read_header(tmp_path / "a.safetensors")["format_version"] == LIT_VERSION
+
+
+def test_a_baked_avatars_file_is_as_earlier_versions_wrote_it(path):
+    header = read_header(path)
+    assert header["format_version"] == BAKED_VERSION
+    assert "light" not in header["config"]["field"]
+    assert load_avatar(path).sky is None

@@ -1,0 +1,140 @@
+"""Captures with light: instants of light groups, mixtures, and training that follows them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.captures.capture import Capture, save_capture_index
+from livehand.backend.captures.exr import write_exr
+from livehand.backend.captures.lights import CaptureLight
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.light import Lamp, Light, Sky
+from livehand.backend.training.config import LossConfig, TrainConfig
+from livehand.backend.training.lit_views import LitTrainingViews, exposure_of, group_weights, mixed
+from livehand.backend.training.loop import Training, train
+from livehand.backend.training.setup import TrainingSetup, sky_of
+
+ROTATION = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # shines along +Y
+SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=ROTATION),))
+SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
+SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
+
+
+@pytest.fixture(scope="module")
+def lit_capture(painted_capture, tmp_path_factory):
+    """The painted capture, its colours shown as half a sky's and half a sun's light."""
+    folder = tmp_path_factory.mktemp("lit")
+    views, lights = [], []
+    for view in painted_capture.views:
+        pixels = painted_capture.read_image(view)
+        occluders = SLAB if view.camera_index == 1 else np.zeros((0, 3, 3))
+        for group, light in enumerate((SKY, SUN)):
+            name = f"{view.file[:-4]}_g{group}.exr"
+            colour = pixels[..., :3] * (0.5 if group else (0.2, 0.3, 0.4))
+            channels = np.concatenate([colour, pixels[..., 3:]], -1).astype(np.float16)
+            write_exr(folder / name, {channel: channels[..., k] for k, channel in enumerate("RGBA")})
+            kind, albedo = "hard" if group else "dome", np.full((len(occluders), 3), 0.5)
+            lights.append(CaptureLight(kind, replace(light, occluders=occluders), albedo))
+            views.append(replace(view, file=name, light=len(lights) - 1))
+    known = (painted_capture.hand_sha256, {"made_by": "test"}, painted_capture.poses)
+    lit = Capture(folder, *known, tuple(views), tuple(lights))
+    save_capture_index(lit)
+    return lit
+
+
+@pytest.fixture(scope="session")
+def lit_config(small):
+    return replace(
+        small, field=replace(small.field, light="linear"), superres=SuperResConfig(kind="lit", width=8, depth=2)
+    )
+
+
+@pytest.fixture(scope="module")
+def lit_views(lit_capture, hand, small, cpu):
+    return LitTrainingViews(lit_capture, lit_capture.of_split("train"), hand, small.sampler, cpu, 0)
+
+
+def test_images_of_one_instant_are_one_view(lit_views, lit_capture):
+    assert len(lit_capture.of_split("train")) == 12
+    assert len(lit_views) == 6
+    view = lit_views.get(0, 0)
+    assert view.light.targets.shape[0] == 2
+    assert view.light.lamps.rgb.tolist() == [[3, 3, 3]]
+    assert view.light.group_of_lamp.tolist() == [1]
+    assert view.light.sky_flux[1].abs().max() == 0
+    assert view.light.shadows.sky.lit.shape == (64, len(view.rays.pixel))
+
+
+def test_a_mixture_is_the_sum_of_weighted_images_and_lights(lit_views):
+    view = lit_views.get(2, 0)
+    generator = torch.Generator().manual_seed(5)
+    weights = group_weights(2, torch.Generator().manual_seed(5))
+    one = mixed(view, generator)
+    linear = (view.light.targets * weights[:, :, None, None]).sum(0)
+    torch.testing.assert_close(one.target[:3], one.light.encoded(linear))
+    torch.testing.assert_close(one.light.samples.sky.flux, view.light.sky_flux[0] * weights[0])
+    torch.testing.assert_close(one.light.samples.lamps.rgb, view.light.lamps.rgb * weights[1])
+
+
+def test_weights_are_varied_and_never_all_zero():
+    drawn = torch.stack([group_weights(3, torch.Generator().manual_seed(seed)) for seed in range(300)])
+    assert drawn.amax((1, 2)).min() > 0
+    assert 0.05 < (drawn == 0).float().mean() < 0.25
+    assert drawn.std() > 0.5
+
+
+def test_the_exposure_brings_the_brightest_to_nine_tenths():
+    linear = torch.rand(3, 20, 20) * 7
+    alpha = torch.ones(20, 20)
+    exposed = linear * exposure_of(linear, alpha)
+    assert float(exposed.quantile(0.99)) == pytest.approx(0.9, rel=0.01)
+    assert exposure_of(linear, torch.zeros(20, 20)) == 1
+
+
+def test_occluders_shadow_the_light_but_not_the_coefficients(lit_views):
+    index = next(i for i, view in enumerate(lit_views.views) if view.camera_index == 1)
+    light = lit_views.get(index, 0).light
+    assert light.shadows.lamps.lit.max() == 0
+    assert light.open_sky.lit.mean() > light.shadows.sky.lit.mean()
+
+
+def test_light_groups_among_other_objects_are_refused(lit_capture, hand, small, cpu):
+    lights = (replace(lit_capture.lights[0], light=replace(SKY, occluders=SLAB), occluder_albedo=np.ones((1, 3))),)
+    odd = replace(lit_capture, lights=lights + lit_capture.lights[1:])
+    with pytest.raises(LiveHandError, match="same occluders"):
+        LitTrainingViews(odd, odd.of_split("train"), hand, small.sampler, cpu, 0)
+
+
+def test_an_image_whose_light_is_not_known_is_refused(lit_capture, hand, small, cpu):
+    views = tuple(replace(view, light=None) for view in lit_capture.of_split("train"))
+    with pytest.raises(LiveHandError, match="light of every image"):
+        LitTrainingViews(lit_capture, views, hand, small.sampler, cpu, 0)
+
+
+def test_the_avatar_keeps_the_sky_of_the_capture(lit_capture, painted_capture):
+    assert np.array_equal(sky_of(lit_capture).radiance, SKY.sky.radiance)
+    assert sky_of(painted_capture) is None
+
+
+def test_training_learns_in_any_light(lit_capture, hand, lit_config, compute, silent, tmp_path, log_of):
+    config = TrainConfig(steps=40, warmup_steps=5, checkpoint_every=100, loss=LossConfig(perceptual=0.0))
+    setup = TrainingSetup(lit_capture, hand, lit_config)
+    result = train(setup, config, tmp_path / "a.safetensors", compute, silent)
+    losses = [entry["loss/total"] for entry in log_of(tmp_path / "a.safetensors") if "loss/total" in entry]
+    assert np.mean(losses[-8:]) < 0.6 * np.mean(losses[:4])
+    assert result.avatar.sky is not None
+    assert result.avatar.thumbnail.shape == (192, 192, 4)
+
+
+def test_a_baked_avatars_shape_and_planes_are_a_start(lit_capture, hand, small, lit_config, avatar, compute, tmp_path):
+    from livehand.backend.training.setup import BaseAvatar
+
+    setup = TrainingSetup(lit_capture, hand, lit_config, base=BaseAvatar(avatar, "0" * 64))
+    training = Training(setup, TrainConfig(steps=1), tmp_path / "b.safetensors", compute)
+    ours, theirs = training._avatar.field.state_dict(), avatar.field.state_dict()
+    assert all(
+        torch.equal(ours[key], theirs[key]) for key in ours if key.startswith(("planes", "relief", "near", "density"))
+    )
+    assert ours["channels.weight"].shape != theirs["channels.weight"].shape
