@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..records.light import Lamp, Light, Sky
+from ..records.light import Lamp, LampKind, Light, Sky
 from .exr import read_exr, write_exr
 
 GREY = 0.5
@@ -131,6 +132,8 @@ def _read_lamp(entry: object) -> Lamp:
 
 def _lamp_value(name: str, value: object) -> object:
     default = getattr(_plain_lamp(), name)
+    if name == "kind" and value not in get_args(LampKind):
+        raise LiveHandError(f"a lamp's kind must be one of {get_args(LampKind)}, got {value!r}")
     if isinstance(default, np.ndarray):
         return np.array(value, float)
     if isinstance(default, tuple):

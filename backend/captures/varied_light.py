@@ -46,8 +46,7 @@ class LightDrawing:
 
     def training_light(self, has_occluder: bool) -> CaptureLight:
         """A light of one of the kinds of training, with a slab or a wall or without; the dome stands free."""
-        kinds = tuple(TRAINING_SHARES)
-        kind = kinds[self.rng.choice(len(kinds), p=list(TRAINING_SHARES.values()))]
+        kind = self.training_kind()
         drawn = self.light(kind)
         if not has_occluder or kind == "dome":
             return drawn
@@ -55,6 +54,11 @@ class LightDrawing:
             return self._with_occluder(drawn, self._slab(self._main_direction(drawn.light)), self._colour(0.4) * 0.5)
         side = _unit(self.rng.normal(size=3))
         return self._with_occluder(drawn, self._wall(side), self._paint())
+
+    def training_kind(self) -> LightKind:
+        """A kind of light by the shares of training."""
+        kinds = tuple(TRAINING_SHARES)
+        return kinds[self.rng.choice(len(kinds), p=list(TRAINING_SHARES.values()))]
 
     def light(self, kind: LightKind) -> CaptureLight:
         """A light of this kind."""
