@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -127,7 +127,8 @@ def _read_lamp(entry: object) -> Lamp:
     unknown = sorted(set(entry) - set(_lamp_fields()))
     if unknown:
         raise LiveHandError(f"a lamp must have no other keys than {_lamp_fields()}, got {unknown}")
-    return Lamp(**{name: _lamp_value(name, value) for name, value in entry.items()})
+    values: dict[str, Any] = {name: _lamp_value(name, value) for name, value in entry.items()}
+    return Lamp(**values)
 
 
 def _lamp_value(name: str, value: object) -> object:

@@ -177,7 +177,8 @@ class LightDrawing:
     def _aimed(self, lamp: Lamp, towards: np.ndarray) -> Lamp:
         """The lamp at some distance, shining at a point near the hand's middle."""
         position = towards * self._distance_m()
-        return replace(lamp, position=position, rotation=_facing(_unit(position + self.size * self.rng.normal(0, 0.02, 3))))
+        from_target = _unit(position + self.size * self.rng.normal(0, 0.02, 3))
+        return replace(lamp, position=position, rotation=_facing(from_target))
 
     def _distance_m(self) -> float:
         return float(self.size * np.exp(self.rng.uniform(np.log(_NEAREST_M), np.log(_FARTHEST_M))))
@@ -232,7 +233,7 @@ def sky_brightness(sky: Sky) -> float:
 
 
 def box_triangles(centre: np.ndarray, axes: np.ndarray, half_m: np.ndarray) -> np.ndarray:
-    """[12, 3, 3] the surface of a box with the unit axes [3, 3] (rows) and half sides [3], m; normals point outwards."""
+    """[12, 3, 3] the surface of a box, normals outwards; its unit axes are rows of [3, 3], its half sides [3], m."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = centre + (signs * half_m) @ axes
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))

@@ -10,8 +10,8 @@ from livehand.backend.records.errors import LiveHandError
 
 def channels_of(height, width, dtype=np.float16):
     rng = np.random.default_rng(0)
-    smooth = np.cumsum(rng.normal(0, 0.1, (height, width)), 1)
-    return {"R": smooth.astype(dtype), "G": rng.normal(size=(height, width)).astype(dtype), "B": smooth.T.T.astype(dtype)}
+    smooth = np.cumsum(rng.normal(0, 0.1, (height, width)), 1).astype(dtype)
+    return {"R": smooth, "G": rng.normal(size=(height, width)).astype(dtype), "B": smooth * 2}
 
 
 @pytest.mark.parametrize("size", [(1, 1), (15, 7), (16, 8), (37, 21)])
@@ -84,14 +84,17 @@ def test_damaged_files_are_errors_of_ours(tmp_path):
             pass
 
 
+COMPRESSION, CHANNEL = b"compression\0compression\0\1\0\0\0", b"G\0" + struct.pack("<iIii", 1, 0, 1, 1)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda d: b"\x89PNG" + d[4:], "its first bytes are not OpenEXR's"),
         (lambda d: d[:5] + b"\x02" + d[6:], "it has tiles, several parts or deep pixels"),
-        (lambda d: d.replace(b"compression\0compression\0\1\0\0\0\3", b"compression\0compression\0\1\0\0\0\4"), "is PIZ; save"),
-        (lambda d: d.replace(b"G\0" + struct.pack("<iIii", 1, 0, 1, 1), b"G\0" + struct.pack("<iIii", 1, 0, 2, 1)), "subsampled"),
-        (lambda d: d.replace(b"G\0" + struct.pack("<i", 1), b"G\0" + struct.pack("<i", 0)), "whole numbers"),
+        (lambda d: d.replace(COMPRESSION + b"\3", COMPRESSION + b"\4"), "is PIZ; save"),
+        (lambda d: d.replace(CHANNEL, b"G\0" + struct.pack("<iIii", 1, 0, 2, 1)), "subsampled"),
+        (lambda d: d.replace(CHANNEL, b"G\0" + struct.pack("<iIii", 0, 0, 1, 1)), "whole numbers"),
         (lambda d: moved(d, b"dataWindow", (0, 0, 2**30, 2**30)), "a window of"),
     ],
 )
@@ -100,7 +103,7 @@ def test_other_kinds_are_named(tmp_path, change, message):
     write_exr(path, channels_of(20, 20))
     path.write_bytes(change(path.read_bytes()))
     for read in (read_exr, read_exr_header):
-        with pytest.raises(LiveHandError, match=rf"other\.exr must be an OpenEXR image that can be read here .*{message}"):
+        with pytest.raises(LiveHandError, match=rf"other\.exr must be an OpenEXR image that .* read here .*{message}"):
             read(path)
 
 

@@ -24,7 +24,15 @@ def a_capture(folder):
     lamps = (
         Lamp("sun", rng.uniform(size=3), rotation=ROTATION, angle_rad=0.01, group="key"),
         Lamp("spot", rng.uniform(size=3), rng.normal(size=3), ROTATION, 0.02, cone_rad=0.4, blend=0.7),
-        Lamp("area", rng.uniform(size=3), rng.normal(size=3), ROTATION, size_m=(0.1, 0.3), is_ellipse=True, spread_rad=2.0),
+        Lamp(
+            "area",
+            rng.uniform(size=3),
+            rng.normal(size=3),
+            ROTATION,
+            size_m=(0.1, 0.3),
+            is_ellipse=True,
+            spread_rad=2.0,
+        ),
         Lamp("point", rng.uniform(size=3), rng.normal(size=3), casts_shadow=False),
     )
     full = rng.uniform(0, 1e6, (4, 8, 3)).astype(np.float32)
@@ -167,7 +175,10 @@ def test_bad_linear_images_are_named(capture, channels, message):
         (lambda d: d["lights"][0]["lamps"][1].update(cone_rad="wide"), "a lamp's cone_rad must be like"),
         (lambda d: d["lights"][0]["lamps"][1].update(casts_shadow=1), "a lamp's casts_shadow must be like True, got 1"),
         (lambda d: d["lights"][0]["lamps"][1].update(size_m="ab"), r"lights\[0\]: "),
-        (lambda d: d["lights"][0].update(sky_path="lights/none.exr"), r"lights\[0\]: .*none\.exr must be a readable image"),
+        (
+            lambda d: d["lights"][0].update(sky_path="lights/none.exr"),
+            r"lights\[0\]: .*none\.exr must be a readable image",
+        ),
         (lambda d: d["lights"][0].update(sky_path=3), "sky_path must be a file's name, got 3"),
         (lambda d: d["lights"][0].update(occluders=[[1, 2, 3]]), r"lights\[0\]: "),
         (lambda d: d["lights"][0].update(occluder_albedo=[[1, 0, 0]]), r"occluder_albedo must be \[2, 3\]"),

@@ -81,7 +81,8 @@ def test_the_block_hides_half_of_the_hand_and_touches_it_nowhere(seed):
     block = drawn("block", seed)
     sun = towards(block.light.lamps[0])
     points = np.random.default_rng(1).normal(size=(400, 3))
-    points *= HAND_M * np.random.default_rng(2).uniform(size=(400, 1)) ** (1 / 3) / np.linalg.norm(points, axis=1)[:, None]
+    share = np.random.default_rng(2).uniform(size=(400, 1)) ** (1 / 3)
+    points *= HAND_M * share / np.linalg.norm(points, axis=1)[:, None]
     slab, wall = block.light.occluders[:12], block.light.occluders[12:]
     assert 0.15 < np.mean([meets(point, sun, slab) for point in points]) < 0.85
     assert np.mean([meets(point, sun, wall) for point in points]) < 0.02
