@@ -169,7 +169,7 @@ def load_capture(folder: Path | str) -> Capture:
     entries = document.get("lights", [])
     if not isinstance(entries, list):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of lights, got {str(entries)[:40]}")
-    lights = read_all(folder, ((read_light, folder, index, entry) for index, entry in enumerate(entries)))
+    lights = read_all(folder, ((read_light, folder, f"lights[{index}]", entry) for index, entry in enumerate(entries)))
     views = read_all(folder, ((_read_lit_view, entry, len(poses), len(lights)) for entry in frames))
     return Capture(folder, hand_sha256, provenance, poses, views, lights)
 

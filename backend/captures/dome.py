@@ -52,9 +52,10 @@ def fine_directions() -> np.ndarray:
 def sky_of(radiance: np.ndarray) -> Sky:
     """The map of `SKY_SIZE` whose texels are the means of a finer one's; its values are half floats."""
     solid_angles = np.linalg.norm(fine_directions()[..., :2], axis=-1)[..., None]
-    width, height = SKY_SIZE
-    blocks = (
-        np.reshape(x, (height, _FINER, width, _FINER, -1)).sum((1, 3)) for x in (radiance * solid_angles, solid_angles)
-    )
-    total, weight = blocks
+    total, weight = _block_sums(radiance * solid_angles), _block_sums(solid_angles)
     return Sky((total / weight).astype(np.float16).astype(np.float32))
+
+
+def _block_sums(fine: np.ndarray) -> np.ndarray:
+    width, height = SKY_SIZE
+    return np.reshape(fine, (height, _FINER, width, _FINER, -1)).sum((1, 3))

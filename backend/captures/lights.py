@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..records.light import Lamp, Light, Sky
+from ..records.light import Lamp, LampKind, Light, Sky
 from .exr import read_exr, write_exr
 
 GREY = 0.5
@@ -100,24 +101,24 @@ def _sky_channels(sky: Sky) -> dict[str, np.ndarray]:
     return {name: stored[..., channel] for channel, name in enumerate("RGB")}
 
 
-def read_light(folder: Path, index: int, entry: object) -> CaptureLight:
-    """The light of an entry of `lights`.
+def read_light(folder: Path, name: str, entry: object) -> CaptureLight:
+    """The light of an entry of `lights`, which messages call by this name.
 
     Raises:
-        LiveHandError: with the entry's index and its fault.
+        LiveHandError: with the entry's name and its fault.
     """
     if not isinstance(entry, dict) or not isinstance(entry.get("lamps", []), list):
-        raise LiveHandError(f"lights[{index}] must be an object with a list of lamps, got {str(entry)[:40]}...")
+        raise LiveHandError(f"{name} must be an object with a list of lamps, got {str(entry)[:40]}...")
     unknown = sorted(set(entry) - set(_KEYS))
     if unknown:
-        raise LiveHandError(f"lights[{index}] must have no other keys than {_KEYS}, got {unknown}")
+        raise LiveHandError(f"{name} must have no other keys than {_KEYS}, got {unknown}")
     try:
         lamps = tuple(_read_lamp(lamp) for lamp in entry.get("lamps", []))
         occluders = np.array(entry.get("occluders", np.zeros((0, 3, 3))), float).reshape(-1, 3, 3)
         light = Light(lamps, _read_sky(folder, entry), occluders)
         return CaptureLight(str(entry.get("kind", "")), light, _read_albedo(entry, len(occluders)))
     except (LiveHandError, TypeError, ValueError, OverflowError) as error:
-        raise LiveHandError(f"lights[{index}]: {error}") from error
+        raise LiveHandError(f"{name}: {error}") from error
 
 
 def _read_lamp(entry: object) -> Lamp:
@@ -126,11 +127,14 @@ def _read_lamp(entry: object) -> Lamp:
     unknown = sorted(set(entry) - set(_lamp_fields()))
     if unknown:
         raise LiveHandError(f"a lamp must have no other keys than {_lamp_fields()}, got {unknown}")
-    return Lamp(**{name: _lamp_value(name, value) for name, value in entry.items()})
+    values: dict[str, Any] = {name: _lamp_value(name, value) for name, value in entry.items()}
+    return Lamp(**values)
 
 
 def _lamp_value(name: str, value: object) -> object:
     default = getattr(_plain_lamp(), name)
+    if name == "kind" and value not in get_args(LampKind):
+        raise LiveHandError(f"a lamp's kind must be one of {get_args(LampKind)}, got {value!r}")
     if isinstance(default, np.ndarray):
         return np.array(value, float)
     if isinstance(default, tuple):

@@ -46,8 +46,7 @@ class LightDrawing:
 
     def training_light(self, has_occluder: bool) -> CaptureLight:
         """A light of one of the kinds of training, with a slab or a wall or without; the dome stands free."""
-        kinds = tuple(TRAINING_SHARES)
-        kind = kinds[self.rng.choice(len(kinds), p=list(TRAINING_SHARES.values()))]
+        kind = self.training_kind()
         drawn = self.light(kind)
         if not has_occluder or kind == "dome":
             return drawn
@@ -55,6 +54,11 @@ class LightDrawing:
             return self._with_occluder(drawn, self._slab(self._main_direction(drawn.light)), self._colour(0.4) * 0.5)
         side = _unit(self.rng.normal(size=3))
         return self._with_occluder(drawn, self._wall(side), self._paint())
+
+    def training_kind(self) -> LightKind:
+        """A kind of light by the shares of training."""
+        kinds = tuple(TRAINING_SHARES)
+        return kinds[self.rng.choice(len(kinds), p=list(TRAINING_SHARES.values()))]
 
     def light(self, kind: LightKind) -> CaptureLight:
         """A light of this kind."""
@@ -173,9 +177,8 @@ class LightDrawing:
     def _aimed(self, lamp: Lamp, towards: np.ndarray) -> Lamp:
         """The lamp at some distance, shining at a point near the hand's middle."""
         position = towards * self._distance_m()
-        return replace(
-            lamp, position=position, rotation=_facing(_unit(position + self.size * self.rng.normal(0, 0.02, 3)))
-        )
+        from_target = _unit(position + self.size * self.rng.normal(0, 0.02, 3))
+        return replace(lamp, position=position, rotation=_facing(from_target))
 
     def _distance_m(self) -> float:
         return float(self.size * np.exp(self.rng.uniform(np.log(_NEAREST_M), np.log(_FARTHEST_M))))
@@ -230,7 +233,7 @@ def sky_brightness(sky: Sky) -> float:
 
 
 def box_triangles(centre: np.ndarray, axes: np.ndarray, half_m: np.ndarray) -> np.ndarray:
-    """[12, 3, 3] the surface of a box with the unit axes [3, 3] (rows) and half sides [3], m; normals point outwards."""
+    """[12, 3, 3] the surface of a box, normals outwards; its unit axes are rows of [3, 3], its half sides [3], m."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = centre + (signs * half_m) @ axes
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))

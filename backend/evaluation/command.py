@@ -33,7 +33,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
     parser.add_argument(
         "--split",
-        choices=("test", "novel_pose", "novel_camera", "train", *_SEVERAL),
+        choices=("test", "novel_pose", "novel_camera", "novel_light", "train", *_SEVERAL),
         default="test",
         help="test: held-out poses from held-out cameras (default); held_out: each split except train; all: each split",
     )
@@ -66,6 +66,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="measure the VGG19 distance of training, which is not LPIPS",
     )
+    parser.add_argument(
+        "--contrast",
+        action="store_true",
+        help="measure how much L* varies in bands of 1 to 16 mm on the hand, in the truth and in the render",
+    )
     parser.add_argument("--record", action="store_true", help="write the results into the avatar's metadata")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
@@ -79,33 +84,32 @@ def _run(args: argparse.Namespace) -> dict:
     from .evaluate import check_any, scored_views
     from .report import summary_tables
     from .sheets import SheetViews
-    from .summary import by_split, summary
+    from .summary import by_light, by_split, summary
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
     capture = load_capture(args.capture)
     views = _views_of(capture, args.split, args.max_images)
     sheets = SheetViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))
-    measured = scored_views(
-        renderer, capture, views, _distances(args, renderer.torch_device), args.max_train_view_angle
-    )
+    distances = _distances(args, renderer.torch_device)
+    measured = scored_views(renderer, capture, views, distances, args.max_train_view_angle, args.contrast)
     scores = [view.score for view in sheets.watch(measured)]
     check_any(scores, capture)
-    total, splits = summary(scores), by_split(scores)
-    lines = {**splits, args.split: total} if args.split in _SEVERAL else {args.split: total}
+    total, splits, lights = summary(scores), by_split(scores), by_light(scores)
+    lines = {**lights, **(splits if args.split in _SEVERAL else {}), args.split: total}
     text = "\n".join([summary_tables(lines), *_notes(total)])
     if args.output:
-        _write_results(args, scores, (total, splits), text)
+        _write_results(args, scores, (total, splits, lights), text)
         sheets.save(args.output)
     if args.record:
-        _record(renderer.avatar, splits, args.avatar)
+        _record(renderer.avatar, {**splits, **lights}, args.avatar)
     return {**total, "summary": text}
 
 
-def _record(avatar: Avatar, by_split: dict[str, Summary], path: Path) -> None:
+def _record(avatar: Avatar, summaries: dict[str, Summary], path: Path) -> None:
     from ..avatars.file import save_avatar
 
-    save_avatar(replace(avatar, metrics={**avatar.metrics, **by_split}), path)
+    save_avatar(replace(avatar, metrics={**avatar.metrics, **summaries}), path)
 
 
 def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureView]:
@@ -136,7 +140,10 @@ def _notes(total: Summary) -> list[str]:
 
 
 def _write_results(
-    args: argparse.Namespace, scores: list[ViewScore], figures: tuple[Summary, dict[str, Summary]], text: str
+    args: argparse.Namespace,
+    scores: list[ViewScore],
+    figures: tuple[Summary, dict[str, Summary], dict[str, Summary]],
+    text: str,
 ) -> None:
     from .report import scores_csv, summary_json, write_text
 

@@ -19,7 +19,9 @@ from ..records.frame import Frame
 from ..records.shot import Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
+from .contrast_bands import contrast_figures
 from .distances import Distance
+from .exposure import exposed, exposure_gain
 from .figures import view_figures
 from .posed_hands import PosedHands
 from .train_view_angle import train_view_angles_deg
@@ -27,7 +29,7 @@ from .train_view_angle import train_view_angles_deg
 
 @dataclass(frozen=True)
 class ViewScore:
-    """One view's metrics, keyed by column."""
+    """One view's metrics, keyed by column; `light_kind` is None in a capture without lights."""
 
     file: str
     split: Split
@@ -35,6 +37,7 @@ class ViewScore:
     pose_index: int
     train_view_angle_deg: float
     figures: dict[str, float]
+    light_kind: str | None = None
 
 
 class ScoredView(NamedTuple):
@@ -51,8 +54,11 @@ def scored_views(
     views: Sequence[CaptureView],
     distances: Sequence[Distance] = (),
     max_train_view_angle_deg: float | None = None,
+    with_contrast: bool = False,
 ) -> Iterator[ScoredView]:
     """Render and measure the views one by one; views in which the hand covers no pixel are skipped.
+
+    Each view of a lit capture is rendered in its own light and exposed by its truth (`exposure`).
 
     Args:
         renderer: of the avatar.
@@ -60,6 +66,7 @@ def scored_views(
         views: the capture's views to measure.
         distances: perceptual distances to measure too.
         max_train_view_angle_deg: views with a larger angle to the nearest training camera are skipped.
+        with_contrast: measure the contrast by scale too (`contrast_bands`).
 
     Raises:
         LiveHandError: the capture is of another hand, or has no training cameras to measure the angle to.
@@ -76,12 +83,22 @@ def scored_views(
     limit_deg = np.inf if max_train_view_angle_deg is None else max_train_view_angle_deg
     chosen = [(view, angle) for view, angle in zip(views, angles, strict=True) if not angle > limit_deg]
     for view, angle in tqdm(chosen, unit="image", desc="evaluate"):
-        truth = capture.read_image(view)
+        truth = capture.read_linear(view) if capture.is_lit else capture.read_image(view)
         if (truth[..., 3] > 0.5).any():
-            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera)
-            image = encoded_on_black(renderer.render(shot))
-            figures = view_figures(image, truth, hands.seen_by(view), distances)
-            score = ViewScore(view.file, view.split, view.camera_index, view.pose_index, angle, figures)
+            light = capture.light_of(view)
+            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, light)
+            frame = renderer.render(shot)
+            if capture.is_lit:
+                gain = exposure_gain(truth)
+                truth, image = exposed(truth, gain), exposed(_linear_of(frame), gain)
+            else:
+                image = encoded_on_black(frame)
+            surface = hands.seen_by(view)
+            figures = view_figures(image, truth, surface, distances)
+            if with_contrast:
+                figures |= contrast_figures(image, truth, surface)
+            kind = None if view.light is None else capture.lights[view.light].kind
+            score = ViewScore(view.file, view.split, view.camera_index, view.pose_index, angle, figures, kind)
             yield ScoredView(score, truth, image)
 
 
@@ -123,6 +140,11 @@ def check_any(scores: Sequence, capture: Capture) -> None:
         raise LiveHandError(
             f"capture {capture.folder} must have views of the requested split that show the hand, got none"
         )
+
+
+def _linear_of(frame: Frame) -> np.ndarray:
+    """[H, W, 4] linear premultiplied colour, and alpha."""
+    return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
 
 
 def encoded_on_black(frame: Frame) -> np.ndarray:

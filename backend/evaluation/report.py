@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..records.errors import LiveHandError
 from .breakdown import CAUSES, REGIONS
+from .contrast_bands import BANDS_MM, CONTRAST_KEYS, SPAN, TRUTH
 from .evaluate import ViewScore
 from .summary import Summary, gain_db
 
@@ -42,16 +43,18 @@ def scores_csv(scores: Sequence[ViewScore]) -> str:
     names = list(dict.fromkeys(name for score in scores for name in score.figures))
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow((*_IDENTITY, *names))
+    is_lit = any(score.light_kind is not None for score in scores)
+    writer.writerow((*_IDENTITY, *(["light_kind"] if is_lit else []), *names))
     for score in scores:
         identity = [getattr(score, name) for name in _IDENTITY[:-1]]
-        numbers = [_digits(score.train_view_angle_deg, 2), *(_digits(score.figures[name], 5) for name in names)]
-        writer.writerow((*identity, *numbers))
+        light = [score.light_kind] if is_lit else []
+        angle, numbers = _digits(score.train_view_angle_deg, 2), [_digits(score.figures[name], 5) for name in names]
+        writer.writerow((*identity, angle, *light, *numbers))
     return lines.getvalue()
 
 
 def summary_tables(summaries: Mapping[str, Summary]) -> str:
-    """Two tables with a line for each name: the metrics, and the breakdown of the squared error."""
+    """Tables with a line for each name: metrics, breakdown of the squared error, and contrast if it was measured."""
     columns = [column for column in _QUALITY if any(column[0] in figures for figures in summaries.values())]
     quality = [["", *(heading for _, heading, _ in columns)]]
     for name, figures in summaries.items():
@@ -59,7 +62,19 @@ def summary_tables(summaries: Mapping[str, Summary]) -> str:
     breakdown = [["squared error at", *CAUSES, "true alpha"]]
     for name, figures in summaries.items():
         breakdown += _breakdown_rows(name, figures)
-    return _table(quality) + "\n\n" + _table(breakdown)
+    tables = [_table(quality), _table(breakdown)]
+    if any(SPAN in figures for figures in summaries.values()):
+        tables.append(_table(_contrast_rows(summaries)))
+    return "\n\n".join(tables)
+
+
+def _contrast_rows(summaries: Mapping[str, Summary]) -> list[list[str]]:
+    bands = [f"{fine}-{coarse} mm" for fine, coarse in BANDS_MM]
+    rows = [["contrast, L*", *bands, "span"]]
+    for name, figures in summaries.items():
+        for label, ending in ((name, ""), ("  of the truth", TRUTH)):
+            rows.append([label, *(_digits(figures.get(key + ending), 2) for key in CONTRAST_KEYS)])
+    return rows
 
 
 def _breakdown_rows(name: str, figures: Summary) -> list[list[str]]:
@@ -101,6 +116,9 @@ def write_text(text: str, path: Path) -> None:
         raise LiveHandError(f"{path} must be writable ({error}); choose another folder with -o") from error
 
 
-def summary_json(facts: Mapping[str, str], total: Summary, splits: Mapping[str, Summary]) -> str:
-    """What was evaluated, and the summaries of all views and of each split."""
-    return json.dumps({**facts, "all": total, "splits": splits}, indent=1, allow_nan=False) + "\n"
+def summary_json(
+    facts: Mapping[str, str], total: Summary, splits: Mapping[str, Summary], lights: Mapping[str, Summary]
+) -> str:
+    """What was evaluated, and the summaries of all views, each split and, in a lit capture, each kind of light."""
+    of_lights = {"lights": lights} if lights else {}
+    return json.dumps({**facts, "all": total, "splits": splits, **of_lights}, indent=1, allow_nan=False) + "\n"

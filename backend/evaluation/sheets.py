@@ -70,7 +70,8 @@ def label_of(view: ScoredView) -> str:
     angle_deg = score.train_view_angle_deg
     angle = f"  angle {angle_deg:.0f}\N{DEGREE SIGN}" if np.isfinite(angle_deg) else ""
     decibels = f"{figures['psnr_full']:.2f} dB  hand {figures['psnr_hand']:.2f} dB"
-    return f"{Path(score.file).stem}  {score.split}{angle}  {decibels}"
+    light = f" {score.light_kind}" if score.light_kind else ""
+    return f"{Path(score.file).stem}  {score.split}{light}{angle}  {decibels}"
 
 
 def _save(views: Sequence[ScoredView], path: Path, triples_per_row: int) -> None:

@@ -36,6 +36,15 @@ def by_split(scores: Sequence[ViewScore]) -> dict[str, Summary]:
     return {split: summary([score for score in scores if score.split == split]) for split in splits}
 
 
+def by_light(scores: Sequence[ViewScore]) -> dict[str, Summary]:
+    """The summary of each split's views in each kind of light, by names such as `test soft`; empty without lights."""
+    kinds = sorted({(score.split, score.light_kind) for score in scores if score.light_kind is not None})
+    return {
+        f"{split} {kind}".rstrip(): summary([one for one in scores if (one.split, one.light_kind) == (split, kind)])
+        for split, kind in kinds
+    }
+
+
 def gain_db(share: float) -> float:
     """How much the PSNR of the whole image would rise without a share of its squared error; at most 99 dB."""
     return min(10 * log10(1 / (1 - share)), _MAX_GAIN_DB) if share < 1 else _MAX_GAIN_DB

@@ -9,8 +9,9 @@ import bpy
 import numpy as np
 
 from ...backend.captures.exr import read_exr
+from ...backend.records.errors import LiveHandError
 
-_WHOLE = "whole"  # the layer of the sum of all groups
+_WHOLE = "whole"  # the file of the sum of all groups
 _IS_GROUP = "compositing_node_group" in bpy.types.Scene.bl_rna.properties  # from Blender 5.0 on
 
 
@@ -29,37 +30,35 @@ class LightGroupPasses:
         scene.cycles.use_denoising = False
         self._layer.cycles.denoising_store_passes = True
         scene.render.use_compositing = True
-        self._connected = ()
 
     def render(self, count: int, is_denoised: bool = True) -> tuple[np.ndarray, list[np.ndarray]]:
         """Alpha [h, w] and the first `count` groups [h, w, 3], premultiplied: float32, of the render's border.
 
         They add up to Combined if they are not denoised.
         """
-        with tempfile.TemporaryDirectory(prefix="livehand") as folder:
-            self._connect(Path(folder), count, is_denoised)
-            bpy.ops.render.render(write_still=False)
-            (path,) = Path(folder).glob("*.exr")
-            channels = read_exr(path)
-        alpha = np.clip(channels[f"{_WHOLE}.A"], 0, 1)
-        groups = [_colours(channels, name) for name in self.names[:count]]
+        layers = self._layers(self.names[:count], is_denoised)
+        alpha = np.clip(layers[_WHOLE]["A"], 0, 1)
+        groups = [_colours(layers[name]) for name in self.names[:count]]
         return alpha, [np.where(alpha[..., None] > 0, np.maximum(group, 0), 0) for group in groups]
 
     def combined(self) -> np.ndarray:
         """[h, w, 3] Combined, not denoised, rendered alone."""
-        with tempfile.TemporaryDirectory(prefix="livehand") as folder:
-            self._connect(Path(folder), 0, False)
-            bpy.ops.render.render(write_still=False)
-            (path,) = Path(folder).glob("*.exr")
-            return _colours(read_exr(path), _WHOLE)
+        return _colours(self._layers((), False)[_WHOLE])
 
-    def _connect(self, folder: Path, count: int, is_denoised: bool) -> None:
-        """Save Combined and the groups as layers of one file in the folder."""
+    def _layers(self, groups: tuple[str, ...], is_denoised: bool) -> dict[str, dict[str, np.ndarray]]:
+        """The channels of Combined and of the groups, rendered."""
+        names = (_WHOLE, *groups)
+        with tempfile.TemporaryDirectory(prefix="livehand") as folder:
+            self._connect(Path(folder), names, is_denoised)
+            bpy.ops.render.render(write_still=False)
+            return {name: _channels(Path(folder), name) for name in names}
+
+    def _connect(self, folder: Path, names: tuple[str, ...], is_denoised: bool) -> None:
+        """Save Combined and the groups as files in the folder."""
         tree = _compositor_tree(self._scene)
         tree.nodes.clear()
         passes = tree.nodes.new("CompositorNodeRLayers")
         file = tree.nodes.new("CompositorNodeOutputFile")
-        names = (_WHOLE, *self.names[:count])
         _set_output(file, folder, names)
         tree.links.new(passes.outputs["Image"], file.inputs[_WHOLE])
         for name in names[1:]:
@@ -83,22 +82,31 @@ def _compositor_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
 
 
 def _set_output(file: bpy.types.Node, folder: Path, names: tuple[str, ...]) -> None:
-    """One uncompressed float OpenEXR file with these layers."""
+    """One uncompressed float OpenEXR file for each name."""
     if _IS_GROUP:
-        file.directory, file.file_name = str(folder), "image"
-        file.format.media_type = "MULTI_LAYER_IMAGE"
+        file.directory, file.file_name = str(folder), ""
+        file.format.media_type = "IMAGE"
         file.file_output_items.clear()
         for name in names:
             file.file_output_items.new("RGBA", name)
     else:
-        file.base_path = str(folder / "image")
-        file.format.file_format = "OPEN_EXR_MULTILAYER"
-        file.layer_slots.clear()
+        file.base_path = str(folder)
+        file.file_slots.clear()
         for name in names:
-            file.layer_slots.new(name)
+            file.file_slots.new(name)
+    file.format.file_format = "OPEN_EXR"
+    file.format.color_mode = "RGBA"
     file.format.color_depth = "32"
     file.format.exr_codec = "NONE"
 
 
-def _colours(channels: dict[str, np.ndarray], layer: str) -> np.ndarray:
-    return np.stack([channels[f"{layer}.{name}"] for name in "RGB"], -1)
+def _channels(folder: Path, name: str) -> dict[str, np.ndarray]:
+    """The channels of a file, whose name ends with the frame's number."""
+    paths = list(folder.glob(f"{name}*.exr"))
+    if len(paths) != 1:
+        raise LiveHandError(f"Cycles must write one picture of {name}, got {len(paths)}; is the disk full?")
+    return read_exr(paths[0])
+
+
+def _colours(channels: dict[str, np.ndarray]) -> np.ndarray:
+    return np.stack([channels[name] for name in "RGB"], -1)

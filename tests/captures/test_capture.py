@@ -100,9 +100,9 @@ def spoilt(capture, change):
     [
         (
             lambda d: d.update(format="nerf"),
-            r"transforms\.json must say format livehand-capture version 1, got 'nerf'",
+            r"transforms\.json must say format livehand-capture version 1 or 2, got 'nerf'",
         ),
-        (lambda d: d.update(version=2), r"transforms\.json must say format"),
+        (lambda d: d.update(version=3), r"transforms\.json must say format"),
         (lambda d: d["frames"][2].pop("K"), r"images/2\.png must have a 'K'"),
         (lambda d: d["frames"][2].pop("file_path"), "every frame in transforms.json must have a file_path"),
         (lambda d: d["frames"][2].update(K=[[1, 2], [3, 4]]), r"images/2\.png: K must be \[3, 3\]"),

@@ -9,6 +9,8 @@ import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.captures.capture import save_capture_index
+from livehand.backend.captures.exr import write_exr
+from livehand.backend.captures.lights import CaptureLight
 from livehand.backend.evaluation.contact_sheet import (
     BACKGROUND,
     comparison_sheet,
@@ -27,6 +29,7 @@ from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import Frame
+from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.runtime.command import run_commands
@@ -128,6 +131,61 @@ def test_an_evaluation_during_training_leaves_the_networks_unchanged(renderer, h
     assert comparison_sheet(pairs).shape == (32, 12 * 24, 3)
     with pytest.raises(LiveHandError, match="must have views of the requested split"):
         evaluate_views(avatar, hand, own_capture, [], "cpu")
+
+
+@pytest.fixture(scope="module")
+def lit_capture(own_capture, renderer, hand, tmp_path_factory):
+    """The same pictures as linear OpenEXR, 40 times as bright, in lights."""
+    folder = tmp_path_factory.mktemp("lit")
+    sun = Light((Lamp("sun", np.ones(3)),))
+    lights = tuple(CaptureLight(kind, sun) for kind in ("soft", "key"))
+    views = []
+    for index, view in enumerate(own_capture.views):
+        pose = own_capture.poses[view.pose_index]
+        frame = renderer.render(Shot(pose, posed_vertices(hand, pose), view.camera, sun))
+        channels = {name: 40 * frame.rgb[..., k] for k, name in enumerate("RGB")} | {"A": frame.alpha}
+        lit = replace(view, file=f"images/{index}.exr", light=index % 2)
+        write_exr(folder / lit.file, channels)
+        views.append(lit)
+    capture = replace(own_capture, folder=folder, views=tuple(views), lights=lights)
+    save_capture_index(capture)
+    return capture
+
+
+def test_a_lit_view_is_rendered_in_its_light_and_exposed_by_its_truth(renderer, lit_capture, monkeypatch):
+    factor, lights, render = 40.0, [], Renderer.render
+
+    def brighter(self, shot):
+        lights.append(shot.light)
+        frame = render(self, shot)
+        return replace(frame, rgb=factor * frame.rgb)
+
+    monkeypatch.setattr(Renderer, "render", brighter)
+    scored = list(scored_views(renderer, lit_capture, lit_capture.views))
+    assert [light is lit_capture.lights[index % 2].light for index, light in enumerate(lights)] == [True] * 8
+    assert [view.score.light_kind for view in scored] == ["soft", "key"] * 4
+    for view in scored:
+        assert view.score.figures["psnr_hand"] > 60
+        hand = view.truth[..., 3] > 0.5
+        # The linear value 0.9 is encoded as 0.9547.
+        assert np.percentile(view.truth[..., :3][hand], 99) == pytest.approx(0.9547, abs=1e-3)
+        np.testing.assert_allclose(view.image, view.truth, atol=1e-3)
+    factor = 20.0
+    (darker,) = scored_views(renderer, lit_capture, lit_capture.views[:1])
+    assert darker.score.figures["psnr_hand"] < 25
+    np.testing.assert_array_equal(darker.truth, scored[0].truth)
+
+
+def test_the_command_lists_kinds_of_light_and_contrast(lit_capture, avatar_path, tmp_path, capsys):
+    arguments = (lit_capture.folder, "--avatar", avatar_path, "--device", "cpu", "-o", tmp_path / "out")
+    assert evaluate(*arguments, "--split", "all", "--contrast") == 0
+    _, *lines = capsys.readouterr().out.splitlines()
+    expected = [["test", "key"], ["train", "key"], ["train", "soft"], ["test", "2"], ["train", "6"], ["all", "8"]]
+    assert [line.split()[:2] for line in lines[:6]] == expected
+    assert any(line.startswith("contrast, L*") for line in lines)
+    written = json.loads((tmp_path / "out/summary.json").read_text())
+    assert set(written["lights"]) == {"test key", "train key", "train soft"}
+    assert written["lights"]["train key"]["images"] == 2
 
 
 def test_views_without_the_hand_are_skipped_and_no_view_is_an_error(renderer, own_capture, tmp_path):

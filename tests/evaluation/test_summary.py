@@ -3,12 +3,14 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from livehand.backend.evaluation.breakdown import CAUSES, REGIONS
+from livehand.backend.evaluation.contrast_bands import CONTRAST_KEYS
 from livehand.backend.evaluation.evaluate import ViewScore
 from livehand.backend.evaluation.report import scores_csv, summary_json, summary_tables, write_text
-from livehand.backend.evaluation.summary import by_split, gain_db, summary
+from livehand.backend.evaluation.summary import by_light, by_split, gain_db, summary
 from livehand.backend.records.errors import LiveHandError
 
 
@@ -49,6 +51,29 @@ def test_every_split_has_its_own_summary():
     assert (found["train"]["images"], found["train"]["psnr_full"]) == (2, 41.0)
 
 
+def test_every_kind_of_light_has_a_summary_for_each_split():
+    scores = [score(psnr=20.0), score(psnr=24.0), score("novel_light", psnr=30.0)]
+    assert by_light(scores) == {}
+    lit = [replace(one, light_kind=kind) for one, kind in zip(scores, ("key", "key", "soft"), strict=True)]
+    found = by_light(lit)
+    assert list(found) == ["novel_light soft", "test key"]
+    assert (found["test key"]["images"], found["test key"]["psnr_full"]) == (2, 22.0)
+    document = json.loads(summary_json({}, summary(lit), by_split(lit), found))
+    assert document["lights"] == found
+    assert [row["light_kind"] for row in csv.DictReader(scores_csv(lit).splitlines())] == ["key", "key", "soft"]
+
+
+def test_contrast_has_a_table_of_its_own_if_it_was_measured():
+    plain = summary_tables({"test": summary([score()])})
+    contrast = {name: 1.25 for name in CONTRAST_KEYS} | {f"{name}_truth": 2.5 for name in CONTRAST_KEYS}
+    *others, table = summary_tables({"test": summary([score(**contrast)])}).split("\n\n")
+    assert "\n\n".join(others) == plain
+    heading, ours, truth = table.splitlines()
+    assert heading.split("  ")[0] == "contrast, L*"
+    assert ours.split() == ["test", *["1.25"] * 5]
+    assert truth.split() == ["of", "the", "truth", *["2.50"] * 5]
+
+
 @pytest.mark.parametrize(("share", "gain"), [(0.0, 0.0), (0.5, 3.0103), (0.9, 10.0), (1.0, 99.0)])
 def test_the_gain_is_the_psnr_without_the_share(share, gain):
     assert gain_db(share) == pytest.approx(gain, abs=1e-4)
@@ -84,7 +109,7 @@ def test_the_tables_show_metrics_and_the_breakdown():
 
 def test_the_json_holds_all_and_each_split():
     scores = [score(), score("train")]
-    document = json.loads(summary_json({"avatar": "a"}, summary(scores), by_split(scores)))
+    document = json.loads(summary_json({"avatar": "a"}, summary(scores), by_split(scores), {}))
     assert document["avatar"] == "a"
     assert document["all"]["images"] == 2
     assert document["splits"]["train"]["images"] == 1

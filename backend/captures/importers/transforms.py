@@ -2,7 +2,8 @@
 
 The intrinsics are fl_x, fl_y, cx, cy, w, h (or camera_angle_x), for all images or for each; the camera of each image is
 a camera-to-world `transform_matrix` with OpenGL's axes: x right, y up, z backward. Lens distortion is refused. The pose
-of an image is given by its `pose_index`, by its `time` if the poses have times, or is the only pose.
+of an image is given by its `pose_index`, by its `time` if the poses have times, or is the only pose. Its `light`, if it
+has one, is an entry of `lights` or the index of one, as a capture's own index has them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import tan
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,13 @@ from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.shot import HandPose
 from ..capture import read_all, read_pose
+from ..lights import CaptureLight, read_light
 from ..picture import read_header
 
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV")  # OPENCV without distortion is a pinhole
-_SUFFIXES = (".png", ".jpg", ".jpeg")
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 _SAME_TIME = 1e-6
 
 
@@ -41,12 +43,14 @@ class PoseTable:
 
 @dataclass(frozen=True)
 class TransformsFrame:
-    """One image: its file, mask, camera and pose."""
+    """One image: its file, mask, camera, pose, light (None: not known) and exposure; equal lights are one object."""
 
     image: Path
     mask: Path | None
     camera: Camera
     pose_index: int
+    light: CaptureLight | None = None
+    exposure: float = 1.0
 
 
 def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTable:
@@ -76,6 +80,8 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
 def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> list[TransformsFrame]:
     """The images of a `transforms.json`, in its order.
 
+    A unit other than the metre scales cameras, lamps and occluders; lamps keep their irradiance on the hand.
+
     Raises:
         LiveHandError: with the file and its faults.
     """
@@ -85,9 +91,11 @@ def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> lis
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise LiveHandError(f"{path} must hold JSON with a list of frames ({type(error).__name__}: {error})") from error
     frames, faults = [], []
+    lights = _FrameLights(path.parent, document.get("lights", []), metres_per_unit)
     for number, entry in enumerate(entries):
         try:
-            frames.append(_read_frame({**document, **entry}, path.parent, poses, metres_per_unit))
+            frame = _read_frame({**document, **entry}, path.parent, poses, metres_per_unit)
+            frames.append(replace(frame, light=lights.of(entry.get("light"))))
         except (KeyError, TypeError, ValueError, LiveHandError) as error:
             name = entry.get("file_path", number) if isinstance(entry, dict) else number
             what = f"{error} is missing" if isinstance(error, KeyError) else error
@@ -111,7 +119,51 @@ def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres
         cam2world = cam2world @ _OPENGL_TO_OPENCV
         cam2world[:3, 3] *= metres_per_unit
     mask = folder / entry["mask_path"] if "mask_path" in entry else None
-    return TransformsFrame(image, mask, Camera(_intrinsics(entry, size_px), cam2world, size_px), _pose_of(entry, poses))
+    exposure = float(entry.get("exposure", 1.0))
+    if not 0 < exposure < np.inf:
+        raise LiveHandError(f"exposure must be a finite number above 0, got {exposure}")
+    camera = Camera(_intrinsics(entry, size_px), cam2world, size_px)
+    return TransformsFrame(image, mask, camera, _pose_of(entry, poses), exposure=exposure)
+
+
+class _FrameLights:
+    """The lights of a document's frames, each read once."""
+
+    def __init__(self, folder: Path, entries: object, metres_per_unit: float):
+        self._folder, self._entries, self._metres_per_unit = folder, entries, metres_per_unit
+        self._read: dict[str, CaptureLight] = {}
+
+    def of(self, light: object) -> CaptureLight | None:
+        """The light of a frame's entry or index, None without one."""
+        if light is None:
+            return None
+        name, entry = "light", light
+        if isinstance(light, int) and not isinstance(light, bool):
+            if not isinstance(self._entries, list) or not 0 <= light < len(self._entries):
+                raise LiveHandError(f"light must be an index of lights, got {light}")
+            name, entry = f"lights[{light}]", self._entries[light]
+        key = json.dumps(entry, sort_keys=True)
+        if key not in self._read:
+            self._read[key] = _in_metres(read_light(self._folder, name, entry), self._metres_per_unit)
+        return self._read[key]
+
+
+def _in_metres(light: CaptureLight, metres_per_unit: float) -> CaptureLight:
+    """The light of a scene in other units; a lamp's power grows with the square of its distance."""
+    if metres_per_unit == 1:
+        return light
+    lamps = tuple(
+        replace(
+            lamp,
+            rgb=lamp.rgb * (1 if lamp.kind == "sun" else metres_per_unit**2),
+            position=lamp.position * metres_per_unit,
+            radius_m=lamp.radius_m * metres_per_unit,
+            size_m=(lamp.size_m[0] * metres_per_unit, lamp.size_m[1] * metres_per_unit),
+        )
+        for lamp in light.light.lamps
+    )
+    occluders = light.light.occluders * metres_per_unit
+    return replace(light, light=replace(light.light, lamps=lamps, occluders=occluders))
 
 
 def _refuse_distortion(entry: Mapping[str, Any]) -> None:

@@ -15,6 +15,8 @@ from .transforms import PoseTable, TransformsFrame, read_transforms
 
 CAMERA_STEP = 8
 """Every eighth camera is held out."""
+LIGHT_STEP = 8
+"""Every eighth light is held out."""
 POSE_SHARE = 10
 """The last tenth of the poses is held out."""
 
@@ -27,8 +29,11 @@ def import_transforms(
     metres_per_unit: float = 1.0,
     held_out_poses: Sequence[int] | None = None,
     held_out_cameras: Sequence[int] | None = None,
+    held_out_lights: Sequence[int] | None = None,
 ) -> Capture:
-    """Write a capture; by default the last tenth of the poses and every eighth camera are held out.
+    """Write a capture; by default the last tenth of the poses, every eighth camera and every eighth light are held out.
+
+    An image of a held-out light whose pose and camera are trained on is of the split `novel_light`.
 
     Raises:
         LiveHandError: with the file and its faults; nothing is written.
@@ -39,6 +44,9 @@ def import_transforms(
     poses_out = _held_out(held_out_poses, len(poses.poses), "poses", _last_tenth(len(poses.poses)))
     cameras = max(camera_index) + 1
     cameras_out = _held_out(held_out_cameras, cameras, "cameras", set(range(CAMERA_STEP - 1, cameras, CAMERA_STEP)))
+    lights = list({id(frame.light): frame.light for frame in frames if frame.light is not None}.values())
+    light_index = {id(light): index for index, light in enumerate(lights)}
+    lights_out = _held_out_lights(held_out_lights, len(lights))
     files: dict[str, Path] = {}
     views = []
     for frame, camera in zip(frames, camera_index, strict=True):
@@ -47,9 +55,12 @@ def import_transforms(
         if mask is not None and frame.mask is not None:
             files[mask] = frame.mask
         split = split_of(frame.pose_index in poses_out, camera in cameras_out)
-        views.append(CaptureView(image, frame.camera, camera, frame.pose_index, split, mask))
+        light = None if frame.light is None else light_index[id(frame.light)]
+        if split == "train" and light in lights_out:
+            split = "novel_light"
+        views.append(CaptureView(image, frame.camera, camera, frame.pose_index, split, mask, light, frame.exposure))
     provenance = {"made_by": "livehand import-transforms", "source": path.name}
-    capture = Capture(output, hand.sha256, provenance, poses.poses, tuple(views))
+    capture = Capture(output, hand.sha256, provenance, poses.poses, tuple(views), tuple(lights))
     write_capture(capture, files)
     return capture
 
@@ -70,6 +81,12 @@ def _held_out(chosen: Sequence[int] | None, count: int, what: str, default: set[
     if not held_out <= set(range(count)) or len(held_out) == count:
         raise LiveHandError(f"held-out {what} must be some, but not all, of 0 to {count - 1}, got {sorted(held_out)}")
     return held_out
+
+
+def _held_out_lights(chosen: Sequence[int] | None, count: int) -> set[int]:
+    if not count and not chosen:
+        return set()
+    return _held_out(chosen, count, "lights", set(range(LIGHT_STEP - 1, count, LIGHT_STEP)))
 
 
 def _names(number: int, frame: TransformsFrame) -> tuple[str, str | None]:

@@ -25,6 +25,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--held-out-cameras", type=int, nargs="*", metavar="I", help="default: every eighth; no numbers: none"
     )
+    parser.add_argument(
+        "--held-out-lights", type=int, nargs="*", metavar="I", help="default: every eighth; no numbers: none"
+    )
 
 
 def _run(args: argparse.Namespace) -> dict:
@@ -44,6 +47,7 @@ def _run(args: argparse.Namespace) -> dict:
         args.metres_per_unit,
         args.held_out_poses,
         args.held_out_cameras,
+        args.held_out_lights,
     )
     splits = dict(Counter(view.split for view in capture.views))
     return {"capture": str(args.output), "images": len(capture.views), "poses": len(capture.poses), "splits": splits}

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.exr import write_exr
 from livehand.backend.captures.importers.transforms import read_pose_table, read_transforms
 from livehand.backend.captures.importers.transforms_capture import import_transforms
 from livehand.backend.hand.model_file import load_default_hand
@@ -209,3 +210,79 @@ def test_the_last_tenth_of_poses_and_every_eighth_camera_are_held_out_by_default
     assert [view.camera_index for view in capture.of_split("novel_camera")] == [7, 15]
     assert [view.pose_index for view in capture.of_split("novel_pose")] == [18, 19]
     assert len({view.file for view in capture.views}) == len(frames)
+
+
+def write_lit(folder):
+    """Two cameras, three poses, and nine point lamps one at a time and a sky; in other units, some images linear."""
+    lamps = [{"lamps": [{"kind": "point", "rgb": [4, 5, 6], "position": [k, 2, 3], "radius_m": 0.5}]} for k in range(9)]
+    lamps[2] = {"kind": "studio", "sky_path": "sky.exr", "occluders": [[[1, 2, 3], [4, 5, 6], [7, 8, 9]]]}
+    frames = [
+        {
+            "file_path": f"{camera}/{pose}_{light}.png",
+            "transform_matrix": matrix(camera).tolist(),
+            "pose_index": pose,
+            "light": light,
+            "exposure": 0.5,
+        }
+        for camera in range(2)
+        for pose in range(2)
+        for light in range(9)
+    ]
+    frames[0]["light"] = {"lamps": [{"kind": "sun", "rgb": [1, 2, 3]}]}
+    paths = write(folder, {**INTRINSICS, "lights": lamps}, frames=frames)
+    write_exr(folder / "sky.exr", dict.fromkeys("RGB", np.full((4, 8), 2.5, np.float16)))
+    write_exr(folder / "linear.exr", dict.fromkeys("RGBA", np.full(SIZE[::-1], 0.5, np.float16)))
+    document = json.loads(paths[0].read_text())
+    document["frames"][1]["file_path"] = "linear"
+    paths[0].write_text(json.dumps(document))
+    return paths
+
+
+def test_lights_of_frames_become_the_captures(tmp_path):
+    path, poses = write_lit(tmp_path / "scene")
+    import_transforms(path, read_pose_table(poses), load_default_hand(), tmp_path / "out", 0.1, [], [], [3])
+    capture = load_capture(tmp_path / "out")
+    assert len(capture.lights) == 10
+    sun, lamp, studio, third = (capture.lights[capture.views[index].light] for index in (0, 1, 2, 3))
+    assert sun.light.lamps[0].rgb.tolist() == [1, 2, 3]
+    (point,) = lamp.light.lamps
+    np.testing.assert_allclose(point.position, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(point.rgb, [0.04, 0.05, 0.06])  # as bright on a hand that is ten times as near
+    assert point.radius_m == pytest.approx(0.05)
+    assert studio.kind == "studio"
+    assert (studio.light.sky.radiance == 2.5).all()
+    np.testing.assert_allclose(studio.light.occluders, 0.1 * np.arange(1, 10).reshape(1, 3, 3))
+    assert {view.exposure for view in capture.views} == {0.5}
+    np.testing.assert_allclose(capture.read_linear(capture.views[1])[..., :3], 1.0)
+    novel = {view.light for view in capture.of_split("novel_light")}
+    assert novel == {3}
+    assert third is capture.lights[3]
+    assert 3 not in {view.light for view in capture.of_split("train")}
+
+
+def test_every_eighth_light_is_held_out_by_default(tmp_path):
+    path, poses = write_lit(tmp_path / "scene")
+    arguments = [path, "--poses", poses, "-o", tmp_path / "out", "--held-out-cameras"]
+    assert run_commands("livehand", "", COMMANDS, ["import-transforms", *map(str, arguments)]) == 0
+    assert {view.light for view in load_capture(tmp_path / "out").of_split("novel_light")} == {7}
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        (9, "light must be an index of lights, got 9"),
+        (-1, "light must be an index of lights, got -1"),
+        (True, "light must be an object"),
+        ("studio", "light must be an object"),
+        ({"lamps": [{"kind": "point"}]}, "light: a lamp must have a kind and rgb"),
+        ({"sky_path": "none.exr"}, "none.exr must be a readable image"),
+    ],
+)
+def test_bad_lights_are_named(tmp_path, light, message):
+    path, poses = write_lit(tmp_path / "scene")
+    document = json.loads(path.read_text())
+    document["frames"][4]["light"] = light
+    path.write_text(json.dumps(document))
+    with pytest.raises(LiveHandError, match=rf"frame 0/0_4\.png: .*{message}"):
+        import_transforms(path, read_pose_table(poses), load_default_hand(), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
