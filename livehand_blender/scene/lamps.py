@@ -54,7 +54,7 @@ class LinkedLamp:
 
 def read_lamps(depsgraph: bpy.types.Depsgraph) -> tuple[LinkedLamp, ...]:
     """All lamps that give diffuse light in the evaluated frame, instances included."""
-    groups = {group.name for group in depsgraph.view_layer_eval.lightgroups}
+    groups = {group.name for group in depsgraph.view_layer.lightgroups}
     lamps = []
     for instance in depsgraph.object_instances:
         thing = instance.object

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from hashlib import sha256
 from typing import Any
 
 import bpy
+import numpy as np
 
 _IGNORED = {
     "rna_type",
@@ -107,22 +109,18 @@ def _image(image: bpy.types.Image) -> list[Any]:
         image.source,
         image.colorspace_settings.name,
         packed and packed.size,
-        image.is_dirty,
+        list(image.size),
         _pixels(image),
     ]
 
 
-def _pixels(image: bpy.types.Image) -> list[Any]:
-    """What is known of the pixels of an image that no file holds: its size, colour and some of its pixels."""
+def _pixels(image: bpy.types.Image) -> str:
+    """A hash of the pixels of an image that no file holds."""
     if image.source != "GENERATED" and not image.is_dirty:
-        return []
-    count = len(image.pixels)
-    return [
-        list(image.size),
-        image.generated_type,
-        list(image.generated_color),
-        [image.pixels[k] for k in range(0, count, max(1, count // 997))],
-    ]
+        return ""
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    return sha256(pixels).hexdigest()
 
 
 def _plain(value: Any) -> Any:

@@ -52,7 +52,7 @@ def read_world(depsgraph: bpy.types.Depsgraph) -> WorldLight | None:
     Raises:
         LiveHandError: the world cannot be prepared for its render.
     """
-    layer = depsgraph.view_layer_eval
+    layer = depsgraph.view_layer
     override = getattr(layer, "world_override", None)
     world = override.evaluated_get(depsgraph) if override else depsgraph.scene_eval.world
     if world is None or not layer.use_sky or not _is_visible(world):

@@ -7,10 +7,12 @@ process of its own works in every case, beside a render or a 3D view.
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+import weakref
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -46,7 +48,7 @@ class RenderedWorld:
 
     def __init__(self, name: str):
         self._name = name
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
         self._map: WorldMap | None = None
         self._lock = threading.Lock()
 
@@ -58,8 +60,10 @@ class RenderedWorld:
     def save(self, world: bpy.types.World, scene: bpy.types.Scene) -> None:
         """Save what the render needs, if it has not been rendered yet; in any thread that may read the scene."""
         if self._map is None and self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="livehand_world_")
-            call_in_main_thread(lambda: _save(world.original, scene, Path(self._folder.name)))
+            folder = Path(tempfile.mkdtemp(prefix="livehand_world_"))
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+            call_in_main_thread(lambda: _save(world.original, scene, folder))
+            self._folder = folder
 
     def map(self) -> WorldMap:
         """The map, rendered at the first call, in any thread.
@@ -70,8 +74,8 @@ class RenderedWorld:
         with self._lock:
             if self._map is None:
                 assert self._folder is not None, "the world must be saved first"
-                self._map = _render(self._name, Path(self._folder.name))
-                self._folder = None
+                self._map = _render(self._name, self._folder)
+                shutil.rmtree(self._folder, ignore_errors=True)
         return self._map
 
 

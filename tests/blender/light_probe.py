@@ -162,3 +162,45 @@ def beam(lamp, leaving_direction, leaving_cosine):
         cosine = np.clip(leaving_cosine, 1e-6, 1)
         return np.maximum(np.tan(half) - np.sqrt(1 - cosine**2) / cosine, 0) / (np.tan(half) - half)
     return 1.0
+
+
+NORMALS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.6, -0.6, 0.53), (-0.5, 0.4, 0.77))
+
+
+def face(normal):
+    """Turn the patch, and the camera that it carries."""
+    patch = bpy.data.objects["Patch"]
+    patch.rotation_euler = Vector(normal).to_track_quat("Z", "Y").to_euler()
+    bpy.context.view_layer.update()
+
+
+def add_world():
+    """A world with nodes; returns its tree, with a Background of strength 1."""
+    world = bpy.data.worlds.new("Sphere of Light")
+    bpy.context.scene.world = world
+    if bpy.app.version < (5, 0, 0):
+        world.use_nodes = True
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 256
+    return world.node_tree
+
+
+def link(tree, output, target):
+    tree.links.new(output, target)
+    return target.node
+
+
+def environment(tree, pixels, rotation=(0, 0, 0)):
+    """An environment texture of linear pixels [H, W, 3], top row first, behind a mapping."""
+    height, width, _ = pixels.shape
+    image = bpy.data.images.new("Surroundings", width, height, float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"
+    rgba = np.concatenate([pixels, np.ones((height, width, 1))], -1)[::-1]
+    image.pixels.foreach_set(rgba.astype(np.float32).ravel())
+    texture, mapping = tree.nodes.new("ShaderNodeTexEnvironment"), tree.nodes.new("ShaderNodeMapping")
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    texture.image = image
+    mapping.inputs["Rotation"].default_value = rotation
+    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    tree.links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    tree.links.new(texture.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+    return image
