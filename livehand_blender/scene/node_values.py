@@ -120,7 +120,7 @@ def _pixels(image: bpy.types.Image) -> str:
         return ""
     pixels = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(pixels)
-    return sha256(pixels).hexdigest()
+    return sha256(pixels.tobytes()).hexdigest()
 
 
 def _plain(value: Any) -> Any:

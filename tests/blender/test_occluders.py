@@ -36,6 +36,12 @@ def hand_meshes():
     return depsgraph, {mesh.original.name_full: world_vertices(mesh) for mesh in meshes}
 
 
+def off_hand(x, y, z):
+    """A place by its offset from the middle of the only hand, m."""
+    (vertices,) = hand_meshes()[1].values()
+    return np.mean(vertices, axis=0) + np.array([x, y, z])
+
+
 def light_now():
     depsgraph, hands = hand_meshes()
     ((name, vertices),) = hands.items()
@@ -43,13 +49,12 @@ def light_now():
 
 
 def test_what_stands_before_the_sun_and_casts_shadows(sun):
-    middle = np.mean(next(iter(hand_meshes()[1].values())), axis=0)
-    over = add_triangle(middle + [0, 0, 1.0])
-    add_triangle(middle + [1.0, 0, 1.0], "Aside")
-    add_triangle(middle + [0, 0, 9.0], "Far")
-    add_triangle(middle - [0, 0, 1.0], "Below")
-    add_triangle(middle + [0, 0, 1.1], "Shadowless").visible_shadow = False
-    hidden = add_triangle(middle + [0, 0, 1.2], "Hidden")
+    over = add_triangle(off_hand(0, 0, 1.0))
+    add_triangle(off_hand(1.0, 0, 1.0), "Aside")
+    add_triangle(off_hand(0, 0, 9.0), "Far")
+    add_triangle(off_hand(0, 0, -1.0), "Below")
+    add_triangle(off_hand(0, 0, 1.1), "Shadowless").visible_shadow = False
+    hidden = add_triangle(off_hand(0, 0, 1.2), "Hidden")
     hidden.hide_render = hidden.hide_viewport = True
     (triangle,) = light_now().occluders
     np.testing.assert_allclose(triangle[0], over.location, atol=1e-6)
@@ -59,39 +64,36 @@ def test_what_stands_before_the_sun_and_casts_shadows(sun):
 
 
 def test_all_round_the_hand_under_a_sky(sun, hand_scene):
-    middle = np.mean(next(iter(hand_meshes()[1].values())), axis=0)
-    add_triangle(middle + [0, 0, -0.4], "Near below")
-    add_triangle(middle + [0, 0, -1.0], "Far below")
+    add_triangle(off_hand(0, 0, -0.4), "Near below")
+    add_triangle(off_hand(0, 0, -1.0), "Far below")
     assert len(light_now().occluders) == 0
     hand_scene.world = bpy.data.worlds.new("Grey")
     assert len(light_now().occluders) == 1
 
 
 def test_instances_and_curves_count(sun):
-    middle = np.mean(next(iter(hand_meshes()[1].values())), axis=0)
     source = add_triangle((5, 5, 5))
     collection = bpy.data.collections.new("Leaves")
     collection.objects.link(source)
     for height in (0.5, 1.0):
         empty = bpy.data.objects.new("Empty", None)
         empty.instance_type, empty.instance_collection = "COLLECTION", collection
-        empty.location = middle + [-5, -5, height - 5]
+        empty.location = off_hand(-5, -5, height - 5)
         bpy.context.scene.collection.objects.link(empty)
-    assert sorted(np.round(light_now().occluders[:, 0, 2] - middle[2], 4)) == [0.5, 1.0]
+    assert sorted(np.round(light_now().occluders[:, 0, 2] - off_hand(0, 0, 0)[2], 4)) == [0.5, 1.0]
     curve = bpy.data.curves.new("Ring", "CURVE")
     curve.dimensions, curve.bevel_depth = "3D", 0.002
     spline = curve.splines.new("POLY")
     spline.points.add(1)
     spline.points[1].co = (0.03, 0, 0, 1)
     ring = bpy.data.objects.new("Ring", curve)
-    ring.location = middle + [0, 0, 0.3]
+    ring.location = off_hand(0, 0, 0.3)
     bpy.context.scene.collection.objects.link(ring)
     assert len(light_now().occluders) > 10
 
 
 def test_instances_of_geometry_nodes_count(sun):
-    middle = np.mean(next(iter(hand_meshes()[1].values())), axis=0)
-    holder = add_triangle(middle + [0, 0, 0.7], "Holder")
+    holder = add_triangle(off_hand(0, 0, 0.7), "Holder")
     tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     line, cube = tree.nodes.new("GeometryNodeMeshLine"), tree.nodes.new("GeometryNodeMeshCube")
@@ -106,7 +108,9 @@ def test_instances_of_geometry_nodes_count(sun):
     bpy.context.view_layer.update()
     triangles = light_now().occluders
     assert len(triangles) == 36
-    np.testing.assert_allclose(np.unique(np.round(triangles[..., 2].mean(1) - middle[2], 1)), [0.7, 0.9, 1.1])
+    np.testing.assert_allclose(
+        np.unique(np.round(triangles[..., 2].mean(1) - off_hand(0, 0, 0)[2], 1)), [0.7, 0.9, 1.1]
+    )
 
 
 def test_hands_shadow_each_other_but_their_own_meshes_are_none_of_their_occluders(sun):
@@ -123,12 +127,11 @@ def test_hands_shadow_each_other_but_their_own_meshes_are_none_of_their_occluder
 
 
 def test_of_too_many_the_nearest_are_kept(sun, monkeypatch, caplog):
-    middle = np.mean(next(iter(hand_meshes()[1].values())), axis=0)
     for k in range(6):
-        add_triangle(middle + [0, 0, 2.0 - 0.25 * k], f"Triangle {k}")
+        add_triangle(off_hand(0, 0, 2.0 - 0.25 * k), f"Triangle {k}")
     monkeypatch.setattr(occluders, "_MAX_TRIANGLES", 2)
     kept = light_now().occluders
-    np.testing.assert_allclose(sorted(kept[:, 0, 2] - middle[2]), [0.75, 1.0], atol=1e-5)
+    np.testing.assert_allclose(sorted(kept[:, 0, 2] - off_hand(0, 0, 0)[2]), [0.75, 1.0], atol=1e-5)
     assert "6 triangles may shadow 'LiveHand Mesh': the nearest 2 do" in caplog.text
 
 
