@@ -5,16 +5,18 @@ A frame's lamps, world and objects are read once for all its hands; then each ha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from ...backend.records.light import Lamp, Light, Sky
+from ..rig.hand import mesh_of
 from .lamps import read_lamps
 from .occluders import occluders_of, read_solids
 from .reach import SKY_M, SUN_M, Reach, middle_of
+from .shot import world_vertices
 from .world import WorldLight, read_world
 
 
@@ -43,6 +45,24 @@ class SceneLight:
         sky, suns = self.world.read() if self.world else (None, ())
         lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
         return Light(lamps, sky and Sky(sky.radiance * self.exposure, sky.group), self.occluders)
+
+
+def read_hand_lights(
+    depsgraph: bpy.types.Depsgraph, armatures: Sequence[bpy.types.Object], is_final: bool
+) -> dict[str, SceneLight]:
+    """Name of each hand's armature -> the light on it; none if the scene says that hands keep their capture's.
+
+    Args:
+        depsgraph: of the frame.
+        armatures: of the hands, evaluated.
+        is_final: as in `read_scene_light`, which also tells what is raised.
+    """
+    if depsgraph.scene.livehand.light != "SCENE":
+        return {}
+    meshes = {armature.name: mesh_of(armature.original) for armature in armatures}
+    vertices = {mesh.name_full: world_vertices(mesh.evaluated_get(depsgraph)) for mesh in meshes.values()}
+    lights = read_scene_light(depsgraph, vertices, is_final)
+    return {name: lights[mesh.name_full] for name, mesh in meshes.items()}
 
 
 def read_scene_light(

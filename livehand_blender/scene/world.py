@@ -70,7 +70,8 @@ def _is_visible(world: bpy.types.World) -> bool:
 
 def _plain_radiance(world: bpy.types.World) -> np.ndarray | None:
     """[3] the radiance of a world of one colour; None for any other."""
-    if not (world.use_nodes and world.node_tree):
+    has_nodes = bpy.app.version >= (5, 0, 0) or world.use_nodes  # later versions always have nodes, and warn
+    if not (has_nodes and world.node_tree):
         return in_rec709(np.array(world.color, np.float64))
     output = world.node_tree.get_output_node("CYCLES")
     if output is None or not output.inputs["Surface"].is_linked:

@@ -44,7 +44,8 @@ def square(name, side_m, location=(0, 0, 0)):
 def white():
     """A material of albedo 1."""
     material = bpy.data.materials.new("White")
-    material.use_nodes = True
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
     diffuse, output = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeOutputMaterial")

@@ -206,6 +206,7 @@ def test_a_world_that_the_layer_does_not_show_is_black(patch):
     assert probe.light_now().sky is None
     bpy.context.view_layer.use_sky = True
     bpy.context.scene.world.cycles_visibility.diffuse = False
+    bpy.context.scene.world.update_tag()
     assert probe.light_now().sky is None
     bpy.context.scene.world = None
     assert probe.light_now().sky is None
