@@ -22,11 +22,13 @@ from .ui import (
     preferences,
     retarget,
     shape,
+    studio,
 )
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *studio.CLASSES,
     *posing.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,

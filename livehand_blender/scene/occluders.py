@@ -26,23 +26,45 @@ class Solid(NamedTuple):
 
 def read_solids(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) -> tuple[Solid, ...]:
     """The triangles within any reach of all objects that cast shadows, instances and hands included."""
+    near = _near_instances(depsgraph, reaches)
     local: dict[int, np.ndarray] = {}
     solids = []
-    for instance in depsgraph.object_instances:
-        thing = instance.object
-        if thing.type not in _MESH_LIKE or not instance.show_self or not thing.visible_shadow:
-            continue
-        matrix = np.array(instance.matrix_world, np.float64)
-        if not _touches_any(reaches, *_ball_of(thing, matrix)).any():
-            continue
-        key = thing.data.as_pointer()
-        if key not in local:
-            local[key] = local_triangles(thing)
-        triangles = local[key] @ matrix[:3, :3].T + matrix[:3, 3]
-        triangles = triangles[_touches_any(reaches, *bounding_balls(triangles))]
-        if len(triangles):
-            solids.append(Solid(thing.original.name_full, triangles))
+    for number, instance in enumerate(depsgraph.object_instances):
+        if number in near:
+            thing, matrix = instance.object, near[number]
+            key = thing.data.as_pointer()
+            if key not in local:
+                local[key] = local_triangles(thing)
+            triangles = local[key] @ matrix[:3, :3].T + matrix[:3, 3]
+            triangles = triangles[_touches_any(reaches, *bounding_balls(triangles))]
+            if len(triangles):
+                solids.append(Solid(thing.original.name_full, triangles))
     return tuple(solids)
+
+
+def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) -> dict[int, np.ndarray]:
+    """Number of each instance that casts shadows and whose bounding box touches a reach -> its matrix [4, 4].
+
+    All boxes are tested at once: a meadow has a hundred thousand instances.
+    """
+    boxes: dict[int, np.ndarray] = {}
+    numbers, matrices, corners = [], [], []
+    for number, instance in enumerate(depsgraph.object_instances):
+        thing = instance.object
+        if thing.type in _MESH_LIKE and instance.show_self and thing.visible_shadow:
+            key = thing.data.as_pointer()
+            if key not in boxes:
+                boxes[key] = np.array(thing.bound_box)
+            numbers.append(number)
+            matrices.append(instance.matrix_world.copy())
+            corners.append(boxes[key])
+    if not numbers:
+        return {}
+    matrix = np.array(matrices, np.float64)  # [I, 4, 4]
+    corner = np.array(corners) @ matrix[:, :3, :3].transpose(0, 2, 1) + matrix[:, None, :3, 3]  # [I, 8, 3]
+    centres = corner.mean(1)
+    touched = _touches_any(reaches, centres, np.linalg.norm(corner - centres[:, None], axis=-1).max(1))
+    return {numbers[k]: matrix[k] for k in np.flatnonzero(touched)}
 
 
 def occluders_of(solids: Sequence[Solid], reach: Reach, mesh_name: str) -> np.ndarray:
@@ -77,10 +99,3 @@ def local_triangles(thing: bpy.types.Object) -> np.ndarray:
 
 def _touches_any(reaches: Sequence[Reach], centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
     return np.any([reach.touches(centres, radii) for reach in reaches], axis=0)
-
-
-def _ball_of(thing: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre [1, 3] and radius [1] of a ball around an object's bounding box."""
-    corners = np.array(thing.bound_box) @ matrix[:3, :3].T + matrix[:3, 3]
-    centre = corners.mean(0)
-    return centre[None], np.linalg.norm(corners - centre, axis=1).max(keepdims=True)
