@@ -46,16 +46,23 @@ def tree_values(tree: bpy.types.NodeTree) -> list[Any]:
     return [nodes, links]
 
 
-def images_of(tree: bpy.types.NodeTree, seen: set[str] | None = None) -> Iterator[bpy.types.Image]:
+def images_of(tree: bpy.types.NodeTree) -> list[bpy.types.Image]:
     """The images of a tree and of the groups in it."""
-    seen = set() if seen is None else seen
+    return [node.image for node in _all_nodes(tree, set()) if getattr(node, "image", None)]
+
+
+def objects_of(tree: bpy.types.NodeTree) -> list[bpy.types.Object]:
+    """The objects whose coordinates nodes of a tree use, and of the groups in it."""
+    return [node.object for node in _all_nodes(tree, set()) if getattr(node, "object", None)]
+
+
+def _all_nodes(tree: bpy.types.NodeTree, seen: set[str]) -> Iterator[bpy.types.Node]:
     for node in tree.nodes:
-        if isinstance(getattr(node, "image", None), bpy.types.Image):
-            yield node.image
+        yield node
         inner = getattr(node, "node_tree", None)
         if inner is not None and inner.name_full not in seen:
             seen.add(inner.name_full)
-            yield from images_of(inner, seen)
+            yield from _all_nodes(inner, seen)
 
 
 def _inputs(node: bpy.types.Node) -> list[Any]:

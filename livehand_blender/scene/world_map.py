@@ -24,7 +24,7 @@ import numpy as np
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Lamp
 from .main_thread import call_in_main_thread
-from .node_values import images_of, tree_values
+from .node_values import images_of, objects_of, tree_values
 from .sky_suns import CloseUp, take_out_suns
 
 _TIMEOUT_S = 600.0
@@ -62,7 +62,8 @@ class RenderedWorld:
         if self._map is None and self._folder is None:
             folder = Path(tempfile.mkdtemp(prefix="livehand_world_"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-            call_in_main_thread(lambda: _save(world.original, scene, folder))
+            matrices = {one.name: [list(row) for row in one.matrix_world] for one in objects_of(world.node_tree)}
+            call_in_main_thread(lambda: _save(world.original, scene, matrices, folder))
             self._folder = folder
 
     def map(self) -> WorldMap:
@@ -104,9 +105,13 @@ def _kept(key: str, name: str) -> RenderedWorld:
     return RenderedWorld(name)
 
 
-def _save(world: bpy.types.World, scene: bpy.types.Scene, folder: Path) -> None:
+def _save(world: bpy.types.World, scene: bpy.types.Scene, matrices: dict[str, list], folder: Path) -> None:
     """Save the world with all that it uses, the pixels that no file holds, and the request."""
-    bpy.data.libraries.write(str(folder / "world.blend"), {world}, path_remap="ABSOLUTE", fake_user=True)
+    if world.library is None:
+        blend = str(folder / "world.blend")
+        bpy.data.libraries.write(blend, {world}, path_remap="ABSOLUTE", fake_user=True)
+    else:  # Blender would write no more than its name
+        blend = bpy.path.abspath(world.library.filepath)
     pixels = {}
     for number, image in enumerate(images_of(world.node_tree)):
         if image.is_dirty:
@@ -115,20 +120,26 @@ def _save(world: bpy.types.World, scene: bpy.types.Scene, folder: Path) -> None:
             pixels[image.name] = f"pixels{number}.npy"
             np.save(folder / pixels[image.name], values)
     request = {
+        "blend": blend,
         "world": world.name,
         "frame": scene.frame_current_final,
         "threads": scene.render.threads if scene.render.threads_mode == "FIXED" else 0,
         "pixels": pixels,
+        "matrices": matrices,
     }
     (folder / "request.json").write_text(json.dumps(request), encoding="utf-8")
 
 
 def _render(name: str, folder: Path) -> WorldMap:
     out = folder / "map.npz"
-    arguments = [str(folder / "world.blend"), str(out), str(folder / "request.json")]
     try:
         done = subprocess.run(
-            [*_blender(), *arguments], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S, check=False
+            [*_blender(), str(folder / "request.json"), str(out)],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_TIMEOUT_S,
+            check=False,
         )
         fault = done.stderr.strip().splitlines()[-1:] or [f"exit status {done.returncode}"]
     except (OSError, subprocess.TimeoutExpired) as error:

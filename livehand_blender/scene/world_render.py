@@ -1,6 +1,6 @@
 """Renders the world of a .blend by Cycles to an equirectangular map; a script that a Blender process of its own runs.
 
-It stands alone, so that it runs in a Blender without LiveHand: `world_render.py WORLD.blend OUT.npz REQUEST.json`.
+It stands alone, so that it runs in a Blender without LiveHand: `world_render.py REQUEST.json OUT.npz`.
 `world_map.py` starts it. Rendering in the running Blender is not possible in the middle of its own render.
 """
 
@@ -31,14 +31,17 @@ _DIFFUSE_RAY = {
 }
 
 
-def main(blend: Path, out: Path, request: dict) -> None:
+def main(request_path: Path, out: Path) -> None:
     """Render the map and the close-ups of its brightest places."""
-    with bpy.data.libraries.load(str(blend), link=False) as (_, wanted):
+    request = json.loads(request_path.read_text(encoding="utf-8"))
+    with bpy.data.libraries.load(request["blend"], link=False) as (_, wanted):
         wanted.worlds = [request["world"]]
     (world,) = wanted.worlds
+    for thing in list(bpy.context.scene.objects):
+        bpy.data.objects.remove(thing)
     for name, file in request["pixels"].items():
-        bpy.data.images[name].pixels.foreach_set(np.load(blend.with_name(file)))
-    replace_light_paths(world.node_tree, set())
+        bpy.data.images[name].pixels.foreach_set(np.load(request_path.with_name(file)))
+    prepare(world.node_tree, request["matrices"], set())
     scene = make_scene(world, request["threads"])
     scene.frame_set(int(request["frame"] // 1), subframe=request["frame"] % 1)
     picture = out.with_suffix(".exr")
@@ -54,15 +57,25 @@ def main(blend: Path, out: Path, request: dict) -> None:
     )
 
 
-def replace_light_paths(tree: bpy.types.NodeTree, seen: set[str]) -> None:
-    """Give the tree, and the groups inside it, the values of a diffuse ray."""
+def prepare(tree: bpy.types.NodeTree, matrices: dict, seen: set[str]) -> None:
+    """Give the tree, and the groups inside it, the values of a diffuse ray, and the places of the scene's objects."""
     seen.add(tree.name)
     for node in list(tree.nodes):
         if node.type == "LIGHT_PATH":
             replace_light_path(tree, node)
+        if getattr(node, "object", None):
+            node.object = empty_at(Matrix(matrices[node.object.name]))
         inner = getattr(node, "node_tree", None)
         if inner is not None and inner.name not in seen:
-            replace_light_paths(inner, seen)
+            prepare(inner, matrices, seen)
+
+
+def empty_at(matrix: Matrix) -> bpy.types.Object:
+    """An object of this place that no camera sees, for one that is not evaluated because it is not in the scene."""
+    empty = bpy.data.objects.new("Coordinates", None)
+    bpy.context.scene.collection.objects.link(empty)
+    empty.matrix_world = matrix
+    return empty
 
 
 def replace_light_path(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
@@ -77,10 +90,8 @@ def replace_light_path(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
 
 
 def make_scene(world: bpy.types.World, threads: int) -> bpy.types.Scene:
-    """An empty scene of the world alone, with a camera at the origin; radiance comes out as it is."""
+    """The scene of the world alone, with a camera at the origin; radiance comes out as it is."""
     scene = bpy.context.scene
-    for thing in list(scene.objects):
-        bpy.data.objects.remove(thing)
     scene.world = world
     world.cycles_visibility.camera = True
     world.cycles.sampling_method = "NONE"  # nothing is lit, so no importance map is needed
@@ -160,8 +171,7 @@ def find_peaks(radiance: np.ndarray) -> list[np.ndarray]:
 
 if __name__ == "__main__":
     try:
-        blend, out, request = (Path(argument) for argument in sys.argv[-3:])
-        main(blend, out, json.loads(request.read_text(encoding="utf-8")))
+        main(*(Path(argument) for argument in sys.argv[-2:]))
         status = 0
     except BaseException:
         traceback.print_exc()
