@@ -29,7 +29,7 @@ def test_an_image_beside_the_blend_and_packed_in_it(tree, tmp_path):
     (tmp_path / "textures").mkdir()
     path = tmp_path / "textures" / "grey.png"
     image = bpy.data.images.new("Grey", 16, 8)
-    image.pixels.foreach_set(np.full(16 * 8 * 4, 0.5, np.float32))
+    image.pixels.foreach_set(np.tile(np.array([0.5, 0.5, 0.5, 1], np.float32), 16 * 8))
     image.filepath_raw, image.file_format = str(path), "PNG"
     image.save()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
