@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
+from livehand.livehand_blender.scene.colour import in_rec709
 from mathutils import Matrix
 
 probe = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "light_probe.py")))
@@ -301,3 +302,19 @@ def test_a_mesh_that_does_not_block_a_lamp_is_lit_without_shadows(patch):
     lamp.light_linking.blocker_collection = collection = bpy.data.collections.new("Blockers")
     link_to(collection, bpy.data.objects["Patch"], "EXCLUDE")
     assert not probe.light_now().lamps[0].casts_shadow
+
+
+if bpy.app.version >= (5, 0, 0):
+
+    def test_another_working_space(patch, tmp_path):
+        bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=True)
+        data = probe.add_lamp("POINT", 10, ASIDE).data
+        data.color = (0.5, 0.45, 0.4)
+        tree = probe.add_world()
+        gradient, mix = tree.nodes.new("ShaderNodeTexGradient"), tree.nodes.new("ShaderNodeMix")
+        mix.data_type = "RGBA"
+        mix.inputs[0].default_value, mix.inputs[6].default_value = 0.0, (0.5, 0.45, 0.4, 1)
+        tree.links.new(gradient.outputs[0], mix.inputs[7])
+        tree.links.new(mix.outputs[2], tree.nodes["Background"].inputs["Color"])
+        cycles = in_rec709(probe.cycles_pixels(tmp_path).mean((0, 1)))
+        np.testing.assert_allclose(probe.expected_pixels(probe.light_now()).mean((0, 1)), cycles, rtol=TOLERANCE)
