@@ -144,12 +144,17 @@ def test_no_triangle_that_shadows_the_hand_is_lost(seed):
     lamps = [
         Lamp("area", np.ones(3), rng.normal(0, 1, 3), rotation * np.linalg.det(rotation), size_m=(0.8, 0.3)),
         Lamp("point", np.ones(3), rng.normal(0, 1, 3), radius_m=0.2),
+        Lamp("point", np.ones(3), rng.normal(0, 1, 3), radius_m=0.01),
     ]
-    reach = Reach.of(vertices, lamps, 0.0)
     for lamp in lamps:
+        reach = Reach.of(vertices, [lamp], 0.0)
         local = rng.uniform(-0.5, 0.5, (200, 3)) * [*lamp.size_m, 0] if lamp.kind == "area" else None
         ball = rng.normal(size=(200, 3))
-        on_lamp = local @ lamp.rotation.T if local is not None else 0.2 * ball / np.linalg.norm(ball, axis=1)[:, None]
+        on_lamp = (
+            local @ lamp.rotation.T
+            if local is not None
+            else lamp.radius_m * ball / np.linalg.norm(ball, axis=1)[:, None]
+        )
         share = rng.uniform(0, 1, (200, 1))
         cut = (1 - share) * vertices[rng.integers(0, 50, 200)] + share * (lamp.position + on_lamp)
         triangles = cut[:, None] + rng.normal(0, 0.1, (200, 3, 3)) * [[[1], [1], [0]]]
