@@ -7,6 +7,7 @@ import bpy
 from .blender_command import BlenderCommand
 from .render import engine, memory
 from .rig import properties
+from .scene import main_thread, old_files
 from .ui import (
     avatars,
     compositing,
@@ -21,11 +22,13 @@ from .ui import (
     preferences,
     retarget,
     shape,
+    studio,
 )
 
 CLASSES = (
     *properties.CLASSES,
     *operators.CLASSES,
+    *studio.CLASSES,
     *posing.CLASSES,
     *pose_library.CLASSES,
     *shape.CLASSES,
@@ -50,12 +53,16 @@ def register() -> None:
     motion_files.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
+    old_files.watch_files()
+    main_thread.start()
     BlenderCommand.register()
 
 
 def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     BlenderCommand.unregister()
+    main_thread.stop()
+    old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()
     motion_files.remove_from_menus()

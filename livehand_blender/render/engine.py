@@ -29,7 +29,7 @@ from .cycles_scene import is_in_scene, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
-from .panels import LIVEHAND_PT_passes
+from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import ScenePasses, cryptomatte_passes, wanted_passes
@@ -198,4 +198,4 @@ class LiveHandRender(CyclesEngine):
         return compose_picture(frame.hands, samples, frame.size_px, convert, around, surface)
 
 
-CLASSES = (LiveHandRender, LIVEHAND_PT_passes)
+CLASSES = (LiveHandRender, LIVEHAND_PT_hand_light, LIVEHAND_PT_passes)

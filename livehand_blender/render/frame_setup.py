@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -11,10 +11,12 @@ import numpy as np
 from ...backend.avatars.session import Session
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
+from ...backend.records.light import Light
 from ...backend.rendering.exposure import SHARP, Lens, camera_of_sample
 from ...backend.rendering.frame_task import FrameTask, HandInstance, HandTask
 from ..rig.hand import find_hands, mesh_of
 from ..scene.camera import Eye, read_camera, render_region
+from ..scene.light import read_hand_lights
 from ..scene.shot import read_shot, visible_hands
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
@@ -74,8 +76,9 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     scene, layer = depsgraph.scene, depsgraph.view_layer
     size_px, in_scene = render_region(scene.render).size_px, is_in_scene(scene)
     hands = _load_hands(depsgraph, session)
+    lights = _read_lights(depsgraph, hands)
     views = tuple(
-        ViewSetup(name, _read_task(engine, depsgraph, hands, is_stereo=bool(name)))
+        ViewSetup(name, _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)))
         for name in _activated_views(engine, scene.render)
     )
     return FrameSetup(
@@ -85,7 +88,8 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
 
 def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameTask:
     """The task of the depsgraph's frame, without stereo; raises as `read_frame_setup`."""
-    return _read_task(engine, depsgraph, _load_hands(depsgraph, session), is_stereo=False)
+    hands = _load_hands(depsgraph, session)
+    return _read_task(engine, depsgraph, hands, _read_lights(depsgraph, hands), is_stereo=False)
 
 
 def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
@@ -103,6 +107,16 @@ def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandI
     )
 
 
+def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
+    """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
+    names = [hand.name for hand in hands if getattr(hand.renderer, "is_relightable", False)]
+    if not names:
+        return {}
+    armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
+    lights = read_hand_lights(depsgraph, armatures, is_final=True)
+    return {name: light.light() for name, light in lights.items()}
+
+
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:
     """The name of each stereo view, after activating it; without stereo one empty name."""
     if not render.use_multiview:
@@ -115,13 +129,17 @@ def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSet
 
 
 def _read_task(
-    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], is_stereo: bool
+    engine: bpy.types.RenderEngine,
+    depsgraph: bpy.types.Depsgraph,
+    hands: Sequence[HandInstance],
+    lights: Mapping[str, Light],
+    is_stereo: bool,
 ) -> FrameTask:
     """The hands and the camera at every exposure sample."""
     camera, lens = _read_view(engine, depsgraph, is_stereo)
     samples = read_exposure(depsgraph.scene, lens) if hands else ()
     if samples == (SHARP,):
-        return FrameTask((_read_hands(depsgraph, hands, camera),))
+        return FrameTask((_read_hands(depsgraph, hands, lights, camera),))
     tasks = []
     frame, offset = depsgraph.scene.frame_current, 0.0
     try:
@@ -131,7 +149,7 @@ def _read_task(
                 whole = int(offset // 1)
                 engine.frame_set(frame + whole, offset - whole)
             camera, lens = _read_view(engine, depsgraph, is_stereo)
-            tasks.append(_read_hands(depsgraph, hands, camera_of_sample(camera, lens, sample)))
+            tasks.append(_read_hands(depsgraph, hands, lights, camera_of_sample(camera, lens, sample)))
     finally:
         if offset != 0.0:
             engine.frame_set(frame, 0.0)
@@ -154,13 +172,19 @@ def _read_view(
     return whole.cropped(region.x0_px, region.y0_px, region.size_px), read_lens(evaluated)
 
 
-def _read_hands(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], camera: Camera) -> tuple[HandTask, ...]:
+def _read_hands(
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], lights: Mapping[str, Light], camera: Camera
+) -> tuple[HandTask, ...]:
     objects = depsgraph.scene.objects
     return tuple(
         HandTask(
             hand.renderer,
             read_shot(
-                objects[hand.name].evaluated_get(depsgraph), depsgraph, camera, len(hand.renderer.hand.v_template)
+                objects[hand.name].evaluated_get(depsgraph),
+                depsgraph,
+                camera,
+                len(hand.renderer.hand.v_template),
+                lights.get(hand.name),
             ),
         )
         for hand in hands

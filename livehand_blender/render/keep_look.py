@@ -44,13 +44,16 @@ class ViewTransform(NamedTuple):
         return ViewTransform(self.display, "Standard", "None")
 
 
-def in_scene_colours(frame: Frame, scene: bpy.types.Scene) -> Frame:
+def in_scene_colours(frame: Frame, scene: bpy.types.Scene, is_lit: bool = False) -> Frame:
     """A backend frame in the scene's working space, with its look kept if the scene says so.
+
+    The look of a hand that the scene lights is never kept: its colours are light, which the view transform is made for.
 
     Raises:
         LiveHandError: as `kept_look`.
     """
-    return in_working_space(frame_with_kept_look(frame, scene) if scene.livehand.keep_look else frame)
+    keeps_look = scene.livehand.keep_look and not is_lit
+    return in_working_space(frame_with_kept_look(frame, scene) if keeps_look else frame)
 
 
 def frame_with_kept_look(frame: Frame, scene: bpy.types.Scene) -> Frame:

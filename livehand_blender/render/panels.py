@@ -1,4 +1,4 @@
-"""The panels of Blender and Cycles that also apply to the LIVEHAND engine, and the panel of its own passes."""
+"""The panels of Blender and Cycles that also apply to the LIVEHAND engine, and the panels of its own."""
 
 from __future__ import annotations
 
@@ -37,6 +37,27 @@ class LIVEHAND_PT_passes(bpy.types.Panel):
         """Draw the switch."""
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer.livehand, "use_pass_hand", text="Hand and HandAlpha")
+
+
+class LIVEHAND_PT_hand_light(bpy.types.Panel):
+    """Render tab: what a frame shows, and what lights the hands."""
+
+    bl_label = "Hands"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {ENGINE}
+
+    @classmethod
+    def poll(cls, context):
+        """Shown with the LIVEHAND engine only."""
+        return context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context):
+        """Draw the two choices."""
+        self.layout.use_property_split = True
+        for name in ("mode", "light"):
+            self.layout.prop(context.scene.livehand, name)
 
 
 def register_panels() -> None:

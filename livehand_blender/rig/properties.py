@@ -31,6 +31,10 @@ _MODES = (
     ("HAND", "Hand Only", "Render only the hands, on a transparent background: the fast way, for compositing"),
     ("SCENE", "Hand in Scene", "Render the finished shot: the scene by Cycles, and in it the hands with their shadows"),
 )
+_LIGHTS = (
+    ("SCENE", "Scene", "The scene's lamps and world light the hands, and its objects shadow them"),
+    ("CAPTURE", "Capture's Own", "Each hand keeps the light in which its avatar was captured"),
+)
 _PRECISIONS = (
     ("fp32", "Full", "32-bit floats"),
     ("bf16", "Half", "16-bit floats where they help; faster on recent GPUs"),
@@ -164,6 +168,14 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     """How hands are rendered."""
 
     mode: EnumProperty(name="Render", description="What a frame shows", items=_MODES)
+    light: EnumProperty(
+        name="Light",
+        description="What lights the hands; avatars with a baked light always keep their own",
+        items=_LIGHTS,
+    )
+    file_version: IntProperty(
+        name="File Version", description="Of LiveHand's settings in the saved file; 0: none yet", options={"HIDDEN"}
+    )
     blur_samples: IntProperty(
         name="Blur Samples",
         description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand",

@@ -1,4 +1,4 @@
-"""Converts frames to the scene's working space.
+"""Converts frames to the scene's working space, and colours of the scene from it.
 
 A backend frame is linear Rec.709, premultiplied by alpha. A Blender 5 file may have another working space (Rec.2020,
 ACEScg); the conversion is a 3x3 matrix, so it applies to premultiplied colour directly.
@@ -26,3 +26,9 @@ def rec709_to_working_space() -> np.ndarray:
     matrix = np.array(columns, np.float32).T
     # Blender converts through XYZ in single precision: the identity comes back 5e-6 off.
     return np.eye(3, dtype=np.float32) if np.allclose(matrix, np.eye(3), atol=5e-5) else matrix
+
+
+def in_rec709(rgb: np.ndarray) -> np.ndarray:
+    """[..., 3] colours of the scene's working space in linear Rec.709."""
+    matrix = rec709_to_working_space()
+    return rgb if np.array_equal(matrix, np.eye(3)) else rgb @ np.linalg.inv(matrix).T

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
+from ...backend.records.light import Light
 from ...backend.records.shot import Shot
 from ..rig.hand import find_hands, mesh_of
 from ..rig.pose import read_hand_pose
@@ -21,7 +22,13 @@ def visible_hands(depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
     return [hand.evaluated_get(depsgraph) for hand in hands if mesh_of(hand).as_pointer() in shown]
 
 
-def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera: Camera, vertex_count: int) -> Shot:
+def read_shot(
+    armature: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    camera: Camera,
+    vertex_count: int,
+    light: Light | None = None,
+) -> Shot:
     """Read one hand of the evaluated frame.
 
     Args:
@@ -29,6 +36,7 @@ def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera
         depsgraph: of the frame.
         camera: the view.
         vertex_count: of the hand model; the evaluated mesh must have the same.
+        light: what falls on the hand; None: the light of its avatar's capture.
 
     Raises:
         LiveHandError: a modifier changes the vertex count, or the pose or the mesh is not finite.
@@ -40,7 +48,7 @@ def read_shot(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph, camera
             f"the mesh of '{armature.name}' must keep its hand model's {vertex_count} vertices, it has "
             f"{len(vertices)} after modifiers; hide those that add or remove vertices (Subdivision, Mask) from renders"
         )
-    return Shot(pose, vertices, camera)
+    return Shot(pose, vertices, camera, light)
 
 
 def world_vertices(mesh_object: bpy.types.Object) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 from mathutils import Matrix
 
 from ...backend.hand.model import upright
@@ -14,6 +14,7 @@ from ..rig.build import add_hand
 from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl
 from ..scene.settings import use_livehand
+from ..scene.studio import add_studio
 from .mixins import OnHand, reports_errors
 
 
@@ -33,6 +34,10 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         subtype="FILE_PATH",
     )
 
+    studio: BoolProperty(
+        name="Studio Lights", description="Light it as a photographer would: key, fill and rim lamps, and a dim world"
+    )
+
     @classmethod
     def poll(cls, context):
         """Enabled if the collection is local."""
@@ -49,6 +54,9 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         armature = add_hand(context, model.for_side(self.side), self.model_path)
         armature.location = context.scene.cursor.location
         armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()
+        if self.studio:
+            context.view_layer.update()
+            add_studio(context, armature)
         self.report({"INFO"}, "Added a life-size hand; View > Frame Selected shows it")
 
 

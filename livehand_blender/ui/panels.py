@@ -9,6 +9,7 @@ from .avatars import draw_choice
 from .mixins import HandTab, Tab, polled_hand
 from .preferences import draw_install_help
 from .shape import shape_names
+from .studio import draw_studio
 
 
 class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
@@ -80,8 +81,9 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         layout.use_property_decorate = False
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
-        for name in ("mode", "blur_samples", "device", "precision", "keep_look", "free_after_render"):
+        for name in ("mode", "light", "blur_samples", "device", "precision", "keep_look", "free_after_render"):
             layout.prop(context.scene.livehand, name)
+        draw_studio(layout, context.scene)
         layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))
 

@@ -14,41 +14,49 @@ from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
 from ...rig.hand import mesh_of
 from ...rig.pose import read_hand_pose
+from ...scene.light import SceneLight, read_hand_lights
 from ...scene.shot import visible_hands, world_vertices
 from ..hands.hand_source import HandSource, hand_source, read_device, read_grade
 
 
 @dataclass(frozen=True)
 class ViewportHand:
-    """One hand: its files, device, grade and pose, and its posed vertices [V, 3] in the world, m."""
+    """One hand: its files, device, grade and pose, and its posed vertices [V, 3] in the world, m.
+
+    Its light is the scene's; None: that of its avatar's capture.
+    """
 
     source: HandSource
     device: Device
     grade: Grade
     pose: HandPose
     vertices: np.ndarray
+    light: SceneLight | None = None
 
     def task(self, session: Session, camera: Camera) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `HandSource.renderer`."""
-        return HandTask(self.source.renderer(session, self.device), Shot(self.pose, self.vertices, camera))
+        renderer = self.source.renderer(session, self.device)
+        light = self.light.light() if self.light and getattr(renderer, "is_relightable", False) else None
+        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light))
 
 
 def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[ViewportHand, ...]:
     """All hands that a 3D view shows.
 
     Raises:
-        LiveHandError: a hand lacks its mesh or a bone, or is not finite.
+        LiveHandError: a hand lacks its mesh or a bone, or is not finite, or the world cannot be read.
     """
     device = read_device(depsgraph.scene)
-    meshes = ((hand, mesh_of(hand.original)) for hand in visible_hands(depsgraph))
+    shown = [hand for hand in visible_hands(depsgraph) if mesh_of(hand.original).visible_in_viewport_get(space)]
+    lights = read_hand_lights(depsgraph, shown, is_final=False)
     return tuple(
         ViewportHand(
             hand_source(hand),
             device,
             read_grade(hand),
             read_hand_pose(hand, depsgraph),
-            world_vertices(mesh.evaluated_get(depsgraph)),
+            world_vertices(mesh_of(hand.original).evaluated_get(depsgraph)),
+            lights.get(hand.name),
         )
-        for hand, mesh in meshes
-        if mesh.visible_in_viewport_get(space)
+        for hand in shown
     )

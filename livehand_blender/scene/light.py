@@ -1,0 +1,114 @@
+"""Reads the light of a Blender scene as the backend's `Light`: lamps, world and what stands in their way.
+
+A frame's lamps, world and objects are read once for all its hands; then each hand gets what falls on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ...backend.records.light import Lamp, Light, Sky
+from ..rig.hand import mesh_of
+from .lamps import read_lamps
+from .occluders import occluders_of, read_solids
+from .reach import SKY_M, SUN_M, Reach, middle_of
+from .shot import world_vertices
+from .world import WorldLight, read_world
+
+
+@dataclass(frozen=True)
+class SceneLight:
+    """The light on one hand; plain values, which may leave Blender's thread.
+
+    Attributes:
+        lamps: that light the hand.
+        world: what it shines may have to be rendered first; None: nothing.
+        occluders: [T, 3, 3] triangles that may shadow the hand, world, m.
+        exposure: factor of Cycles' film.
+    """
+
+    lamps: tuple[Lamp, ...]
+    world: WorldLight | None
+    occluders: np.ndarray
+    exposure: float
+
+    def light(self) -> Light:
+        """The record. A world of nodes is rendered at the first call, which takes seconds.
+
+        Raises:
+            LiveHandError: the world cannot be rendered.
+        """
+        sky, suns = self.world.read() if self.world else (None, ())
+        lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
+        return Light(lamps, sky and Sky(sky.radiance * self.exposure, sky.group), self.occluders)
+
+
+def read_hand_lights(
+    depsgraph: bpy.types.Depsgraph, armatures: Sequence[bpy.types.Object], is_final: bool
+) -> dict[str, SceneLight]:
+    """Name of each hand's armature -> the light on it; none if the scene says that hands keep their capture's.
+
+    Args:
+        depsgraph: of the frame.
+        armatures: of the hands, evaluated.
+        is_final: as in `read_scene_light`, which also tells what is raised.
+    """
+    if depsgraph.scene.livehand.light != "SCENE":
+        return {}
+    meshes = {armature.name: mesh_of(armature.original) for armature in armatures}
+    vertices = {mesh.name_full: world_vertices(mesh.evaluated_get(depsgraph)) for mesh in meshes.values()}
+    lights = read_scene_light(depsgraph, vertices, is_final)
+    return {name: lights[mesh.name_full] for name, mesh in meshes.items()}
+
+
+def read_scene_light(
+    depsgraph: bpy.types.Depsgraph, hands: Mapping[str, np.ndarray], is_final: bool
+) -> dict[str, SceneLight]:
+    """The light on each hand of an evaluated frame.
+
+    Args:
+        depsgraph: of the frame.
+        hands: full name of a hand's mesh object -> its vertices [V, 3] in the world, m.
+        is_final: whether to wait for the render of the world, by which objects before its suns are found.
+
+    Raises:
+        LiveHandError: the world cannot be rendered, or not be prepared for it.
+    """
+    linked, world = read_lamps(depsgraph), read_world(depsgraph)
+    if world and is_final:
+        world.read()
+    suns, sky_m = _reach_of_world(world)
+    lamps = {
+        name: tuple(filter(None, (one.for_mesh(name, middle_of(vertices)) for one in linked)))
+        for name, vertices in hands.items()
+    }
+    reaches = {name: Reach.of(vertices, (*lamps[name], *suns), sky_m) for name, vertices in hands.items()}
+    solids = read_solids(depsgraph, tuple(reaches.values())) if reaches else ()
+    exposure = _film_exposure(depsgraph.scene_eval)
+    return {name: SceneLight(lamps[name], world, occluders_of(solids, reaches[name], name), exposure) for name in hands}
+
+
+def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
+    """The suns of the world, and how far from the hand objects shadow it from the sky, m."""
+    if world is None:
+        return (), 0.0
+    suns = world.known_suns
+    return ((), SUN_M) if suns is None else (suns, SKY_M)
+
+
+def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndarray) -> Light:
+    """The light on one hand, by the full name of its mesh object and its vertices [V, 3] in the world, m.
+
+    Raises:
+        LiveHandError: the world cannot be read.
+    """
+    return read_scene_light(depsgraph, {mesh_name: vertices}, is_final=True)[mesh_name].light()
+
+
+def _film_exposure(scene: bpy.types.Scene) -> float:
+    settings = getattr(scene, "cycles", None)  # absent if Cycles is switched off
+    return settings.film_exposure if settings else 1.0

@@ -1,0 +1,48 @@
+"""Old files open as they were: settings that they lack get the value that stands for their time.
+
+Files of version 0, saved before hands could be lit, keep the light of the avatars' captures.
+"""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.handlers import persistent
+
+_VERSION = 1
+
+
+@persistent
+def _stamp(*_) -> None:
+    """Before a file is saved."""
+    for scene in _local_scenes():
+        if scene.livehand.file_version != _VERSION:
+            scene.livehand.file_version = _VERSION
+
+
+@persistent
+def _update(*_) -> None:
+    """After a file was opened; a scene without hands has nothing to keep."""
+    for scene in _local_scenes() if bpy.data.filepath else ():
+        if scene.livehand.file_version == 0 and any(thing.livehand.is_hand for thing in scene.objects):
+            scene.livehand.light = "CAPTURE"
+
+
+def _local_scenes() -> list[bpy.types.Scene]:
+    return [scene for scene in bpy.data.scenes if scene.library is None]
+
+
+_WATCHED = (("save_pre", _stamp), ("load_post", _update))
+
+
+def watch_files() -> None:
+    """Stamp the files that are saved, and update those that are opened."""
+    for name, function in _WATCHED:
+        getattr(bpy.app.handlers, name).append(function)
+
+
+def stop_watching() -> None:
+    """Undo `watch_files`."""
+    for name, function in _WATCHED:
+        handlers = getattr(bpy.app.handlers, name)
+        if function in handlers:
+            handlers.remove(function)

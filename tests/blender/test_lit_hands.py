@@ -1,0 +1,131 @@
+"""The scene's light on its way to the renderers: read once a frame, for the hands that take it."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.frame import Frame
+from livehand.livehand_blender.render import frame_setup
+from livehand.livehand_blender.render.engine import LiveHandRender
+from livehand.livehand_blender.render.keep_look import in_scene_colours
+from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import find_hands, mesh_of
+from livehand.livehand_blender.scene.camera import read_camera
+
+
+@pytest.fixture
+def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
+    """The hand under a lamp and a plain world, with a renderer that takes light."""
+    monkeypatch.setattr(fake_renderer, "is_relightable", True, raising=False)
+    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
+    lamp.location, lamp.data.energy = (0, 0, 1), 20
+    hand_scene.collection.objects.link(lamp)
+    hand_scene.world = bpy.data.worlds.new("Grey")
+    return hand_scene
+
+
+def rendered_shots(scene, session, tmp_path):
+    scene.render.filepath = str(tmp_path / "still.png")
+    bpy.ops.render.render(write_still=True)
+    return session.made[-1].shots
+
+
+def test_a_still_has_the_scenes_light(lit_scene, fake_session, tmp_path):
+    (shot,) = rendered_shots(lit_scene, fake_session, tmp_path)
+    assert [lamp.kind for lamp in shot.light.lamps] == ["point"]
+    np.testing.assert_allclose(shot.light.lamps[0].rgb, 20, rtol=0.01)
+    assert shot.light.sky is not None
+
+
+def test_the_captures_own_light(lit_scene, fake_session, tmp_path):
+    lit_scene.livehand.light = "CAPTURE"
+    assert rendered_shots(lit_scene, fake_session, tmp_path)[0].light is None
+
+
+def test_light_is_not_read_for_baked_avatars(lit_scene, fake_session, fake_renderer, monkeypatch, tmp_path):
+    monkeypatch.setattr(fake_renderer, "is_relightable", False)
+    monkeypatch.setattr(frame_setup, "read_hand_lights", None)
+    assert rendered_shots(lit_scene, fake_session, tmp_path)[0].light is None
+
+
+def test_light_is_read_once_for_all_hands_and_samples(lit_scene, fake_session, monkeypatch, tmp_path):
+    add_hand(bpy.context, load_default_hand(), name="Other").location = (0, 0, 0.1)
+    lit_scene.render.use_motion_blur, lit_scene.livehand.blur_samples = True, 3
+    armature = find_hands(lit_scene)[0]
+    for frame in (0, 2):
+        armature.location.x = 0.02 * frame
+        armature.keyframe_insert("location", frame=frame)
+    calls, read = [], frame_setup.read_hand_lights
+    monkeypatch.setattr(
+        frame_setup, "read_hand_lights", lambda *args, **kwargs: calls.append(args) or read(*args, **kwargs)
+    )
+    shots = rendered_shots(lit_scene, fake_session, tmp_path)
+    assert len(calls) == 1
+    assert len(shots) == 6
+    assert len({id(shot.light) for shot in shots}) == 2
+    assert all(len(shot.light.occluders) > 0 for shot in shots)
+
+
+def test_a_view_has_the_scenes_light(lit_scene, fake_session):
+    areas = [area for screen in bpy.data.screens for area in screen.areas]
+    space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
+    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    task = hand.task(LiveHandRender.required_session(), read_camera(lit_scene.camera, lit_scene.render))
+    assert [lamp.kind for lamp in task.shot.light.lamps] == ["point"]
+    lit_scene.livehand.light = "CAPTURE"
+    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    assert hand.light is None
+
+
+def test_keep_look_is_off_for_a_lit_hand():
+    scene = bpy.context.scene
+    scene.livehand.keep_look, scene.view_settings.view_transform = True, "AgX"
+    frame = Frame(np.full((2, 2, 3), 4.0, np.float32), np.ones((2, 2), np.float32), np.ones((2, 2), np.float32))
+    np.testing.assert_array_equal(in_scene_colours(frame, scene, is_lit=True).rgb, frame.rgb)
+
+
+def open_again(path, **changes):
+    for name, value in changes.items():
+        setattr(bpy.context.scene.livehand, name, value)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.context.scene.livehand
+
+
+def test_new_files_are_lit_by_their_scene(hand_scene, tmp_path):
+    assert hand_scene.livehand.light == "SCENE"
+    assert open_again(tmp_path / "new.blend").light == "SCENE"
+    assert open_again(tmp_path / "new.blend", light="CAPTURE").light == "CAPTURE"
+
+
+def test_old_files_keep_their_light(hand_scene, tmp_path, monkeypatch):
+    from livehand.livehand_blender.scene import old_files
+
+    monkeypatch.setattr(old_files, "_local_scenes", list)  # saved by a version that knows nothing of light
+    path = tmp_path / "old.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    monkeypatch.undo()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert bpy.context.scene.livehand.light == "CAPTURE"
+    assert open_again(path, light="SCENE").light == "SCENE"
+
+
+def test_a_file_without_hands_is_not_old(tmp_path, monkeypatch):
+    from livehand.livehand_blender.scene import old_files
+
+    monkeypatch.setattr(old_files, "_local_scenes", list)
+    path = tmp_path / "no_hand.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    monkeypatch.undo()
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert bpy.context.scene.livehand.light == "SCENE"
+
+
+def test_the_examples_render_as_before(tmp_path):
+    from pathlib import Path
+
+    examples = Path(__file__).parents[2] / "examples"
+    bpy.ops.wm.open_mainfile(filepath=str(examples / "wave.blend"))
+    assert mesh_of(find_hands(bpy.context.scene)[0])
+    assert bpy.context.scene.livehand.light == "CAPTURE"
