@@ -21,6 +21,7 @@ MASKS = (
 UV_LAYER = "uv"
 EDGE = "DISTANCE_TO_EDGE"
 RIDGE_SPACING_MM = 0.48
+MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,11 @@ class SkinTone:
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
-    nail_bed: tuple[float, float, float] = (0.692, 0.495, 0.433)
-    lunula: tuple[float, float, float] = (0.772, 0.635, 0.573)
-    nail_flush: tuple[float, float, float] = (0.654, 0.383, 0.329)
-    nail_free_edge: tuple[float, float, float] = (0.727, 0.626, 0.532)
-    nail_border: tuple[float, float, float] = (0.516, 0.223, 0.163)
+    nail_bed: tuple[float, float, float] = (0.697, 0.440, 0.383)
+    lunula: tuple[float, float, float] = (0.741, 0.571, 0.511)
+    nail_flush: tuple[float, float, float] = (0.642, 0.331, 0.279)
+    nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
+    nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
 
 
 SKIN_TONES = {
@@ -60,9 +61,9 @@ SKIN_TONES = {
         pore=(0.095, 0.036, 0.018),
         fold=(0.062, 0.022, 0.011),
         blanch=(0.190, 0.081, 0.040),
-        nail_bed=(0.372, 0.209, 0.147),
+        nail_bed=(0.352, 0.189, 0.133),
         lunula=(0.445, 0.318, 0.256),
-        nail_flush=(0.305, 0.145, 0.099),
+        nail_flush=(0.287, 0.130, 0.088),
         nail_free_edge=(0.521, 0.423, 0.327),
         nail_border=(0.083, 0.031, 0.018),
     ),
@@ -136,6 +137,9 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.50, 0.32, 0, 0.24), on_back), colour, tone.dark_patch)
     redness = graph.product(masks["red"], graph.remap(noises.mid, 0.25, 0.7, 0.45, 1.1))
     colour = graph.mix(graph.math("MULTIPLY", redness, 0.50, clamp=True), colour, tone.redness)
+    blood = graph.noise(noises.position, 0.4, 2, 0.6)
+    blotches = graph.product(graph.smooth(blood, 0.42, 0.66, 0, 1), graph.remap(masks["palm"], 0, 1, 0.10, 0.32))
+    colour = graph.mix(blotches, colour, tone.redness)
     colour = graph.mix(graph.product(masks["vein"], graph.remap(noises.low, 0.3, 0.7, 0.15, 0.36)), colour, tone.vein)
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, 0.40)
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
@@ -143,7 +147,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
     colour = graph.mix(pores, colour, tone.pore)
     root = graph.smooth(masks["naily"], 0.95, 0.7, 0, 0.5)
-    return graph.mix(graph.product(graph.smooth(masks["nailrim"], 1.20, 1.0, 0, 1), root), colour, tone.nail_border)
+    return graph.mix(graph.product(graph.smooth(masks["nailrim"], 1.20, 1.0, 0, 0.7), root), colour, tone.nail_border)
 
 
 def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
@@ -152,12 +156,12 @@ def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     streaks = graph.noise(graph.scaled(noises.position, (0.05, 0.9, 0.9)), 1.0, 2, 0.5)
     nail = graph.mix(graph.smooth(streaks, 0.35, 0.65, 0, 0.35), tone.nail_bed, tone.nail_flush)
     nail = graph.mix(graph.smooth(rim, 0.6, 0.97, 0, 0.45), nail, tone.nail_flush)
-    nail = graph.mix(graph.smooth(noises.mid, 0.45, 0.60, 0, 0.35), nail, tone.lunula)
+    nail = graph.mix(graph.smooth(noises.mid, 0.45, 0.60, 0, 0.22), nail, tone.lunula)
     nail = graph.mix(graph.product(masks["lunula"], 0.75), nail, tone.lunula)
     nail = graph.mix(graph.smooth(along, 0.74, 0.87, 0, 0.55), nail, tone.nail_flush)
     edge = graph.total(along, graph.product(graph.math("SUBTRACT", streaks, 0.5), 0.06))
     nail = graph.mix(graph.smooth(edge, 0.89, 0.92, 0, 0.75), nail, tone.nail_free_edge)
-    cuticle = graph.product(graph.smooth(rim, 0.90, 0.96, 0, 0.6), graph.smooth(along, 0.45, 0.25, 0, 1))
+    cuticle = graph.product(graph.smooth(rim, 0.91, 0.96, 0, 0.4), graph.smooth(along, 0.45, 0.25, 0, 1))
     return graph.mix(cuticle, nail, tone.pale_patch)
 
 
@@ -176,32 +180,39 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
         return graph.math("POWER", graph.one_minus(crown, clamp=True), sharpness)
 
     wide = graph.product(lines(2.3, 5.0, coarse, 1.6), graph.remap(fine, 0.34, 0.52, 0.3, 1))
-    narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.5))
+    narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.4))
     line = graph.math("MAXIMUM", wide, narrow)
-    minor = graph.smooth(graph.voronoi(graph.scaled(noises.position, (0.10, 0.16, 0.16)), 1.0, EDGE), 0.06, 0, 0, 1)
-    minor = graph.product(minor, masks["palm"], graph.remap(fine, 0.42, 0.60, 0, 0.35))
+    minor = graph.product(graph.total(*(_open_lines(graph, noises, size) for size in MINOR_CREASES)), masks["palm"], 0.2)
     main = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.65, 1.0))
-    crease = graph.total(graph.product(main, 0.55), graph.product(graph.math("POWER", main, 5.0), 0.9), minor)
+    crease = graph.total(graph.product(main, 0.75), graph.product(graph.math("POWER", main, 5.0), 1.1), minor)
     return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.3), crease)
+
+
+def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, float]) -> Socket:
+    """Thin lines with open ends: pieces of the level lines of a noise that is stretched by the factors."""
+    height = graph.noise(graph.scaled(noises.position, factors), 1.0, 0, 0.5)
+    line = graph.smooth(graph.math("ABSOLUTE", graph.math("SUBTRACT", height, 0.5)), 0.020, 0, 0, 1)
+    return graph.product(line, graph.smooth(noises.mid, 0.46, 0.58, 0, 1))
 
 
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
     """On the back fine diamonds that are drawn out across the digits, in the palm ridges; veins and soft forms, mm."""
     cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
-    diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.05), graph.remap(noises.mid, 0.35, 0.6, 0.4, 1))
-    on_back = graph.product(diamonds, graph.one_minus(masks["palm"]))
+    diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
+    drawn_out = graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
+    on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.08)), graph.one_minus(masks["palm"]))
     bend = graph.product(noises.low, 30.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
-    on_palm = graph.product(ridges, masks["palm"], 0.012)
-    return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.5), graph.product(noises.mid, 0.35))
+    on_palm = graph.product(ridges, masks["palm"], 0.02)
+    return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.34), graph.product(noises.mid, 0.35))
 
 
 def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
     """A furrow around the plate, the skin that overlaps its root and sides, and the step at its free edge, mm."""
     rim, along = masks["nailrim"], masks["naily"]
     beside = graph.product(graph.smooth(rim, 0.98, 1.05, 0, 1), graph.smooth(rim, 1.6, 1.1, 0, 1))
-    furrow = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1), -0.2)
-    step = graph.smooth(along, 0.86, 0.96, 0.28, -0.4)
+    furrow = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1), graph.smooth(along, 0.5, 0.0, -0.08, -0.2))
+    step = graph.total(graph.smooth(along, 0.5, 0.1, 0.12, 0.28), graph.smooth(along, 0.84, 0.96, 0, -0.5))
     return graph.total(graph.product(beside, step), furrow)
 
 
@@ -214,10 +225,10 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
     flex = graph.attribute("flex")
     blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), 0.42)
     dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, 0.95), clamp=True))
-    palmar = graph.product(channels.fold_palmar, graph.total(0.62, graph.product(flex, 0.55)))
+    palmar = graph.product(channels.fold_palmar, graph.total(0.75, graph.product(flex, 0.5)))
     in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
-    depth = graph.total(graph.product(dorsal, 0.42), graph.product(palmar, 0.55))
+    depth = graph.total(graph.product(dorsal, 0.36), graph.product(palmar, 0.55))
     bump = graph.node("ShaderNodeBump")
     bump.inputs["Strength"].default_value = 1.0
     bump.inputs["Distance"].default_value = 0.001

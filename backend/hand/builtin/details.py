@@ -77,6 +77,6 @@ def _nail_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
     nail = nail_coordinates(ray, at, section)
     plate = smoothstep(nail.rim, 1.12, 0.92)
     rise = 0.5 * smoothstep(nail.along, -1.1, -0.3) + 0.2 * smoothstep(nail.along, 0.3, 1.0)
-    curve = 0.85 * np.minimum(np.abs(nail.across), 1.1) ** 2
+    curve = (1.15 if ray.is_thumb else 0.85) * np.minimum(np.abs(nail.across), 1.1) ** 2
     flesh = 0.4 * bump(nail.rim - 1.28, 0.15) * smoothstep(nail.along, 0.9, 0.5)
     return smoothstep(at.dorsal / section.dorsal_depth, 0.2, 0.45) * (plate * (curve - rise) - flesh)

@@ -94,7 +94,8 @@ def _add_nail(masks: Masks, view: _Digit) -> None:
     nail = nail_coordinates(view.ray, view.at, view.section)
     on_back = view.is_own & (view.at.dorsal > 0)
     _raise_to(masks, "nail", on_back, 1 - smoothstep(nail.rim, 0.96, 1.06))
-    masks["nailrim"] = np.where(on_back, np.minimum(nail.rim, masks["nailrim"]), masks["nailrim"])
+    rim = nail.rim + _RIM_FAR * smoothstep(view.height, 0.45, 0.1)
+    masks["nailrim"] = np.where(on_back, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
     masks["naily"] = np.where(on_back, (nail.along + 1) / 2, masks["naily"])
     half_moon = smoothstep(nail.along + 0.3 * nail.across**2, -0.45, -0.6) * smoothstep(nail.rim, 1.1, 1.0)
     _raise_to(masks, "lunula", on_back, half_moon * _LUNULA[view.ray.digit])
@@ -121,11 +122,11 @@ def _add_folds(masks: Masks, view: _Digit) -> None:
 def _fold_strengths(view: _Digit, along: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Dorsal and palmar fold [N] of a joint."""
     if view.ray.is_thumb:
-        width = 6.5 if order == 1 else 5.0
+        width = 6.0 if order == 1 else 4.0
     elif order == 0:  # an MCP joint has a dorsal fold only
-        return 0.35 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
+        return 0.28 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
     else:
-        width = 6.0 if order == 1 else 5.0
+        width = 6.0 if order == 1 else 4.0
     dorsal = smoothstep(view.height, 0.05, 0.6) * bump(along, width * 0.72)
     return dorsal, smoothstep(-view.height, -0.1, 0.5) * bump(along, 1.8)
 
