@@ -39,9 +39,9 @@ class SkinTone:
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
-    nail_bed: tuple[float, float, float] = (0.697, 0.440, 0.383)
-    lunula: tuple[float, float, float] = (0.741, 0.571, 0.511)
-    nail_flush: tuple[float, float, float] = (0.642, 0.331, 0.279)
+    nail_bed: tuple[float, float, float] = (0.687, 0.454, 0.395)
+    lunula: tuple[float, float, float] = (0.760, 0.603, 0.536)
+    nail_flush: tuple[float, float, float] = (0.601, 0.316, 0.266)
     nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
     nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
 
@@ -61,9 +61,9 @@ SKIN_TONES = {
         pore=(0.095, 0.036, 0.018),
         fold=(0.062, 0.022, 0.011),
         blanch=(0.190, 0.081, 0.040),
-        nail_bed=(0.352, 0.189, 0.133),
+        nail_bed=(0.352, 0.196, 0.137),
         lunula=(0.445, 0.318, 0.256),
-        nail_flush=(0.287, 0.130, 0.088),
+        nail_flush=(0.270, 0.125, 0.083),
         nail_free_edge=(0.521, 0.423, 0.327),
         nail_border=(0.083, 0.031, 0.018),
     ),
@@ -132,13 +132,13 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     """From back to palm, with warm and pale patches, redness at tips and knuckles, veins, freckles and pores."""
     colour = graph.mix(masks["palm"], tone.dorsal, tone.palm)
     on_back = graph.one_minus(graph.product(masks["palm"], 0.55))
-    colour = graph.mix(graph.product(graph.smooth(noises.low, 0.35, 0.65, 0, 0.32), on_back), colour, tone.warm_patch)
-    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.46, 0.66, 0, 0.30), on_back), colour, tone.pale_patch)
-    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.50, 0.32, 0, 0.24), on_back), colour, tone.dark_patch)
+    colour = graph.mix(graph.product(graph.smooth(noises.low, 0.35, 0.65, 0, 0.42), on_back), colour, tone.warm_patch)
+    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.46, 0.66, 0, 0.40), on_back), colour, tone.pale_patch)
+    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.50, 0.32, 0, 0.34), on_back), colour, tone.dark_patch)
     redness = graph.product(masks["red"], graph.remap(noises.mid, 0.25, 0.7, 0.45, 1.1))
     colour = graph.mix(graph.math("MULTIPLY", redness, 0.50, clamp=True), colour, tone.redness)
-    blood = graph.noise(noises.position, 0.4, 2, 0.6)
-    blotches = graph.product(graph.smooth(blood, 0.42, 0.66, 0, 1), graph.remap(masks["palm"], 0, 1, 0.10, 0.32))
+    blood = graph.noise(noises.position, 0.5, 2, 0.6)
+    blotches = graph.product(graph.smooth(blood, 0.42, 0.66, 0, 1), graph.remap(masks["palm"], 0, 1, 0.12, 0.45))
     colour = graph.mix(blotches, colour, tone.redness)
     colour = graph.mix(graph.product(masks["vein"], graph.remap(noises.low, 0.3, 0.7, 0.15, 0.36)), colour, tone.vein)
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, 0.40)
@@ -161,7 +161,7 @@ def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     nail = graph.mix(graph.smooth(along, 0.74, 0.87, 0, 0.55), nail, tone.nail_flush)
     edge = graph.total(along, graph.product(graph.math("SUBTRACT", streaks, 0.5), 0.06))
     nail = graph.mix(graph.smooth(edge, 0.89, 0.92, 0, 0.75), nail, tone.nail_free_edge)
-    cuticle = graph.product(graph.smooth(rim, 0.91, 0.96, 0, 0.4), graph.smooth(along, 0.45, 0.25, 0, 1))
+    cuticle = graph.product(graph.smooth(rim, 0.92, 0.97, 0, 0.25), graph.smooth(along, 0.45, 0.25, 0, 1))
     return graph.mix(cuticle, nail, tone.pale_patch)
 
 
@@ -182,7 +182,8 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
     wide = graph.product(lines(2.3, 5.0, coarse, 1.6), graph.remap(fine, 0.34, 0.52, 0.3, 1))
     narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.4))
     line = graph.math("MAXIMUM", wide, narrow)
-    minor = graph.product(graph.total(*(_open_lines(graph, noises, size) for size in MINOR_CREASES)), masks["palm"], 0.2)
+    minor = graph.total(*(_open_lines(graph, noises, factors) for factors in MINOR_CREASES))
+    minor = graph.product(minor, masks["palm"], 0.28)
     main = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.65, 1.0))
     crease = graph.total(graph.product(main, 0.75), graph.product(graph.math("POWER", main, 5.0), 1.1), minor)
     return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.3), crease)
@@ -201,7 +202,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
     drawn_out = graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
     on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.08)), graph.one_minus(masks["palm"]))
-    bend = graph.product(noises.low, 30.0)
+    bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
     on_palm = graph.product(ridges, masks["palm"], 0.02)
     return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.34), graph.product(noises.mid, 0.35))
@@ -211,7 +212,8 @@ def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
     """A furrow around the plate, the skin that overlaps its root and sides, and the step at its free edge, mm."""
     rim, along = masks["nailrim"], masks["naily"]
     beside = graph.product(graph.smooth(rim, 0.98, 1.05, 0, 1), graph.smooth(rim, 1.6, 1.1, 0, 1))
-    furrow = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1), graph.smooth(along, 0.5, 0.0, -0.08, -0.2))
+    outline = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1))
+    furrow = graph.product(outline, graph.smooth(along, 0.5, 0.0, -0.08, -0.2))
     step = graph.total(graph.smooth(along, 0.5, 0.1, 0.12, 0.28), graph.smooth(along, 0.84, 0.96, 0, -0.5))
     return graph.total(graph.product(beside, step), furrow)
 

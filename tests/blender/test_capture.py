@@ -144,7 +144,7 @@ def _grid(across, up, count=41, cell_m=5e-4):
 
 def test_crossing_falls_with_the_distance_from_where_parts_cross():
     (level, faces), (upright, _) = _grid(0, 1), _grid(1, 2)
-    both = np.concatenate([level, upright + [2e-4, 0, 0]]), np.concatenate([faces, faces + len(level)])
+    both = np.concatenate([level, upright + 2e-4 * np.eye(3)[0]]), np.concatenate([faces, faces + len(level)])
     expected = 1 - np.minimum(np.r_[np.abs(level[:, 0]), np.abs(upright[:, 2])] / 5e-3, 1)
     np.testing.assert_allclose(crossing(*both), expected, atol=0.15)
     assert crossing(level, faces).max() == 0

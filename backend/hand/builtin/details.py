@@ -18,8 +18,9 @@ _LAST_CREASES = ((0.0, 0.7),)
 
 
 class NailCoordinates(NamedTuple):
-    """Coordinates on a nail: `along` [N], -1 at its root and 1 at its free end; `across` [N], -1 and 1 at its sides;
-    and `rim` [N], 1 on its outline."""
+    """Coordinates [N] on a nail: `along`, -1 at its root and 1 at its free end; `across`, -1 and 1 at its sides; `rim`,
+    1 on its outline.
+    """
 
     along: np.ndarray
     across: np.ndarray

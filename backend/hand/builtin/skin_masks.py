@@ -3,10 +3,10 @@
 All are [N], in [0, 1] unless stated otherwise:
 
 - `palm`: palmar side; `tip`: fingertips; `red`: redness; `vein`, `crease`, `knuck`: veins, creases, knuckles.
-- `nail`: the plate; `nailrim`: 1 on its outline, less inside, at most 3; `naily`: coordinate along it, 0 at its root and
-  1 at its free end, which exceeds this range outside the nail; `lunula`: its half-moon.
-- `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint, less at the sides
-  of its back, so that folds lie in an oval; `foldd`, `foldp`: strength of its dorsal or palmar fold.
+- `nail`: the plate; `nailrim`: 1 on its outline, less inside, at most 3; `naily`: coordinate along it, 0 at its root
+  and 1 at its free end, which exceeds this range outside the nail; `lunula`: its half-moon.
+- `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint, more at the
+  sides of its back, so that folds lie in an oval; `foldd`, `foldp`: strength of its dorsal or palmar fold.
 - `ridge`: mm across the ridges of the palmar skin, which are its level lines: arches around each fingertip's pad.
 """
 
