@@ -18,8 +18,12 @@ _LAST_CREASES = ((0.0, 0.7),)
 
 
 class NailCoordinates(NamedTuple):
-    """Coordinates [N] on a nail: `along`, -1 at its root and 1 at its free end; `across`, -1 and 1 at its sides; `rim`,
-    1 on its outline.
+    """Coordinates [N] on a nail.
+
+    Attributes:
+        along: -1 at its root, 1 at its free end.
+        across: -1 and 1 at its sides.
+        rim: 1 on its outline, less inside.
     """
 
     along: np.ndarray
