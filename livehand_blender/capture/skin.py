@@ -29,7 +29,7 @@ class SkinTone:
     """The colours of a skin, linear Rec.709."""
 
     dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
-    palm: tuple[float, float, float] = (0.725, 0.476, 0.401)
+    palm: tuple[float, float, float] = (0.763, 0.521, 0.442)
     warm_patch: tuple[float, float, float] = (0.64, 0.31, 0.22)
     pale_patch: tuple[float, float, float] = (0.74, 0.485, 0.375)
     dark_patch: tuple[float, float, float] = (0.49, 0.25, 0.18)
@@ -39,9 +39,9 @@ class SkinTone:
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
-    nail_bed: tuple[float, float, float] = (0.687, 0.454, 0.395)
-    lunula: tuple[float, float, float] = (0.760, 0.603, 0.536)
-    nail_flush: tuple[float, float, float] = (0.601, 0.316, 0.266)
+    nail_bed: tuple[float, float, float] = (0.685, 0.444, 0.383)
+    lunula: tuple[float, float, float] = (0.787, 0.657, 0.591)
+    nail_flush: tuple[float, float, float] = (0.578, 0.297, 0.251)
     nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
     nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
 
@@ -62,7 +62,7 @@ SKIN_TONES = {
         fold=(0.062, 0.022, 0.011),
         blanch=(0.190, 0.081, 0.040),
         nail_bed=(0.352, 0.196, 0.137),
-        lunula=(0.445, 0.318, 0.256),
+        lunula=(0.492, 0.355, 0.289),
         nail_flush=(0.270, 0.125, 0.083),
         nail_free_edge=(0.521, 0.423, 0.327),
         nail_border=(0.083, 0.031, 0.018),
@@ -204,7 +204,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.08)), graph.one_minus(masks["palm"]))
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
-    on_palm = graph.product(ridges, masks["palm"], 0.02)
+    on_palm = graph.product(ridges, masks["palm"], 0.012)
     return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.34), graph.product(noises.mid, 0.35))
 
 

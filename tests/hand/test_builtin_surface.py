@@ -166,7 +166,7 @@ def test_detailed_surface_inherits_linear_fields(surface, hand):
 
 
 def test_detailed_surface_is_close_to_the_template(surface, hand):
-    """At three levels, mm: mean 0.53, p99 1.6, max 4.1 off the subdivided template; 0.29, 1.2, 3.3 from its surface."""
+    """At three levels, mm: mean 0.54, p99 1.6, max 4.1 off the subdivided template; 0.30, 1.2, 3.5 from its surface."""
     moved = np.linalg.norm(surface.vertices_m - surface.subdivision @ hand.v_template, axis=1) * 1e3
     assert 0.4 < moved.mean() < 0.6
     assert 1.0 < np.percentile(moved, 99) < 1.8
