@@ -133,6 +133,36 @@ def test_bending_a_finger_changes_flex_only_at_its_joint(coarse_surface, right_h
     assert surface._flex(-theta)[joint == 5].max() == 0  # bent backwards: no fold
 
 
+def test_nails_are_smooth_and_folds_lie_on_the_back(coarse_surface, right_hand, tmp_path):
+    capture_scene(threads=1)
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    maps = bake_skin(surface.object, tmp_path, SKIN_TONES["light"], size_px=384)
+    relief, fold_dorsal, _ = _at_vertices(maps["height"], coarse_surface).T
+    roughness, subsurface, _ = _at_vertices(maps["mask"], coarse_surface).T
+    masks = coarse_surface.masks
+    nail, palm, back = masks["nailrim"] < 0.75, masks["palm"] > 0.99, masks["foldd"] > 0.5
+    assert nail.sum() > 20
+    # Vertices on the border of a chart may read the next one.
+    assert np.percentile(np.abs(roughness[nail] - 0.22), 95) < 0.01
+    assert np.percentile(np.abs(relief[nail]), 95) < 0.01
+    assert np.percentile(subsurface[nail], 95) < 0.85
+    assert np.percentile(roughness[palm], 1) > 0.35
+    assert np.percentile(fold_dorsal[palm], 99) < 0.05
+    assert np.percentile(fold_dorsal[back], 90) > 0.2
+
+
+def _at_vertices(path, detail):
+    """[N, 3] of a baked map at the vertices."""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty((image.size[1], image.size[0], 4), np.float32)
+    image.pixels.foreach_get(pixels.ravel())
+    uv = np.zeros((len(detail.vertices_m), 2))
+    uv[detail.faces.ravel()] = detail.uv.reshape(-1, 2)
+    size = np.array(image.size)
+    column, row = np.clip((uv * size).astype(int), 0, size - 1).T
+    return pixels[row, column, :3]
+
+
 def _grid(across, up, count=41, cell_m=5e-4):
     """Vertices and triangles of a square grid around the origin, in the plane of two axes."""
     i, j = (index.ravel() for index in np.mgrid[:count, :count])
