@@ -29,7 +29,7 @@ class SkinTone:
     """The colours of a skin, linear Rec.709."""
 
     dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
-    palm: tuple[float, float, float] = (0.763, 0.521, 0.442)
+    palm: tuple[float, float, float] = (0.769, 0.542, 0.463)
     warm_patch: tuple[float, float, float] = (0.64, 0.31, 0.22)
     pale_patch: tuple[float, float, float] = (0.74, 0.485, 0.375)
     dark_patch: tuple[float, float, float] = (0.49, 0.25, 0.18)
@@ -39,9 +39,9 @@ class SkinTone:
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
-    nail_bed: tuple[float, float, float] = (0.685, 0.444, 0.383)
+    nail_bed: tuple[float, float, float] = (0.697, 0.473, 0.404)
     lunula: tuple[float, float, float] = (0.787, 0.657, 0.591)
-    nail_flush: tuple[float, float, float] = (0.578, 0.297, 0.251)
+    nail_flush: tuple[float, float, float] = (0.575, 0.306, 0.259)
     nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
     nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
 
@@ -183,7 +183,7 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
     narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.4))
     line = graph.math("MAXIMUM", wide, narrow)
     minor = graph.total(*(_open_lines(graph, noises, factors) for factors in MINOR_CREASES))
-    minor = graph.product(minor, masks["palm"], 0.28)
+    minor = graph.product(minor, graph.smooth(masks["palm"], 0.5, 0.9, 0, 0.28))
     main = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.65, 1.0))
     crease = graph.total(graph.product(main, 0.75), graph.product(graph.math("POWER", main, 5.0), 1.1), minor)
     return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.3), crease)
@@ -201,7 +201,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
     diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
     drawn_out = graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
-    on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.08)), graph.one_minus(masks["palm"]))
+    on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.12)), graph.one_minus(masks["palm"]))
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
     on_palm = graph.product(ridges, masks["palm"], 0.012)

@@ -36,6 +36,7 @@ _HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
 # Of the half-moon, by digit.
 _LUNULA = {"thumb": 1.0, "index": 0.6, "middle": 0.55, "ring": 0.35, "pinky": 0.15}
 _RIM_FAR = 3.0
+_FOREARM_PALM = 0.35  # share of the palm in the skin beyond the wrist
 _PAD_FROM_TIP = 10.0  # mm: centre of a fingertip's pad
 _PADS = (np.array([82, -14, 0]), np.array([12, 12, 38]), 0.6)
 
@@ -60,7 +61,8 @@ def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) 
     at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
     nearest = np.stack([at[digit].distance for digit in DIGITS], 1).argmin(1)
     masks = {name: np.zeros(len(points)) for name in MASK_NAMES}
-    masks["palm"] = 1 - smoothstep(normals[:, 1], -0.35, 0.35)
+    hand = _FOREARM_PALM + (1 - _FOREARM_PALM) * smoothstep(points[:, 0], -12, 2)
+    masks["palm"] = hand * (1 - smoothstep(normals[:, 1], -0.35, 0.35))
     masks["nailrim"][:] = _RIM_FAR
     masks["ridge"] = np.hypot(points[:, 0] - 40, points[:, 2] - 45)
     for order, digit in enumerate(DIGITS):
