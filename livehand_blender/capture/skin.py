@@ -50,12 +50,12 @@ SKIN_TONES = {
     "light": SkinTone(),
     # Dark back and light palm; creases are more visible than veins and redness.
     "deep": SkinTone(
-        dorsal=(0.136, 0.050, 0.024),
-        palm=(0.398, 0.192, 0.104),
-        warm_patch=(0.145, 0.048, 0.021),
-        pale_patch=(0.171, 0.071, 0.036),
-        dark_patch=(0.090, 0.033, 0.016),
-        redness=(0.208, 0.075, 0.040),
+        dorsal=(0.118, 0.042, 0.019),
+        palm=(0.493, 0.248, 0.141),
+        warm_patch=(0.126, 0.040, 0.017),
+        pale_patch=(0.155, 0.063, 0.031),
+        dark_patch=(0.082, 0.029, 0.014),
+        redness=(0.203, 0.069, 0.037),
         vein=(0.092, 0.041, 0.027),
         freckle=(0.056, 0.021, 0.011),
         pore=(0.095, 0.036, 0.018),
