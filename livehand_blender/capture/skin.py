@@ -214,7 +214,7 @@ def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
     beside = graph.product(graph.smooth(rim, 0.98, 1.05, 0, 1), graph.smooth(rim, 1.6, 1.1, 0, 1))
     outline = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1))
     furrow = graph.product(outline, graph.smooth(along, 0.5, 0.0, -0.08, -0.2))
-    step = graph.total(graph.smooth(along, 0.5, 0.1, 0.12, 0.28), graph.smooth(along, 0.84, 0.96, 0, -0.5))
+    step = graph.total(graph.smooth(along, 0.5, 0.1, 0.12, 0.28), graph.smooth(along, 0.84, 0.96, 0, -0.4))
     return graph.total(graph.product(beside, step), furrow)
 
 
