@@ -61,7 +61,7 @@ def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) 
     at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
     nearest = np.stack([at[digit].distance for digit in DIGITS], 1).argmin(1)
     masks = {name: np.zeros(len(points)) for name in MASK_NAMES}
-    hand = _FOREARM_PALM + (1 - _FOREARM_PALM) * smoothstep(points[:, 0], -12, 2)
+    hand = _FOREARM_PALM + (1 - _FOREARM_PALM) * smoothstep(points[:, 0], -26, 4)
     masks["palm"] = hand * (1 - smoothstep(normals[:, 1], -0.35, 0.35))
     masks["nailrim"][:] = _RIM_FAR
     masks["ridge"] = np.hypot(points[:, 0] - 40, points[:, 2] - 45)
