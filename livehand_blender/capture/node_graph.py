@@ -86,6 +86,13 @@ class NodeGraph:
             target.default_value = bound
         return node.outputs[0]
 
+    def scaled(self, vector: Socket, factors: tuple[float, float, float]) -> Socket:
+        """A vector whose components are multiplied by the factors."""
+        node = self.node("ShaderNodeVectorMath", operation="MULTIPLY")
+        self.connect(vector, node.inputs[0])
+        self.connect(factors, node.inputs[1])
+        return node.outputs[0]
+
     def attribute(self, name: str, output: str = "Fac") -> Socket:
         """A mesh attribute: `Fac` or `Vector`."""
         return self.node("ShaderNodeAttribute", attribute_name=name).outputs[output]

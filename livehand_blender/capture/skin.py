@@ -1,7 +1,8 @@
 """The skin of captures: a procedural Cycles material that is baked once; its folds and blanching follow the pose.
 
 Its inputs are vertex attributes: the masks of the detailed surface (`backend/hand/builtin/skin_masks.py`), `rest` (rest
-position, mm) and `flex` (bend of the nearest joint, 1 = 65 degrees). Colours are linear Rec.709.
+position, mm), `flex` (bend of the nearest joint, 1 = 65 degrees) and `crossing` (1 where parts of the hand run into
+each other). Colours are linear Rec.709.
 """
 
 from __future__ import annotations
@@ -15,53 +16,56 @@ import bpy
 from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (
-    "palm", "nail", "naily", "nailedge", "tfold", "foldd", "foldp", "red", "tip", "vein", "crease", "knuck",
+    "palm", "nailrim", "naily", "lunula", "tfold", "foldd", "foldp", "ridge", "red", "tip", "vein", "crease", "knuck",
 )  # fmt: skip
 UV_LAYER = "uv"
+EDGE = "DISTANCE_TO_EDGE"
+RIDGE_SPACING_MM = 0.48
+MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
 
 @dataclass(frozen=True)
 class SkinTone:
     """The colours of a skin, linear Rec.709."""
 
-    dorsal: tuple[float, float, float] = (0.62, 0.355, 0.25)
-    palm: tuple[float, float, float] = (0.77, 0.465, 0.385)
+    dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
+    palm: tuple[float, float, float] = (0.769, 0.542, 0.463)
     warm_patch: tuple[float, float, float] = (0.64, 0.31, 0.22)
     pale_patch: tuple[float, float, float] = (0.74, 0.485, 0.375)
     dark_patch: tuple[float, float, float] = (0.49, 0.25, 0.18)
-    redness: tuple[float, float, float] = (0.74, 0.30, 0.24)
+    redness: tuple[float, float, float] = (0.681, 0.303, 0.247)
     vein: tuple[float, float, float] = (0.42, 0.30, 0.28)
     freckle: tuple[float, float, float] = (0.36, 0.17, 0.10)
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
-    nail_bed: tuple[float, float, float] = (0.72, 0.42, 0.345)
-    lunula: tuple[float, float, float] = (0.82, 0.61, 0.53)
-    nail_flush: tuple[float, float, float] = (0.74, 0.34, 0.27)
-    nail_free_edge: tuple[float, float, float] = (0.80, 0.71, 0.60)
-    nail_border: tuple[float, float, float] = (0.46, 0.19, 0.13)
+    nail_bed: tuple[float, float, float] = (0.697, 0.473, 0.404)
+    lunula: tuple[float, float, float] = (0.787, 0.657, 0.591)
+    nail_flush: tuple[float, float, float] = (0.575, 0.306, 0.259)
+    nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
+    nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
 
 
 SKIN_TONES = {
     "light": SkinTone(),
     # Dark back and light palm; creases are more visible than veins and redness.
     "deep": SkinTone(
-        dorsal=(0.185, 0.080, 0.042),
-        palm=(0.50, 0.255, 0.165),
-        warm_patch=(0.20, 0.075, 0.036),
-        pale_patch=(0.24, 0.115, 0.065),
-        dark_patch=(0.115, 0.046, 0.024),
-        redness=(0.26, 0.085, 0.050),
-        vein=(0.125, 0.058, 0.040),
-        freckle=(0.075, 0.028, 0.015),
-        pore=(0.125, 0.052, 0.028),
-        fold=(0.095, 0.036, 0.019),
-        blanch=(0.27, 0.130, 0.072),
-        nail_bed=(0.47, 0.245, 0.175),
-        lunula=(0.58, 0.40, 0.32),
-        nail_flush=(0.42, 0.18, 0.125),
-        nail_free_edge=(0.72, 0.62, 0.50),
-        nail_border=(0.095, 0.036, 0.021),
+        dorsal=(0.118, 0.042, 0.019),
+        palm=(0.493, 0.248, 0.141),
+        warm_patch=(0.126, 0.040, 0.017),
+        pale_patch=(0.155, 0.063, 0.031),
+        dark_patch=(0.082, 0.029, 0.014),
+        redness=(0.203, 0.069, 0.037),
+        vein=(0.092, 0.041, 0.027),
+        freckle=(0.056, 0.021, 0.011),
+        pore=(0.095, 0.036, 0.018),
+        fold=(0.062, 0.022, 0.011),
+        blanch=(0.190, 0.081, 0.040),
+        nail_bed=(0.352, 0.196, 0.137),
+        lunula=(0.492, 0.355, 0.289),
+        nail_flush=(0.270, 0.125, 0.083),
+        nail_free_edge=(0.521, 0.423, 0.327),
+        nail_border=(0.083, 0.031, 0.018),
     ),
 }
 
@@ -74,7 +78,7 @@ class SkinChannels:
         albedo: base colour.
         roughness: of the specular lobe.
         subsurface: weight of the subsurface lobe.
-        relief: height of pores, cells and veins, mm.
+        relief: height of the fine lines, ridges, veins and rims of nails, mm.
         fold_dorsal: depth of the wrinkles on the back of the joints, which flatten when the joint bends.
         fold_palmar: depth of the creases, which deepen when the joint bends.
         knuckle: where bending blanches the skin.
@@ -101,24 +105,24 @@ class _Noises:
     @classmethod
     def of(cls, graph: NodeGraph) -> _Noises:
         rest_mm = graph.attribute("rest", "Vector")
-        sizes = ((0.045, 3, 0.55), (0.16, 4, 0.6), (0.9, 3, 0.6))
+        sizes = ((0.045, 3, 0.55), (0.16, 3, 0.5), (0.9, 3, 0.6))
         return cls(rest_mm, *(graph.noise(rest_mm, *size) for size in sizes))
 
 
 def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     """The skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
+    nail = graph.smooth(masks["nailrim"], 1.01, 0.97, 0, 1)
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)
-    albedo = _nail_colour(graph, _skin_colour(graph, masks, noises, tone), masks, tone)
-    not_nail = graph.one_minus(masks["nail"])
+    not_nail = graph.one_minus(nail)
     roughness = graph.total(0.44, graph.product(noises.high, 0.18), graph.product(masks["palm"], -0.04))
     return SkinChannels(
-        albedo=albedo,
-        roughness=graph.total(graph.product(roughness, not_nail), graph.product(masks["nail"], 0.24)),
-        subsurface=graph.one_minus(graph.product(masks["nail"], 0.6)),
-        relief=_relief(graph, masks, noises, not_nail),
-        fold_dorsal=fold_dorsal,
+        albedo=graph.mix(nail, _skin_colour(graph, masks, noises, tone), _nail_colour(graph, masks, noises, tone)),
+        roughness=graph.total(graph.product(roughness, not_nail), graph.product(nail, 0.22)),
+        subsurface=graph.one_minus(graph.product(nail, graph.smooth(masks["naily"], 0.86, 0.94, 0.6, 0.2))),
+        relief=graph.total(graph.product(_relief(graph, masks, noises), not_nail), _nail_rim(graph, masks)),
+        fold_dorsal=graph.product(fold_dorsal, not_nail),
         fold_palmar=fold_palmar,
         knuckle=masks["knuck"],
     )
@@ -127,68 +131,108 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
 def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
     """From back to palm, with warm and pale patches, redness at tips and knuckles, veins, freckles and pores."""
     colour = graph.mix(masks["palm"], tone.dorsal, tone.palm)
-    colour = graph.mix(graph.smooth(noises.low, 0.35, 0.65, 0, 0.26), colour, tone.warm_patch)
-    colour = graph.mix(graph.smooth(noises.mid, 0.42, 0.68, 0, 0.24), colour, tone.pale_patch)
-    colour = graph.mix(graph.smooth(noises.mid, 0.50, 0.30, 0, 0.17), colour, tone.dark_patch)
+    on_back = graph.one_minus(graph.product(masks["palm"], 0.55))
+    colour = graph.mix(graph.product(graph.smooth(noises.low, 0.35, 0.65, 0, 0.42), on_back), colour, tone.warm_patch)
+    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.46, 0.66, 0, 0.40), on_back), colour, tone.pale_patch)
+    colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.50, 0.32, 0, 0.34), on_back), colour, tone.dark_patch)
     redness = graph.product(masks["red"], graph.remap(noises.mid, 0.25, 0.7, 0.45, 1.1))
-    colour = graph.mix(graph.math("MULTIPLY", redness, 0.60, clamp=True), colour, tone.redness)
-    colour = graph.mix(graph.product(masks["vein"], graph.remap(noises.low, 0.3, 0.7, 0.12, 0.30)), colour, tone.vein)
+    colour = graph.mix(graph.math("MULTIPLY", redness, 0.50, clamp=True), colour, tone.redness)
+    blood = graph.noise(noises.position, 0.38, 2, 0.55)
+    blotches = graph.product(graph.smooth(blood, 0.42, 0.66, 0, 1), graph.remap(masks["palm"], 0, 1, 0.12, 0.40))
+    colour = graph.mix(blotches, colour, tone.redness)
+    colour = graph.mix(graph.product(masks["vein"], graph.remap(noises.low, 0.3, 0.7, 0.15, 0.36)), colour, tone.vein)
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, 0.40)
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
-    return graph.mix(graph.product(noises.high, 0.26), colour, tone.pore)
+    pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
+    colour = graph.mix(pores, colour, tone.pore)
+    root = graph.smooth(masks["naily"], 0.95, 0.7, 0, 0.5)
+    return graph.mix(graph.product(graph.smooth(masks["nailrim"], 1.20, 1.0, 0, 0.7), root), colour, tone.nail_border)
 
 
-def _nail_colour(graph: NodeGraph, skin: Socket, masks: dict[str, Socket], tone: SkinTone) -> Socket:
-    """Lunula, bed and free edge along `naily` (0 root to 1 tip), with a darker border in the skin."""
-    along = masks["naily"]
-    lunula = graph.product(graph.smooth(along, 0.24, 0.12, 0, 1), 0.5)
-    nail = graph.mix(lunula, tone.nail_bed, tone.lunula)
-    nail = graph.mix(graph.smooth(along, 0.72, 0.86, 0, 0.35), nail, tone.nail_flush)
-    nail = graph.mix(graph.smooth(along, 0.87, 0.93, 0, 1), nail, tone.nail_free_edge)
-    bordered = graph.mix(graph.product(masks["nailedge"], 0.40), skin, tone.nail_border)
-    return graph.mix(masks["nail"], bordered, nail)
+def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
+    """Bed, half-moon, flush and free edge along `naily` (0 root to 1 tip), cuticle and redder sides."""
+    along, rim = masks["naily"], masks["nailrim"]
+    streaks = graph.noise(graph.scaled(noises.position, (0.05, 0.9, 0.9)), 1.0, 2, 0.5)
+    nail = graph.mix(graph.smooth(streaks, 0.35, 0.65, 0, 0.35), tone.nail_bed, tone.nail_flush)
+    nail = graph.mix(graph.smooth(rim, 0.6, 0.97, 0, 0.45), nail, tone.nail_flush)
+    nail = graph.mix(graph.smooth(noises.mid, 0.45, 0.60, 0, 0.22), nail, tone.lunula)
+    nail = graph.mix(graph.product(masks["lunula"], 0.75), nail, tone.lunula)
+    nail = graph.mix(graph.smooth(along, 0.74, 0.87, 0, 0.55), nail, tone.nail_flush)
+    edge = graph.total(along, graph.product(graph.math("SUBTRACT", streaks, 0.5), 0.06))
+    nail = graph.mix(graph.smooth(edge, 0.89, 0.92, 0, 0.75), nail, tone.nail_free_edge)
+    cuticle = graph.product(graph.smooth(rim, 0.92, 0.97, 0, 0.25), graph.smooth(along, 0.45, 0.25, 0, 1))
+    return graph.mix(cuticle, nail, tone.pale_patch)
 
 
 def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple[Socket, Socket]:
-    """(dorsal, palmar): two interfering families of waves across each joint, broken up by noise."""
-    coarse = graph.noise(noises.position, 0.20, 3, 0.6)
-    fine = graph.noise(noises.position, 0.33, 2, 0.5)
+    """(dorsal, palmar): lines across each joint that break up into finer ones, and the creases of the palm."""
+    across = graph.scaled(noises.position, (0.25, 0.11, 0.11))  # features are drawn out across the digit
+    coarse, fine = graph.noise(across, 1.0, 2, 0.5), graph.noise(across, 2.3, 2, 0.5)
 
-    def lines(wavelength_mm: float, wander: float, noise: Socket, sharpness: float) -> Socket:
+    def lines(spacing_mm: float, wander: float, noise: Socket, sharpness: float) -> Socket:
+        """1 at the bottom of each furrow; the skin between two furrows is round."""
         phase = graph.total(
-            graph.product(masks["tfold"], 2 * pi / wavelength_mm),
+            graph.product(masks["tfold"], pi / spacing_mm),
             graph.product(graph.math("SUBTRACT", noise, 0.5), wander),
         )
-        wave = graph.total(graph.product(graph.math("SINE", phase), 0.5), 0.5)
-        return graph.math("POWER", wave, sharpness)
+        crown = graph.math("ABSOLUTE", graph.math("SINE", phase))
+        return graph.math("POWER", graph.one_minus(crown, clamp=True), sharpness)
 
-    wide = graph.product(lines(2.5, 15.0, coarse, 4.0), graph.remap(fine, 0.36, 0.56, 0.25, 1))
-    narrow = graph.product(lines(1.55, 19.0, fine, 3.0), graph.remap(coarse, 0.62, 0.42, 0.1, 0.6))
+    wide = graph.product(lines(2.3, 5.0, coarse, 1.6), graph.remap(fine, 0.34, 0.52, 0.3, 1))
+    narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.4))
     line = graph.math("MAXIMUM", wide, narrow)
-    crease = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.55, 1.0))
-    return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.22), crease)
+    minor = graph.total(*(_open_lines(graph, noises, factors) for factors in MINOR_CREASES))
+    minor = graph.product(minor, graph.smooth(masks["palm"], 0.5, 0.9, 0, 0.28))
+    main = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.65, 1.0))
+    crease = graph.total(graph.product(main, 0.75), graph.product(graph.math("POWER", main, 5.0), 1.1), minor)
+    return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.3), crease)
 
 
-def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, not_nail: Socket) -> Socket:
-    """Pores, cell pattern and veins, mm."""
-    small = graph.smooth(graph.voronoi(noises.position, 0.80, "DISTANCE_TO_EDGE"), 0, 0.22, 0, 0.10)
-    large = graph.smooth(graph.voronoi(noises.position, 0.34, "DISTANCE_TO_EDGE"), 0, 0.14, 0, 0.13)
-    texture = graph.product(graph.total(small, large, graph.product(noises.high, 0.14)), not_nail)
-    return graph.total(texture, graph.product(masks["vein"], 0.32), graph.product(noises.mid, 0.26))
+def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, float]) -> Socket:
+    """Thin lines with open ends: pieces of the level lines of a noise that is stretched by the factors."""
+    height = graph.noise(graph.scaled(noises.position, factors), 1.0, 0, 0.5)
+    line = graph.smooth(graph.math("ABSOLUTE", graph.math("SUBTRACT", height, 0.5)), 0.020, 0, 0, 1)
+    return graph.product(line, graph.smooth(noises.mid, 0.46, 0.58, 0, 1))
+
+
+def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
+    """On the back fine diamonds that are drawn out across the digits, in the palm ridges; veins and soft forms, mm."""
+    cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
+    diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
+    drawn_out = graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
+    on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.12)), graph.one_minus(masks["palm"]))
+    bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
+    ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
+    on_palm = graph.product(ridges, masks["palm"], 0.012)
+    return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.34), graph.product(noises.mid, 0.35))
+
+
+def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
+    """A furrow around the plate, the skin that overlaps its root and sides, and the step at its free edge, mm."""
+    rim, along = masks["nailrim"], masks["naily"]
+    beside = graph.product(graph.smooth(rim, 0.98, 1.05, 0, 1), graph.smooth(rim, 1.6, 1.1, 0, 1))
+    outline = graph.product(graph.smooth(rim, 0.94, 1.0, 0, 1), graph.smooth(rim, 1.06, 1.0, 0, 1))
+    furrow = graph.product(outline, graph.smooth(along, 0.5, 0.0, -0.08, -0.2))
+    step = graph.total(graph.smooth(along, 0.5, 0.1, 0.12, 0.28), graph.smooth(along, 0.84, 0.96, 0, -0.4))
+    return graph.total(graph.product(beside, step), furrow)
 
 
 def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone: SkinTone) -> None:
-    """Drive a Principled BSDF: the pose (`flex`) fades dorsal folds, deepens palmar creases and blanches knuckles."""
+    """Drive a Principled BSDF: the pose (`flex`) fades dorsal folds, deepens palmar creases and blanches knuckles.
+
+    Light is scattered less where parts run into each other (`crossing`): it would end inside the other part, and red,
+    which goes farthest, would leave a teal line.
+    """
     flex = graph.attribute("flex")
     blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), 0.42)
-    dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, 0.85), clamp=True))
-    palmar = graph.product(channels.fold_palmar, graph.total(0.62, graph.product(flex, 0.55)))
-    in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.50), clamp=True)
+    dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, 0.95), clamp=True))
+    palmar = graph.product(channels.fold_palmar, graph.total(0.75, graph.product(flex, 0.5)))
+    in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
-    depth = graph.total(graph.product(dorsal, 0.34), graph.product(palmar, 0.45))
+    depth = graph.total(graph.product(dorsal, 0.36), graph.product(palmar, 0.55))
     bump = graph.node("ShaderNodeBump")
-    bump.inputs["Strength"].default_value = 0.85
+    bump.inputs["Strength"].default_value = 1.0
     bump.inputs["Distance"].default_value = 0.001
     graph.connect(graph.math("SUBTRACT", channels.relief, depth), bump.inputs["Height"])
     inputs = {
@@ -199,7 +243,7 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
         "IOR": 1.44,
         "Specular IOR Level": 0.42,
         "Subsurface Radius": (1.0, 0.36, 0.19),
-        "Subsurface Scale": 0.0024,
+        "Subsurface Scale": graph.product(graph.one_minus(graph.attribute("crossing")), 0.0024),
         "Subsurface Anisotropy": 0.7,
     }
     shader.subsurface_method = "RANDOM_WALK"

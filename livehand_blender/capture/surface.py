@@ -8,8 +8,10 @@ from functools import cached_property
 import bpy
 import numpy as np
 import torch
+from mathutils.bvhtree import BVHTree
 
 from ...backend.geometry.torch_rotation import axis_angle_to_matrix
+from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface
 from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, joint_transforms
@@ -17,10 +19,15 @@ from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
 from .skin import MASKS, UV_LAYER
 
+with needs("scipy"):
+    from scipy.spatial import KDTree
+
 FULL_FLEX_RAD = np.deg2rad(65)
 # Vertices far from any joint (palm, back) get a share of the mean bend of the four knuckles.
 _KNUCKLES = [1, 4, 7, 10]
 _PALM_SHARE = 0.6
+_POSE_ATTRIBUTES = ("flex", "crossing")
+_CROSSING_REACH_M = 0.005  # from a line where parts cross: as far as light is scattered under the skin
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,10 @@ class SkinSurface:
     def set_pose(self, pose: HandPose) -> None:
         """Move the mesh to the pose."""
         mesh = self.object.data
-        mesh.vertices.foreach_set("co", self.posed_vertices(pose).astype(np.float32).ravel())
+        vertices = self.posed_vertices(pose).astype(np.float32)
+        mesh.vertices.foreach_set("co", vertices.ravel())
         mesh.attributes["flex"].data.foreach_set("value", self._flex(pose.theta).astype(np.float32))
+        mesh.attributes["crossing"].data.foreach_set("value", crossing(vertices, self.detail.faces))
         mesh.update()
 
     def posed_vertices(self, pose: HandPose) -> np.ndarray:
@@ -68,6 +77,19 @@ class SkinSurface:
         return np.where(joint > 0, bend[joint], bend[_KNUCKLES].mean() * _PALM_SHARE)
 
 
+def crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """[N] float32: 1 where the surface crosses itself, falling to 0 at 5 mm from there."""
+    tree = BVHTree.FromPolygons(vertices.tolist(), faces.tolist())
+    pairs = np.array(tree.overlap(tree), int).reshape(-1, 2)
+    first, second = faces[pairs[:, 0]], faces[pairs[:, 1]]
+    are_neighbours = (first[:, :, None] == second[:, None]).any((1, 2))
+    lines = vertices[np.unique(first[~are_neighbours])]
+    if not len(lines):
+        return np.zeros(len(vertices), np.float32)
+    distance, _ = KDTree(lines).query(vertices, distance_upper_bound=_CROSSING_REACH_M)
+    return (1 - np.minimum(distance / _CROSSING_REACH_M, 1)).astype(np.float32)
+
+
 def _fill_mesh(mesh: bpy.types.Mesh, detail: DetailedSurface) -> None:
     vertices, faces = detail.vertices_m, detail.faces
     mesh.vertices.add(len(vertices))
@@ -78,9 +100,9 @@ def _fill_mesh(mesh: bpy.types.Mesh, detail: DetailedSurface) -> None:
     mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
     mesh.update(calc_edges=True)
     mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), bool))
-    for name in (*MASKS, "flex"):
+    for name in (*MASKS, *_POSE_ATTRIBUTES):
         attribute = mesh.attributes.new(name, "FLOAT", "POINT")
-        if name != "flex":
+        if name in MASKS:
             attribute.data.foreach_set("value", detail.masks[name].astype(np.float32))
     rest = mesh.attributes.new("rest", "FLOAT_VECTOR", "POINT")
     rest.data.foreach_set("vector", template_to_build(vertices).astype(np.float32).ravel())

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 import torch
+import trimesh
 from livehand.backend.captures.capture import load_capture
 from livehand.backend.captures.plan import CapturePlan
 from livehand.backend.evaluation.metrics import alpha_iou
@@ -22,10 +23,11 @@ from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
+from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
 from livehand.livehand_blender.capture.render import is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
-from livehand.livehand_blender.capture.skin import SKIN_TONES
-from livehand.livehand_blender.capture.surface import SkinSurface
+from livehand.livehand_blender.capture.skin import SKIN_TONES, SkinChannels, shade
+from livehand.livehand_blender.capture.surface import SkinSurface, crossing
 from livehand.livehand_blender.scene.camera import read_camera
 from PIL import Image
 
@@ -129,6 +131,88 @@ def test_bending_a_finger_changes_flex_only_at_its_joint(coarse_surface, right_h
     np.testing.assert_allclose(flex[joint == 5], 1.0)
     assert np.abs(flex[joint != 5]).max() == 0
     assert surface._flex(-theta)[joint == 5].max() == 0  # bent backwards: no fold
+
+
+def test_nails_are_smooth_and_folds_lie_on_the_back(coarse_surface, right_hand, tmp_path):
+    capture_scene(threads=1)
+    surface = SkinSurface.create(right_hand, coarse_surface)
+    maps = bake_skin(surface.object, tmp_path, SKIN_TONES["light"], size_px=384)
+    relief, fold_dorsal, _ = _at_vertices(maps["height"], coarse_surface).T
+    roughness, subsurface, _ = _at_vertices(maps["mask"], coarse_surface).T
+    masks = coarse_surface.masks
+    nail, palm, back = masks["nailrim"] < 0.75, masks["palm"] > 0.99, masks["foldd"] > 0.5
+    assert nail.sum() > 20
+    # Vertices on the border of a chart may read the next one.
+    assert np.percentile(np.abs(roughness[nail] - 0.22), 95) < 0.01
+    assert np.percentile(np.abs(relief[nail]), 95) < 0.01
+    assert np.percentile(subsurface[nail], 95) < 0.85
+    assert np.percentile(roughness[palm], 1) > 0.35
+    assert np.percentile(fold_dorsal[palm], 99) < 0.05
+    assert np.percentile(fold_dorsal[back], 90) > 0.2
+
+
+def _at_vertices(path, detail):
+    """[N, 3] of a baked map at the vertices."""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty((image.size[1], image.size[0], 4), np.float32)
+    image.pixels.foreach_get(pixels.ravel())
+    uv = np.zeros((len(detail.vertices_m), 2))
+    uv[detail.faces.ravel()] = detail.uv.reshape(-1, 2)
+    size = np.array(image.size)
+    column, row = np.clip((uv * size).astype(int), 0, size - 1).T
+    return pixels[row, column, :3]
+
+
+def _grid(across, up, count=41, cell_m=5e-4):
+    """Vertices and triangles of a square grid around the origin, in the plane of two axes."""
+    i, j = (index.ravel() for index in np.mgrid[:count, :count])
+    vertices = ((i - count // 2)[:, None] * np.eye(3)[across] + (j - count // 2)[:, None] * np.eye(3)[up]) * cell_m
+    corner = np.arange(count * count).reshape(count, count)[:-1, :-1].ravel()
+    faces = np.stack([corner, corner + count, corner + 1, corner + 1, corner + count, corner + count + 1], 1)
+    return vertices + 1e-4, faces.reshape(-1, 3)
+
+
+def test_crossing_falls_with_the_distance_from_where_parts_cross():
+    (level, faces), (upright, _) = _grid(0, 1), _grid(1, 2)
+    both = np.concatenate([level, upright + 2e-4 * np.eye(3)[0]]), np.concatenate([faces, faces + len(level)])
+    expected = 1 - np.minimum(np.r_[np.abs(level[:, 0]), np.abs(upright[:, 2])] / 5e-3, 1)
+    np.testing.assert_allclose(crossing(*both), expected, atol=0.15)
+    assert crossing(level, faces).max() == 0
+    assert crossing(level, faces).dtype == np.float32
+
+
+def test_parts_that_cross_leave_no_teal_line(tmp_path):
+    """Red light is scattered farthest: without the mark it ends inside the other part, and the line is teal."""
+    marked, unmarked = (_red_by_blue_where_balls_cross(tmp_path, is_marked) for is_marked in (True, False))
+    assert marked > 0.93
+    assert unmarked < 0.85
+
+
+def _red_by_blue_where_balls_cross(folder, is_marked):
+    """Red by blue at the line where two balls cross, relative to that on their tops, under an even sky."""
+    scene = capture_scene(threads=1)
+    graph = NodeGraph(enable_nodes(scene.world))
+    graph.connect(graph.node("ShaderNodeBackground").outputs[0], graph.tree.nodes["World Output"].inputs[0])
+    balls = [trimesh.creation.icosphere(4, 0.01).apply_translation((x, 0, 0)) for x in (-0.007, 0.007)]
+    both = trimesh.util.concatenate(balls)
+    mesh = bpy.data.meshes.new("balls")
+    mesh.from_pydata(both.vertices.tolist(), [], both.faces.tolist())
+    mark = crossing(np.asarray(both.vertices, np.float32), both.faces) * is_marked
+    mesh.attributes.new("crossing", "FLOAT", "POINT").data.foreach_set("value", mark)
+    material = bpy.data.materials.new("skin")
+    graph = NodeGraph(enable_nodes(material))
+    flat = SkinChannels((0.6, 0.6, 0.6), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
+    shade(graph, graph.tree.nodes["Principled BSDF"], flat, SKIN_TONES["light"])
+    mesh.materials.append(material)
+    scene.collection.objects.link(bpy.data.objects.new("balls", mesh))
+    K = np.array([[1200.0, 0, 24], [0, 1200.0, 12], [0, 0, 1]])
+    set_camera(scene, Camera(K, look_at(np.array([0, 0, 0.6]), np.zeros(3), np.array([0, 1.0, 0])), (48, 24)))
+    scene.cycles.samples = 64
+    scene.render.filepath = str(folder / f"{is_marked}.png")
+    bpy.ops.render.render(write_still=True)
+    image = (np.asarray(Image.open(scene.render.filepath), float)[10:14, :, :3] / 255) ** 2.2
+    ratio = image[..., 0].mean(0) / image[..., 2].mean(0)
+    return ratio[23:25].mean() / ratio[[9, 10, 11, 36, 37, 38]].mean()
 
 
 TINY = CapturePlan(poses=1, cameras=2, size_px=(24, 32), samples=1, eval_samples=1)

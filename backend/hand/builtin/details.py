@@ -1,4 +1,7 @@
-"""Creases, folds and nails of the digits, as offsets of the signed distance in mm; positive ones carve."""
+"""Palmar creases, swellings and nails of the digits, as offsets of the signed distance in mm; positive ones carve.
+
+Folds that the pose flattens, and outlines finer than the mesh, are relief of the skin instead.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,31 @@ from .smooth import bump, smoothstep
 # Palmar creases of a joint, as position and relative depth: a finger's PIP joint has two, the others one.
 _FIRST_CREASES = ((-1.3, 0.55), (1.4, 0.45))
 _LAST_CREASES = ((0.0, 0.7),)
-_KNUCKLE_FOLDS = (-4.2, -2.2, 0.0, 2.2, 4.2)
 
 
 class NailCoordinates(NamedTuple):
-    """Coordinates on a nail: `along` [N], -1 at its root and 1 at its free end, and `rim` [N], 1 on its outline."""
+    """Coordinates [N] on a nail.
+
+    Attributes:
+        along: -1 at its root, 1 at its free end.
+        across: -1 and 1 at its sides.
+        rim: 1 on its outline, less inside.
+    """
 
     along: np.ndarray
+    across: np.ndarray
     rim: np.ndarray
 
 
 def nail_coordinates(ray: Ray, at: RayCoordinates, section: Section) -> NailCoordinates:
     """The nail coordinates of points, seen from the back of the digit."""
-    length = ray.bones.distal * (0.64 if ray.is_thumb else 0.62)
+    length = ray.bones.distal * (0.66 if ray.is_thumb else 0.70)
     end = ray.length - 1.6
     start = end - length
-    across = at.lateral / (section.half_breadth * (0.72 if ray.is_thumb else 0.70))
+    across = at.lateral / (section.half_breadth * 0.72)
     along = (at.along - (start + end) / 2) / ((end - start) / 2)
-    return NailCoordinates(along, (np.abs(across) ** 3.2 + np.abs(along) ** 3.2) ** (1 / 3.2))
+    rim = (np.abs(across) ** 3.6 + np.abs(along) ** 2.7) ** (1 / 3.1)  # straight sides, round ends
+    return NailCoordinates(along, across, rim)
 
 
 def detail_offset(rays: dict[str, Ray], at: dict[str, RayCoordinates]) -> np.ndarray:
@@ -50,7 +60,7 @@ def _nearness(at: RayCoordinates, section: Section) -> np.ndarray:
 
 
 def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
-    """Palmar creases, dorsal folds and the swelling under them at the joints past the first."""
+    """Palmar creases of the joints past the first, and the swelling on their back."""
     palmar = smoothstep(-at.dorsal / section.palmar_depth, 0.0, 0.45)
     dorsal = smoothstep(at.dorsal / section.dorsal_depth, 0.15, 0.6)
     relief = np.zeros_like(at.along)
@@ -61,8 +71,6 @@ def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
             continue
         for place, depth in _FIRST_CREASES if order == 0 else _LAST_CREASES:
             relief += palmar * 0.7 * depth * bump(along - place, 0.8)
-        for place in _KNUCKLE_FOLDS:
-            relief += dorsal * 0.22 * bump(along - place, 0.55) * (1 - 0.12 * abs(place))
         relief -= dorsal * 0.35 * bump(along, 4.0)
     if not ray.is_thumb:
         relief += palmar * 0.5 * bump(at.along - 0.5 * ray.bones.proximal - 2, 0.9)
@@ -70,9 +78,10 @@ def _joint_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
 
 
 def _nail_relief(ray: Ray, at: RayCoordinates, section: Section) -> np.ndarray:
-    """A groove around the nail, a slightly raised plate, and the folds of skin beside it."""
+    """A plate that is more curved across than the digit and rises towards its free end, and the flesh around it."""
     nail = nail_coordinates(ray, at, section)
-    groove = 0.38 * bump(nail.rim - 1.03, 0.07) * (nail.along < 0.75)
-    plate = 0.10 * smoothstep(nail.rim, 1.0, 0.9)
-    fold = 0.25 * bump(nail.rim - 1.16, 0.09) * (nail.along < 0.6)
-    return smoothstep(at.dorsal / section.dorsal_depth, 0.2, 0.45) * (groove - plate - fold)
+    plate = smoothstep(nail.rim, 1.12, 0.92)
+    rise = 0.5 * smoothstep(nail.along, -1.1, -0.3) + 0.2 * smoothstep(nail.along, 0.3, 1.0)
+    curve = (1.15 if ray.is_thumb else 0.85) * np.minimum(np.abs(nail.across), 1.1) ** 2
+    flesh = 0.4 * bump(nail.rim - 1.28, 0.15) * smoothstep(nail.along, 0.9, 0.5)
+    return smoothstep(at.dorsal / section.dorsal_depth, 0.2, 0.45) * (plate * (curve - rise) - flesh)

@@ -3,10 +3,11 @@
 All are [N], in [0, 1] unless stated otherwise:
 
 - `palm`: palmar side; `tip`: fingertips; `red`: redness; `vein`, `crease`, `knuck`: veins, creases, knuckles.
-- `nail`: the plate; `nailedge`: the folds beside it; `naily`: coordinate along it, 0 at its root and 1 at its free end,
-  which exceeds this range outside the nail.
-- `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint; `foldd`,
-  `foldp`: strength of its dorsal or palmar fold.
+- `nail`: the plate; `nailrim`: 1 on its outline, less inside, at most 3; `naily`: coordinate along it, 0 at its root
+  and 1 at its free end, which exceeds this range outside the nail; `lunula`: its half-moon.
+- `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint, more at the
+  sides of its back, so that folds lie in an oval; `foldd`, `foldp`: strength of its dorsal or palmar fold.
+- `ridge`: mm across the ridges of the palmar skin, which are its level lines: arches around each fingertip's pad.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from .rays import Ray, RayCoordinates, Section
 from .smooth import bump, smoothstep
 
 MASK_NAMES = (
-    "palm", "nail", "naily", "nailedge", "tfold", "foldd", "foldp", "red", "tip", "vein", "crease", "knuck", "jid",
+    "palm", "nail", "nailrim", "naily", "lunula", "tfold", "foldd", "foldp", "ridge", "red", "tip", "vein", "crease",
+    "knuck", "jid",
 )  # fmt: skip
 
 Masks = dict[str, np.ndarray]
@@ -31,6 +33,11 @@ Masks = dict[str, np.ndarray]
 # Red areas of the palm: centre, radii (mm) and width of the falloff.
 _THENAR = (np.array([34, -24, 26]), np.array([26, 14, 16]), 0.7)
 _HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
+# Of the half-moon, by digit.
+_LUNULA = {"thumb": 1.0, "index": 0.6, "middle": 0.55, "ring": 0.35, "pinky": 0.15}
+_RIM_FAR = 3.0
+_FOREARM_PALM = 0.35  # share of the palm in the skin beyond the wrist
+_PAD_FROM_TIP = 10.0  # mm: centre of a fingertip's pad
 _PADS = (np.array([82, -14, 0]), np.array([12, 12, 38]), 0.6)
 
 
@@ -54,12 +61,16 @@ def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) 
     at = {digit: rays[digit].coordinates(points) for digit in DIGITS}
     nearest = np.stack([at[digit].distance for digit in DIGITS], 1).argmin(1)
     masks = {name: np.zeros(len(points)) for name in MASK_NAMES}
-    masks["palm"] = 1 - smoothstep(normals[:, 1], -0.35, 0.35)
+    hand = _FOREARM_PALM + (1 - _FOREARM_PALM) * smoothstep(points[:, 0], -26, 4)
+    masks["palm"] = hand * (1 - smoothstep(normals[:, 1], -0.35, 0.35))
+    masks["nailrim"][:] = _RIM_FAR
+    masks["ridge"] = np.hypot(points[:, 0] - 40, points[:, 2] - 45)
     for order, digit in enumerate(DIGITS):
         view = _digit_view(order, rays[digit], at[digit], nearest)
         _add_palm_side(masks, view)
         _add_nail(masks, view)
         _add_folds(masks, view)
+        _add_ridges(masks, view)
         _add_tip(masks, view)
         _add_digit_creases(masks, view)
     _add_lines(masks, points, normals, at)
@@ -85,8 +96,11 @@ def _add_nail(masks: Masks, view: _Digit) -> None:
     nail = nail_coordinates(view.ray, view.at, view.section)
     on_back = view.is_own & (view.at.dorsal > 0)
     _raise_to(masks, "nail", on_back, 1 - smoothstep(nail.rim, 0.96, 1.06))
-    _raise_to(masks, "nailedge", on_back, bump(nail.rim - 1.08, 0.09) * (nail.along < 0.7))
+    rim = nail.rim + _RIM_FAR * smoothstep(view.height, 0.45, 0.1)
+    masks["nailrim"] = np.where(on_back, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
     masks["naily"] = np.where(on_back, (nail.along + 1) / 2, masks["naily"])
+    half_moon = smoothstep(nail.along + 0.3 * nail.across**2, -0.45, -0.6) * smoothstep(nail.rim, 1.1, 1.0)
+    _raise_to(masks, "lunula", on_back, half_moon * _LUNULA[view.ray.digit])
 
 
 def _add_folds(masks: Masks, view: _Digit) -> None:
@@ -98,7 +112,8 @@ def _add_folds(masks: Masks, view: _Digit) -> None:
         dorsal, palmar = _fold_strengths(view, along, order)
         is_stronger = np.maximum(dorsal, palmar) > np.maximum(masks["foldd"], masks["foldp"])
         taken = near & (is_stronger | (masks["jid"] == 0))
-        masks["tfold"][taken] = along[taken]
+        bow = 1 + np.where(view.height > 0, 0.45, 0) * (view.at.lateral / view.section.half_breadth) ** 2
+        masks["tfold"][taken] = (along * bow)[taken]
         masks["jid"][taken] = 1 + 3 * view.order + order
         _raise_to(masks, "foldd", near, dorsal)
         _raise_to(masks, "foldp", near, palmar)
@@ -109,13 +124,18 @@ def _add_folds(masks: Masks, view: _Digit) -> None:
 def _fold_strengths(view: _Digit, along: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Dorsal and palmar fold [N] of a joint."""
     if view.ray.is_thumb:
-        width = 6.5 if order == 1 else 5.0
+        width = 6.0 if order == 1 else 4.0
     elif order == 0:  # an MCP joint has a dorsal fold only
-        return 0.35 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
+        return 0.28 * smoothstep(view.height, 0.2, 0.7) * bump(along, 6.5), np.zeros_like(along)
     else:
-        width = 6.0 if order == 1 else 5.0
+        width = 6.0 if order == 1 else 4.0
     dorsal = smoothstep(view.height, 0.05, 0.6) * bump(along, width * 0.72)
     return dorsal, smoothstep(-view.height, -0.1, 0.5) * bump(along, 1.8)
+
+
+def _add_ridges(masks: Masks, view: _Digit) -> None:
+    arches = np.hypot(view.at.along - (view.ray.length - _PAD_FROM_TIP), view.at.lateral)
+    masks["ridge"] = np.where(view.is_own, arches, masks["ridge"])
 
 
 def _add_tip(masks: Masks, view: _Digit) -> None:
