@@ -83,16 +83,10 @@ def scored_views(
     limit_deg = np.inf if max_train_view_angle_deg is None else max_train_view_angle_deg
     chosen = [(view, angle) for view, angle in zip(views, angles, strict=True) if not angle > limit_deg]
     for view, angle in tqdm(chosen, unit="image", desc="evaluate"):
-        truth = capture.read_linear(view) if capture.is_lit else capture.read_image(view)
+        truth = read_truth(capture, view)
         if (truth[..., 3] > 0.5).any():
-            light = capture.light_of(view)
-            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, light)
-            frame = renderer.render(shot)
-            if capture.is_lit:
-                gain = exposure_gain(truth)
-                truth, image = exposed(truth, gain), exposed(_linear_of(frame), gain)
-            else:
-                image = encoded_on_black(frame)
+            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, capture.light_of(view))
+            truth, image = rendered_pair(renderer, shot, truth, capture.is_lit)
             surface = hands.seen_by(view)
             figures = view_figures(image, truth, surface, distances)
             if with_contrast:
@@ -100,6 +94,20 @@ def scored_views(
             kind = None if view.light is None else capture.lights[view.light].kind
             score = ViewScore(view.file, view.split, view.camera_index, view.pose_index, angle, figures, kind)
             yield ScoredView(score, truth, image)
+
+
+def read_truth(capture: Capture, view: CaptureView) -> np.ndarray:
+    """[H, W, 4] of a view, premultiplied: linear colours of a lit capture, encoded ones of another."""
+    return capture.read_linear(view) if capture.is_lit else capture.read_image(view)
+
+
+def rendered_pair(renderer: Renderer, shot: Shot, truth: np.ndarray, is_lit: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Truth and render of a shot [H, W, 4], encoded on black; of a lit capture both are exposed by the truth."""
+    frame = renderer.render(shot)
+    if not is_lit:
+        return truth, encoded_on_black(frame)
+    gain = exposure_gain(truth)
+    return exposed(truth, gain), exposed(_linear_of(frame), gain)
 
 
 def score_views(

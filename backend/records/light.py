@@ -116,6 +116,30 @@ def sky_directions(height: int, width: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class MeasuredLight:
+    """What a path tracer measures on the bare hand: a white diffuse surface in the scene, divided by pi as a pixel is.
+
+    The maps show the whole image of the shot's camera, at any resolution; they are zero beside the hand.
+
+    Attributes:
+        direct: [h, w, 3] light that comes straight from lamps, sky and emitting objects.
+        indirect: [h, w, 3] light that the scene and the hand itself have reflected.
+        alpha: [h, w] share of each pixel that shows the hand.
+    """
+
+    direct: np.ndarray
+    indirect: np.ndarray
+    alpha: np.ndarray
+
+    def __post_init__(self):
+        shape = np.shape(self.alpha)
+        if len(shape) != 2 or min(shape) < 1:
+            raise LiveHandError(f"a measured alpha must be [h, w], got {list(shape)}")
+        for name in ("direct", "indirect"):
+            _check_array(f"the measured {name} light", getattr(self, name), (*shape, 3))
+
+
+@dataclass(frozen=True)
 class Light:
     """All light of a frame.
 
@@ -123,11 +147,14 @@ class Light:
         lamps: in any order.
         sky: of the world; None: black.
         occluders: [T, 3, 3] corners of the scene's triangles that may shadow the hand, world, m.
+        measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
+            was not asked.
     """
 
     lamps: tuple[Lamp, ...] = ()
     sky: Sky | None = None
     occluders: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    measured: MeasuredLight | None = None
 
     def __post_init__(self):
         if np.ndim(self.occluders) != 3 or np.shape(self.occluders)[1:] != (3, 3):
@@ -142,9 +169,10 @@ class Light:
         return tuple(dict.fromkeys(names))
 
     def of_group(self, name: str) -> Light:
-        """The light of one group alone; the occluders stay."""
+        """The light of one group alone; the occluders stay, and nothing is measured of a group."""
         sky = self.sky if self.sky is not None and self.sky.group == name else None
-        return replace(self, lamps=tuple(lamp for lamp in self.lamps if lamp.group == name), sky=sky)
+        lamps = tuple(lamp for lamp in self.lamps if lamp.group == name)
+        return replace(self, lamps=lamps, sky=sky, measured=None)
 
 
 def _check_array(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:

@@ -12,7 +12,7 @@ import torch
 
 from ..captures.capture import Capture, CaptureView, Split
 from ..evaluation.contact_sheet import comparison_sheet, save_sheet
-from ..evaluation.evaluate import encoded_on_black
+from ..evaluation.evaluate import read_truth, rendered_pair
 from ..evaluation.metrics import psnr_db
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
@@ -53,7 +53,7 @@ class HeldOutPreview:
         if not self._views:
             return None
         renderer = Renderer(avatar, self._hand, str(self._device))
-        pairs = [(truth, encoded_on_black(renderer.render(shot))) for truth, shot in self._views]
+        pairs = [rendered_pair(renderer, shot, truth, self._capture.is_lit) for truth, shot in self._views]
         metrics = [_metrics(truth, image) for truth, image in pairs]
         means = {name: fmean(values[name] for values in metrics) for name in metrics[0]}
         return PreviewResult(comparison_sheet(pairs), means)
@@ -67,11 +67,12 @@ class HeldOutPreview:
     def _shown(self, views: tuple[CaptureView, ...]) -> list[tuple[np.ndarray, Shot]]:
         found: list[tuple[np.ndarray, Shot]] = []
         for view in (views[index] for index in _spread_order(len(views))):
-            truth = self._capture.read_image(view)
+            truth = read_truth(self._capture, view)
             is_like_first = not found or truth.shape == found[0][0].shape  # all tiles of the sheet have one size
             if is_like_first and (truth[..., 3] > 0.5).any():
                 pose = self._capture.poses[view.pose_index]
-                found.append((truth, Shot(pose, posed_vertices(self._hand, pose), view.camera)))
+                light = self._capture.light_of(view)
+                found.append((truth, Shot(pose, posed_vertices(self._hand, pose), view.camera, light)))
             if len(found) == self._count:
                 break
         return found

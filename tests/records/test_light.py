@@ -3,7 +3,7 @@ from math import pi
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
+from livehand.backend.records.light import Lamp, Light, MeasuredLight, Sky, sky_directions
 
 
 def test_texels_cover_the_sphere_once():
@@ -39,6 +39,9 @@ def test_groups_divide_the_light():
         (lambda: Lamp("point", np.ones(3), radius_m=-1.0), "sizes"),
         (lambda: Sky(np.ones((4, 8))), r"\[H, W, 3\]"),
         (lambda: Sky(np.full((4, 8, 3), np.inf)), "finite"),
+        (lambda: MeasuredLight(np.zeros((2, 3, 3)), np.zeros((2, 3, 3)), np.zeros(6)), "alpha"),
+        (lambda: MeasuredLight(np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 3))), "direct"),
+        (lambda: MeasuredLight(np.zeros((2, 3, 3)), np.full((2, 3, 3), np.nan), np.zeros((2, 3))), "indirect"),
         (lambda: Light(occluders=np.zeros((4, 3))), "triangles"),
         (lambda: Light(occluders=np.full((1, 3, 3), np.nan)), "finite"),
     ],
