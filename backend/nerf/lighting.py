@@ -28,6 +28,8 @@ F0 = 0.028
 """Reflectance of skin at normal incidence, index of refraction 1.4."""
 SKY_CELL_RAD = 0.25
 """Angle of the cell around each of the sky's directions: its reflection is at least so wide."""
+# Of the mean light, and how much brighter than ours measured light may be before it counts as another.
+_NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
 
 
@@ -81,6 +83,8 @@ class LightFeatures(NamedTuple):
         sky_gloss: [R, 2, 3] the sky in the glossy lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         ambient: [3] the hand's mean diffuse light, which it sheds on itself.
+        arriving: [R, 3] factor of all direct light, where it was measured; else 1.
+        reflected: [R, 3] diffuse light that was measured besides, and that stands for `ambient`; None: not measured.
     """
 
     lamp_vectors: Tensor
@@ -90,6 +94,8 @@ class LightFeatures(NamedTuple):
     sky_gloss: Tensor
     scattered: Tensor
     ambient: Tensor
+    arriving: Tensor | None = None
+    reflected: Tensor | None = None
 
 
 def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
@@ -219,15 +225,44 @@ def lit_colour(
     """
     strength = features.lamp_vectors.norm(dim=-1)
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
-    facing = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
-    of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
-    diffuse = facing @ features.lamp_rgb + of_sky
     lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad)
     gloss = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb) + features.sky_gloss
-    scattered = coefficients[:, SCATTERED].reshape(-1, 2, 3) * features.scattered
-    return (
-        coefficients[:, DIFFUSE] * diffuse
-        + scattered.sum(1)
-        + coefficients[:, AMBIENT] * features.ambient
+    scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
+    direct = (
+        coefficients[:, DIFFUSE] * diffuse_light(features, normal)
+        + (scattering * features.scattered).sum(1)
         + (coefficients[:, GLOSS, None] * gloss).sum(1)
     )
+    if features.arriving is None or features.reflected is None:
+        return direct + coefficients[:, AMBIENT] * features.ambient
+    reflectance = coefficients[:, DIFFUSE] + scattering.sum(1)
+    return direct * features.arriving + reflectance * features.reflected
+
+
+def diffuse_light(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+    """What a white diffuse surface with these normals reflects."""
+    of_lamps = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
+    of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
+    return of_lamps @ features.lamp_rgb + of_sky
+
+
+def corrected(
+    features: LightFeatures, normal: Float[Tensor, "R 3"], direct: Float[Tensor, "R 3"], indirect: Float[Tensor, "R 3"]
+) -> LightFeatures:
+    """The features with the light that was measured on a white surface at their points.
+
+    Where less light arrives than ours, all of it is scaled down; what arrives besides, as from surfaces that emit, is
+    taken for diffuse.
+
+    Args:
+        features: of the same light.
+        normal: of the mesh, unit.
+        direct: from lamps, sky and emitting surfaces.
+        indirect: reflected by the scene and the hand.
+    """
+    ours = diffuse_light(features, normal)
+    # Where ours is next to nothing, the ratio is next to meaningless: it tends to 1.
+    floor = _NEXT_TO_NOTHING * ours.mean(0)
+    arriving = ((direct + floor) / (ours + floor).clamp(min=_TINY)).clamp(0, _MOST_ARRIVING)
+    besides = (direct - arriving * ours).clamp(min=0)
+    return features._replace(arriving=arriving, reflected=indirect + besides)

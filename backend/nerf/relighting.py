@@ -19,8 +19,8 @@ from .rays import CameraTensors, ray_directions
 from .superres import LIT_MAPS, enlarge
 from .volume import Composite
 
-_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered")
-"""The fields of `LightFeatures` that differ from ray to ray."""
+_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
+"""The fields of `LightFeatures` that differ from ray to ray; the last two may be missing."""
 
 
 class LitImage(NamedTuple):
@@ -101,13 +101,14 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
 
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
     """The features on the low-resolution grid, zero where there is no ray; the first column is 1 where there is one."""
-    rows = torch.cat([torch.ones(len(pixel), 1, device=pixel.device), *(v.flatten(1) for v in _of_rays(features))], 1)
+    values = [value.flatten(1) for value in _of_rays(features).values()]
+    rows = torch.cat([torch.ones(len(pixel), 1, device=pixel.device), *values], 1)
     width, height = size_px
     return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
 
 
-def _of_rays(features: LightFeatures) -> list[Tensor]:
-    return [getattr(features, name) for name in _OF_RAYS]
+def _of_rays(features: LightFeatures) -> dict[str, Tensor]:
+    return {name: value for name in _OF_RAYS if (value := getattr(features, name)) is not None}
 
 
 def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], at: Tensor) -> LightFeatures:
@@ -116,10 +117,11 @@ def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], 
     maps = feature_maps(features, pixel, size_px)
     large = enlarge(maps.T.reshape(1, -1, height, width))[0].flatten(1)[:, at].T
     straight = large[:, 1:] / large[:, :1]
-    shapes = [values.shape[1:] for values in _of_rays(features)]
-    split = straight.split([shape.numel() for shape in shapes], 1)
-    shaped = (part.reshape(len(at), *shape) for part, shape in zip(split, shapes, strict=True))
-    return features._replace(**dict(zip(_OF_RAYS, shaped, strict=True)))
+    shapes = {name: value.shape[1:] for name, value in _of_rays(features).items()}
+    split = straight.split([shape.numel() for shape in shapes.values()], 1)
+    return features._replace(
+        **{name: part.reshape(len(at), *shapes[name]) for name, part in zip(shapes, split, strict=True)}
+    )
 
 
 def _covered(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:

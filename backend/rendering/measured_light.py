@@ -1,0 +1,37 @@
+"""Light that a path tracer measured on the bare hand, at the rays of a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, grid_sample
+
+from ..nerf.crop import Crop
+from ..records.light import MeasuredLight
+
+_TINY = 1e-6
+
+
+def measured_at(
+    measured: MeasuredLight, crop: Crop, pixel: Tensor, size_px: tuple[int, int]
+) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
+    """Direct and indirect light at rays, each a mean over 3 x 3 measured pixels of the hand, for they are noisy.
+
+    Args:
+        measured: of the whole image.
+        crop: of the image, in whose low resolution the rays lie.
+        pixel: of the rays, in the crop.
+        size_px: of the whole image.
+    """
+    colours = np.concatenate([measured.direct, measured.indirect], -1) * measured.alpha[..., None]
+    maps = np.concatenate([colours, measured.alpha[..., None]], -1).astype(np.float32)
+    smooth = avg_pool2d(torch.as_tensor(maps, device=pixel.device).permute(2, 0, 1)[None], 3, stride=1, padding=1)
+    x = 2 * (pixel % crop.width + crop.x0) + 1
+    y = 2 * (torch.div(pixel, crop.width, rounding_mode="floor") + crop.y0) + 1
+    # From 0..size to -1..1, where the borders of the image lie.
+    place = torch.stack([x * (2 / size_px[0]) - 1, y * (2 / size_px[1]) - 1], -1)[None, None].float()
+    values = grid_sample(smooth, place, padding_mode="border", align_corners=False)[0, :, 0].T
+    straight = values[:, :6] / values[:, 6:].clamp(min=_TINY)
+    return straight[:, :3], straight[:, 3:]

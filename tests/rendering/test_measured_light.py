@@ -1,0 +1,37 @@
+"""Measured light at the rays of a crop."""
+
+import numpy as np
+import torch
+from livehand.backend.nerf.crop import Crop
+from livehand.backend.records.light import MeasuredLight
+from livehand.backend.rendering.measured_light import measured_at
+
+SIZE = (40, 24)
+CROP = Crop(4, 2, 12, 8)
+
+
+def ramp(width, height, alpha=None):
+    """Light that rises by 1 from the left border to the right, and by 2 from the top to the bottom."""
+    x, y = (np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height
+    direct = np.stack([np.tile(x, (height, 1)), np.tile(2 * y[:, None], (1, width)), np.ones((height, width))], -1)
+    return MeasuredLight(direct, 3 * direct, np.ones((height, width)) if alpha is None else alpha)
+
+
+def test_any_resolution_gives_the_light_at_the_rays_place():
+    pixel = torch.arange(CROP.width * CROP.height)
+    x = (pixel % 12 + 4 + 0.5) / 20
+    y = (pixel // 12 + 2 + 0.5) / 12
+    expected = torch.stack([x, 2 * y, torch.ones(96)], -1)
+    for size in (SIZE, (20, 12), (80, 48)):
+        direct, indirect = measured_at(ramp(*size), CROP, pixel, SIZE)
+        torch.testing.assert_close(direct, expected, atol=1e-5, rtol=0)
+        torch.testing.assert_close(indirect, 3 * expected, atol=1e-5, rtol=0)
+
+
+def test_pixels_beside_the_hand_do_not_count():
+    alpha = np.zeros((12, 20))
+    alpha[:, :10] = 1
+    light = ramp(20, 12, alpha)
+    light.direct[:, 10:] = 1e6
+    direct, _ = measured_at(light, CROP, torch.tensor([5]), SIZE)  # its 3 x 3 pixels reach over the edge
+    assert direct.max() < 2
