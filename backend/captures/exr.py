@@ -177,7 +177,7 @@ def _unpacked(packed: bytes) -> np.ndarray:
     steps = differences.astype(np.int64) - 128
     steps[0] += 128
     halves = np.cumsum(steps).astype(np.uint8)
-    block, middle = np.empty_like(halves), (len(halves) + 1) // 2
+    block, middle = np.empty_like(halves), len(halves) // 2
     block[0::2], block[1::2] = halves[:middle], halves[middle:]
     return block
 
