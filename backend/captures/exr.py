@@ -173,11 +173,10 @@ def _on_display(rows: np.ndarray, header: _Header) -> dict[str, np.ndarray]:
 
 def _unpacked(packed: bytes) -> np.ndarray:
     """The bytes of a ZIP block: differences are added up, then the two halves are interleaved."""
-    differences = np.frombuffer(zlib.decompress(packed), np.uint8)
-    steps = differences.astype(np.int64) - 128
-    steps[0] += 128
-    halves = np.cumsum(steps).astype(np.uint8)
-    block, middle = np.empty_like(halves), (len(halves) + 1) // 2
+    steps = np.frombuffer(zlib.decompress(packed), np.uint8) ^ 128  # minus 128, modulo 256 as their sum
+    steps[0] ^= 128
+    halves = np.cumsum(steps, dtype=np.uint8)
+    block, middle = np.empty_like(halves), len(halves) // 2
     block[0::2], block[1::2] = halves[:middle], halves[middle:]
     return block
 

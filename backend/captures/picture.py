@@ -66,6 +66,11 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(encoded.dtype)
 
 
+def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
+    """sRGB-encoded values of scene-linear ones, both in [0, 1]."""
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055).astype(linear.dtype)
+
+
 def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
     """[H, W] uint8: a mask's alpha if it has any, else its brightness.
 

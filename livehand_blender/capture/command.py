@@ -7,8 +7,9 @@ import hashlib
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
+from ...backend.captures.capture import Split
 from ...backend.captures.plan import CapturePlan
 from ...backend.records.errors import LiveHandError
 from ...backend.runtime.command import parse_size_px
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> dict:
         look_sha256 = hashlib.sha256(own.look.read_bytes()).hexdigest() if own.look else None
         provenance |= {"hand": own.model.name, "look_sha256": look_sha256}
         capture = render_capture(args.output, plan, provenance, args.threads, own)
-    splits = ("train", "novel_pose", "novel_camera", "test", *(("novel_light",) if capture.is_lit else ()))
+    splits = [split for split in get_args(Split) if capture.is_lit or split != "novel_light"]
     counts = {split: len(capture.of_split(split)) for split in splits}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
 

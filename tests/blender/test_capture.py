@@ -337,6 +337,25 @@ def test_the_command_passes_its_arguments_to_the_plan(monkeypatch, tmp_path):
     assert CapturePlan(**{field.name: getattr(defaults, field.name) for field in fields(CapturePlan)}) == CapturePlan()
 
 
+def test_the_command_passes_its_lights_on(monkeypatch, tmp_path):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    seen = []
+
+    def fake(folder, plan, provenance, threads):
+        seen.append(provenance["plan"])
+        return plan.make(folder, load_default_hand(), provenance)
+
+    monkeypatch.setattr(capture_render, "render_capture", fake)
+    text = f"-o {tmp_path} --poses 3 --cameras 5 --cameras-per-pose 2 --eval-views 4"
+    dome, varied = (command.run(parser.parse_args([*text.split(), *more])) for more in ([], ["--lights", "varied"]))
+    assert "novel_light" not in dome
+    assert varied["novel_light"] == 4
+    assert varied["train"] > dome["train"] == 6
+    assert "lights" not in seen[0]
+    assert seen[1]["lights"] == "varied"
+
+
 @pytest.mark.parametrize("size", ["24", "axb", "8x64", "24x32x3"])
 def test_a_bad_size_is_a_usage_error(size, capsys):
     parser = ArgumentParser()

@@ -112,6 +112,25 @@ def test_a_texel_lights_the_side_that_it_should_and_no_other():
         assert card.colour(Light(sky=sky), -towards).max() < 1e-5
 
 
+def test_lamps_are_not_seen():
+    before_the_card = Light((Lamp("point", 3 * RGB, np.array([0, 0, 0.5]), radius_m=0.01),))
+    np.testing.assert_allclose(Card().colour(before_the_card), 3 * RGB / (4 * np.pi * 0.25) / np.pi, rtol=0.01)
+
+
+def test_the_sky_is_that_of_the_record_texel_by_texel():
+    card, rng = Card(), np.random.default_rng(0)
+    card.object.hide_render = True
+    card.scene.render.film_transparent = False
+    sky = Sky(rng.uniform(0, 5, (32, 64, 3)).astype(np.float32))
+    card.lighting.set_lights([CaptureLight("", Light(sky=sky))], ["group0"])
+    finer = sky_directions(32 * 5, 64 * 5)  # five directions along each side of a texel
+    for row, column in rng.integers((10, 0), (150, 320), (8, 2)):
+        view = look_at(np.zeros(3), finer[row, column], np.array([0, 0, 1.0]))
+        set_camera(card.scene, Camera(np.array([[3000.0, 0, 4], [0, 3000, 4], [0, 0, 1]]), view, (8, 8)))
+        _, (seen,) = card.passes.render(1, is_denoised=False)
+        np.testing.assert_allclose(seen.mean((0, 1)), sky.radiance[row // 5, column // 5], rtol=1e-5)
+
+
 def test_a_new_light_leaves_nothing_of_the_one_before():
     card = Card()
     bright = Light((Lamp("sun", 9 * RGB),), Sky(np.full((32, 64, 3), 3, np.float32)), box_at(0.3))

@@ -69,6 +69,18 @@ def test_cut_files_are_named(tmp_path, share):
         read_exr(path)
 
 
+def test_a_block_that_is_listed_twice_leaves_lines_missing(tmp_path):
+    path = tmp_path / "twice.exr"
+    write_exr(path, channels_of(40, 30))
+    data = path.read_bytes()
+    table = data.index(b"screenWindowWidth") + len(b"screenWindowWidth\0float\0") + 4 + 4 + 1
+    first = data[table : table + 8]
+    assert struct.unpack("<Q", first) == (table + 3 * 8,)
+    path.write_bytes(data[: table + 8] + first + data[table + 16 :])
+    with pytest.raises(LiveHandError, match=r"twice\.exr must be a whole OpenEXR file \(16 of 40 lines are missing\)"):
+        read_exr(path)
+
+
 def test_damaged_files_are_errors_of_ours(tmp_path):
     path, rng = tmp_path / "damaged.exr", np.random.default_rng(0)
     write_exr(path, channels_of(20, 20))

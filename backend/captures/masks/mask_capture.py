@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -17,10 +17,20 @@ from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
 from ..capture import Capture, CaptureView, load_capture, save_capture_index
-from ..picture import ALPHA_MODES, read_header, read_mask, read_picture
+from ..picture import (
+    ALPHA_MODES,
+    linear_to_srgb,
+    read_header,
+    read_linear_picture,
+    read_mask,
+    read_picture,
+    srgb_to_linear,
+)
 from .mask import MaskConfig, grabcut_mask, hand_regions, load_opencv
 
 FOLDER = "masks"
+_WHITE_SHARE, _WHITE, _DARKEST = 98, 0.9, 1e-6  # percentile of a linear image, and the value that it becomes
+_KEPT = 64  # sums of lights; images of one pose and camera follow one another
 
 
 @dataclass(frozen=True)
@@ -52,8 +62,13 @@ def mask_capture(
         raise LiveHandError(f"capture {folder} must be of hand '{hand.name}', got one of another hand; pass its --hand")
     wanted = [view for view in capture.views if redo or _needs_mask(capture, view)]
     names = _mask_names(folder, wanted)
-    jobs = [partial(_mask_view, capture, replace(view, mask=names[view.file]), hand, config, given) for view in wanted]
-    done = _run_parallel([partial(job, redo) for job in jobs])
+    in_all_lights = lru_cache(_KEPT)(partial(_in_all_lights, capture))
+    done = _run_parallel(
+        [
+            partial(_mask_view, capture, replace(view, mask=names[view.file]), hand, config, given, redo, in_all_lights)
+            for view in wanted
+        ]
+    )
     masked = {view.view.file: view.view for view in done}
     views = tuple(masked.get(view.file, view) for view in capture.views)
     save_capture_index(replace(capture, views=views))
@@ -78,7 +93,13 @@ def _mask_names(folder: Path, views: Iterable[CaptureView]) -> dict[str, str]:
 
 
 def _mask_view(
-    capture: Capture, view: CaptureView, hand: HandModel, config: MaskConfig, given: Path | None, redo: bool
+    capture: Capture,
+    view: CaptureView,
+    hand: HandModel,
+    config: MaskConfig,
+    given: Path | None,
+    redo: bool,
+    in_all_lights: Callable[[int, int], np.ndarray],
 ) -> MaskedView:
     assert view.mask is not None
     path = capture.folder / view.mask
@@ -88,12 +109,43 @@ def _mask_view(
     elif given is not None:
         mask = read_mask(_given_mask(given, view), view.camera.size_px)
     else:
-        _, image = read_picture(capture.folder / view.file, "RGB", view.camera.size_px)
-        mask = grabcut_mask(image, regions, config).astype(np.uint8) * 255
+        mask = grabcut_mask(_photograph(capture, view, in_all_lights), regions, config).astype(np.uint8) * 255
     _write_mask(mask, path)
     is_hand = mask > 127
     union = (is_hand | regions.silhouette).sum()
     return MaskedView(view, float((is_hand & regions.silhouette).sum() / union) if union else 1.0)
+
+
+def _photograph(capture: Capture, view: CaptureView, in_all_lights: Callable[[int, int], np.ndarray]) -> np.ndarray:
+    """[H, W, 3] uint8: the image; of several lights, the picture of all of them."""
+    if view.light is None and not view.is_linear:
+        return read_picture(capture.folder / view.file, "RGB", view.camera.size_px)[1]
+    if view.light is None:
+        return _exposed(_linear(capture, view))
+    return in_all_lights(view.pose_index, view.camera_index)
+
+
+def _in_all_lights(capture: Capture, pose_index: int, camera_index: int) -> np.ndarray:
+    """[H, W, 3] uint8: the sum of all images of a pose and camera in known lights.
+
+    Light groups and photographs of single lamps are dark where their light does not reach.
+    """
+    instant = (pose_index, camera_index)
+    views = [one for one in capture.views if (one.pose_index, one.camera_index) == instant and one.light is not None]
+    return _exposed(np.sum([_linear(capture, one) for one in views], 0))
+
+
+def _exposed(linear: np.ndarray) -> np.ndarray:
+    gain = _WHITE / max(float(np.percentile(linear, _WHITE_SHARE)), _DARKEST)
+    return (linear_to_srgb(np.clip(linear * gain, 0, 1)) * 255).round().astype(np.uint8)
+
+
+def _linear(capture: Capture, view: CaptureView) -> np.ndarray:
+    """[H, W, 3] linear colours of an image without alpha, its exposure divided out."""
+    path, size_px = capture.folder / view.file, view.camera.size_px
+    if view.is_linear:
+        return read_linear_picture(path, size_px, has_mask=True)[..., :3] / view.exposure
+    return srgb_to_linear(read_picture(path, "RGB", size_px)[1].astype(np.float32) / 255) / view.exposure
 
 
 def _given_mask(folder: Path, view: CaptureView) -> Path:

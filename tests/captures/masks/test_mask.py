@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.captures.exr import write_exr
+from livehand.backend.captures.lights import CaptureLight
 from livehand.backend.captures.masks.mask import MaskConfig, grabcut_mask, hand_regions
 from livehand.backend.captures.masks.mask_capture import mask_capture
+from livehand.backend.captures.picture import linear_to_srgb, srgb_to_linear
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_arrays
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.light import Light
 from livehand.backend.records.shot import HandPose
 from livehand.backend.runtime.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
@@ -146,6 +150,28 @@ def test_a_capture_is_given_the_masks_it_lacks(hand, camera, capture):
         stored = np.asarray(Image.open(capture.folder / view.file))
         np.testing.assert_array_equal(pixels[..., :3], stored)
     assert mask_capture(capture.folder, hand, CONFIG) == []
+
+
+def test_images_in_single_lights_get_the_mask_of_their_sum(hand, camera, capture):
+    """Two lights, each of which reaches one half of the image; one of them is linear and has another exposure."""
+    truth = drawn(hand, camera, capture.poses[0])
+    linear = srgb_to_linear(photograph(truth).astype(np.float32) / 255)
+    is_left = np.arange(SIZE[0])[None, :, None] < SIZE[0] / 2
+    encoded = linear_to_srgb(linear * is_left)
+    Image.fromarray((encoded * 255).round().astype(np.uint8)).save(capture.folder / "images/left.png")
+    right = (3 * linear * ~is_left).astype(np.float16)
+    write_exr(capture.folder / "images/right.exr", {name: right[..., k] for k, name in enumerate("RGB")})
+    views = (
+        replace(capture.views[0], file="images/left.png", light=0),
+        replace(capture.views[0], file="images/right.exr", light=1, exposure=3.0),
+    )
+    lights = (CaptureLight("", Light()),) * 2
+    save_capture_index(replace(capture, views=views, lights=lights))
+    masked = mask_capture(capture.folder, hand, CONFIG)
+    back = load_capture(capture.folder)
+    assert [view.view.mask for view in masked] == ["masks/images/left.png", "masks/images/right.png"]
+    for view in back.views:
+        assert iou(back.read_linear(view)[..., 3] > 0, truth) > 0.97
 
 
 def test_masks_that_are_there_are_kept_unless_all_are_made_anew(hand, capture):
