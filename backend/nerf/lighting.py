@@ -18,9 +18,9 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from .light_samples import LampSamples, LightSamples, SkySamples
 
-SCATTER_M = (0.0012, 0.004)
-"""Depths to which light enters the skin: short and long mean free paths (of blue and red light), template metres."""
-WRAP = (0.25, 0.7)
+SCATTER_M = (0.004, 0.0012)
+"""Depths to which light enters the skin: long and short mean free paths (of red and blue light), template metres."""
+WRAP = (0.7, 0.25)
 """How far light reaches around the surface by these depths: a share of the cosine."""
 ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
@@ -204,9 +204,13 @@ def glossy(
     return torch.stack(lobes, -1)
 
 
-DIFFUSE, SCATTERED, AMBIENT, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
-"""Where these begin among the coefficients."""
+AMBIENT, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
+"""Where these lie among the coefficients."""
+SMOOTH = 6
+"""The first coefficients, of ambient light and of light deep in the skin, have no detail."""
 COEFFICIENTS = 14
+LIT_FEATURES = 16
+"""Features of a ray for super-resolution, beside its coefficients."""
 
 
 def lit_colour(

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import normalize, relu, softplus
 
-from .field import FEATURE_CHANNELS, FieldConfig, PlaneField, mean_features
-from .lighting import COEFFICIENTS, GLOSS, Openness
+from .field import FieldConfig, PlaneField, mean_features
+from .lighting import COEFFICIENTS, GLOSS, LIT_FEATURES, Openness
 from .volume import Composite
 
 # Coefficients before training: a middle reflectance, and gloss as physics has it.
@@ -31,7 +31,7 @@ class LitField(PlaneField):
         super().__init__(config, light_channels=0)
         first = nn.Linear(self.near_channels + self.ANGLES, config.width)
         self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
-        self.channels = nn.Linear(config.width, COEFFICIENTS + FEATURE_CHANNELS)
+        self.channels = nn.Linear(config.width, COEFFICIENTS + LIT_FEATURES)
         if not config.pose:
             self._leave_out_pose(first)
         with torch.no_grad():
@@ -47,7 +47,7 @@ class LitField(PlaneField):
         return gathered
 
     def decode(self, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness) -> Composite:
-        """Coefficients (not negative) and features [R, 14 + 29] of rays, premultiplied.
+        """Coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
 
         Args:
             gathered: as `forward` returns it.

@@ -7,16 +7,17 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import Bounds, PointShadows
 from .backend import RenderBackend
 from .field import mean_features
 from .light_samples import LightSamples, SkySamples
-from .lighting import LightShadows, Openness, SurfacePoints, mean_diffuse, openness
+from .lighting import LightShadows, SurfacePoints, mean_diffuse
 from .lit_field import LitField
 from .rays import HandInView, ray_directions, ray_origin
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX = 64, 192
+SKY_MAP_PX, LAMP_MAP_PX = 64, 128
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
 _PROBES = 256
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
@@ -50,15 +51,19 @@ def ray_positions(
     return ray_origin(hand.camera) + depth[:, None] * ray_directions(hand.camera, pixel)
 
 
-def open_to_sky(
-    backend: RenderBackend, hand: HandInView, points: SurfacePoints, device: torch.device
-) -> tuple[Openness, PointShadows]:
-    """How open points lie among the parts of the hand itself, and the shadows that say so."""
-    sky = SkySamples.of(None, device)
-    shadows = backend.point_shadows(
-        hand.mesh, hand.topology, NO_OCCLUDERS.to(device), sky.views(), points.position, SKY_MAP_PX
-    )
-    return openness(sky, shadows, points.normal), shadows
+def probes(mesh: PosedMesh) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
+    """Positions and normals of vertices all over the hand, at which its mean light is taken."""
+    chosen = torch.linspace(0, len(mesh.vertices) - 1, _PROBES, device=mesh.vertices.device).round().long()
+    return mesh.vertices[chosen], mesh.normals[chosen]
+
+
+def sky_shadows(
+    backend: RenderBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
+) -> PointShadows:
+    """The shadows of the sky's directions at points and then at the probes, whatever light comes from there."""
+    views = SkySamples.of(None, position.device).views()
+    points = torch.cat([position, probes(hand.mesh)[0]])
+    return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, SKY_MAP_PX)
 
 
 def light_shadows(
@@ -67,13 +72,18 @@ def light_shadows(
     light: LightSamples,
     occluders: Float[Tensor, "T 3 3"],
     position: Float[Tensor, "R 3"],
+    of_sky: PointShadows,
 ) -> LightShadows:
-    """The shadows at points, of the hand itself and of occluders."""
-    mesh, topology = hand.mesh, hand.topology
-    probes = torch.linspace(0, len(mesh.vertices) - 1, _PROBES, device=position.device).round().long()
-    points = torch.cat([position, mesh.vertices[probes]])
-    views = (light.sky.views(), SKY_MAP_PX), (light.lamps.views(Bounds.of(mesh)), LAMP_MAP_PX)
-    shadows = [backend.point_shadows(mesh, topology, occluders, view, points, map_px) for view, map_px in views]
-    sky, lamps = (PointShadows(*(values[:, : len(position)] for values in one)) for one in shadows)
-    of_probes = (PointShadows(*(values[:, len(position) :] for values in one)) for one in shadows)
-    return LightShadows(sky, lamps, *mean_diffuse(light, *of_probes, points[len(position) :], mesh.normals[probes]))
+    """The shadows of a light at points, by the hand itself and by occluders; `of_sky` as `sky_shadows` gives them."""
+    at_probes, normals = probes(hand.mesh)
+    points, views = torch.cat([position, at_probes]), light.lamps.views(Bounds.of(hand.mesh))
+    of_lamps = backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, LAMP_MAP_PX)
+    (sky, probe_sky), (lamps, probe_lamps) = (split_points(one, len(position)) for one in (of_sky, of_lamps))
+    return LightShadows(sky, lamps, *mean_diffuse(light, probe_sky, probe_lamps, at_probes, normals))
+
+
+def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:
+    """The shadows at the first `count` points, and at the others."""
+    lit, depth_in_m = shadows
+    first = PointShadows(lit[:, :count], depth_in_m[:, :count])
+    return first, PointShadows(lit[:, count:], depth_in_m[:, count:])

@@ -69,7 +69,7 @@ def lit_image(
     full = _doubled(camera)
     return LitImage(
         pixel=covered,
-        coefficients=image[:COEFFICIENTS, covered].T,
+        coefficients=(image[:COEFFICIENTS, covered] * image[-1, covered].clamp(0, 1)).T,
         normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ rotation,
         view=normalize(ray_directions(full, covered), dim=-1),
         alpha=image[-1].reshape(full.size_px[1], full.size_px[0]),

@@ -14,14 +14,16 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle, relu
 
-from .field import CHANNELS, FEATURE_CHANNELS
-from .lighting import COEFFICIENTS
+from .field import CHANNELS
+from .lighting import COEFFICIENTS, LIT_FEATURES, SMOOTH
 
 RGBA = 4
-LIT_MAPS = COEFFICIENTS + FEATURE_CHANNELS + 3 + 1
+LIT_MAPS = COEFFICIENTS + LIT_FEATURES + 3 + 1
 """Maps that `LitSuperRes` takes: coefficients, features, relief normal in camera axes, alpha; all premultiplied."""
 LIT_IMAGE = COEFFICIENTS + 3 + 1
 """Channels that it returns: coefficients, normal in camera axes, alpha."""
+# Keeps what is divided by alpha finite beside the hand, where it does not count.
+_MIN_ALPHA = 0.02
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def build_superres(config: SuperResConfig) -> nn.Module:
 
 
 class _ResidualSuperRes(nn.Module):
-    """Residual convolutions at low resolution, shuffled up, added to what is enlarged bilinearly."""
+    """Convolutions at low resolution, shuffled up, whose result is added to what is enlarged bilinearly."""
 
     def __init__(self, config: SuperResConfig, maps: int, channels: int):
         super().__init__()
@@ -59,11 +61,11 @@ class _ResidualSuperRes(nn.Module):
         for parameter in self.tail.parameters():
             nn.init.zeros_(parameter)  # start as bilinear enlargement
 
-    def _enlarged(self, maps: Tensor, base: Tensor) -> Tensor:
+    def _residual(self, maps: Tensor) -> Tensor:
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
-        return _sum(enlarge(base), pixel_shuffle(self.tail(hidden), 2))
+        return pixel_shuffle(self.tail(hidden), 2)
 
 
 class LightSuperRes(_ResidualSuperRes):
@@ -74,18 +76,21 @@ class LightSuperRes(_ResidualSuperRes):
 
     def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
         """RGBA, not clamped."""
-        return _graded(self._enlarged(maps, _rgba(maps)), self.config)
+        return _graded(_sum(enlarge(_rgba(maps)), self._residual(maps)), self.config)
 
 
 class LitSuperRes(_ResidualSuperRes):
     """Enlarges the coefficients and the normal of a relightable field, before any light is known."""
 
     def __init__(self, config: SuperResConfig):
-        super().__init__(config, LIT_MAPS, LIT_IMAGE)
+        super().__init__(config, LIT_MAPS, LIT_IMAGE - SMOOTH)
 
-    def forward(self, maps: Float[Tensor, "B 47 H W"]) -> Float[Tensor, "B 18 2*H 2*W"]:
-        """Coefficients (not negative, premultiplied), normal in camera axes (of any length), alpha (not clamped)."""
-        image = self._enlarged(maps, torch.cat([maps[:, :COEFFICIENTS], maps[:, -4:]], 1))
+    def forward(self, maps: Float[Tensor, "B 34 H W"]) -> Float[Tensor, "B 18 2*H 2*W"]:
+        """Straight coefficients (not negative), normal in camera axes (of any length), alpha (not clamped)."""
+        base = enlarge(torch.cat([maps[:, :COEFFICIENTS], maps[:, -4:]], 1))
+        alpha = base[:, -1:]
+        straight = torch.cat([base[:, :-1] / alpha.clamp(min=_MIN_ALPHA), alpha], 1)
+        image = torch.cat([straight[:, :SMOOTH], _sum(straight[:, SMOOTH:], self._residual(maps))], 1)
         return torch.cat([relu(image[:, :COEFFICIENTS]), image[:, COEFFICIENTS:]], 1)
 
 

@@ -18,10 +18,17 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import OnStage, Precision, RenderBackend, autocast, in_precision
 from ..nerf.crop import Crop
-from ..nerf.light_samples import LightSamples
-from ..nerf.lighting import LightFeatures, SurfacePoints
+from ..nerf.light_samples import LightSamples, SkySamples
+from ..nerf.lighting import LightFeatures, SurfacePoints, corrected, openness
 from ..nerf.lit_field import LitField
-from ..nerf.lit_rays import light_shadows, open_to_sky, ray_positions, surface_points
+from ..nerf.lit_rays import (
+    NO_OCCLUDERS,
+    light_shadows,
+    ray_positions,
+    sky_shadows,
+    split_points,
+    surface_points,
+)
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, lit_image
@@ -43,7 +50,7 @@ class LitHand:
         hand: posed, in the low-resolution view.
         pixel: of the rays.
         points: where the rays meet the skin.
-        open_sky: shadows of the sky by the hand alone.
+        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
         profile: of the rays.
     """
@@ -78,7 +85,8 @@ class LitHand:
         """What a light does at the points."""
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = torch.as_tensor(light.occluders, dtype=torch.float32, device=position.device)
-        shadows = light_shadows(backend, self.hand, samples, occluders, position)
+        of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky)
         features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
             return features
@@ -114,7 +122,9 @@ def render_lit_hand(
     view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
     position = ray_positions(hand, backend.first_hit(hand), rays.pixel, rays.t, rays.dt)
     points = surface_points(field, rays.composite, position, view)
-    open_to, open_sky = open_to_sky(backend, hand, points, device)
+    open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
+    at_points, _ = split_points(open_sky, len(position))
+    open_to = openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
     with autocast(device, precision):
         low = field.decode(rays.composite, view, open_to)

@@ -22,7 +22,7 @@ from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
-from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, ray_positions
+from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, ray_positions, sky_shadows, split_points
 from ..nerf.rays import HandInView
 from ..nerf.sampler import SamplerConfig
 from ..records.errors import LiveHandError
@@ -180,11 +180,12 @@ class LitTrainingViews(TrainingViews):
         """The shadows of an instant, computed once and kept in a byte each."""
         if index not in self._kept_light:
             occluders = torch.as_tensor(lights[0].occluders, dtype=torch.float32, device=self.device)
-            shadows = light_shadows(self.backend, hand, samples, occluders, position)
+            of_sky = sky_shadows(self.backend, hand, occluders, position)
+            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky)
             open_sky = shadows.sky
             if len(occluders):
-                none = NO_OCCLUDERS.to(self.device)
-                open_sky = light_shadows(self.backend, hand, samples, none, position).sky
+                alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
+                open_sky, _ = split_points(alone, len(position))
             kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
             self._kept_light[index] = (*kept, shadows.mean_of_sky, shadows.mean_of_lamps)
         sky, lamps, open_sky, of_sky, of_lamps = self._kept_light[index]

@@ -130,7 +130,7 @@ def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
     points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal)
     sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
     shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), torch.zeros(64), torch.zeros(1))
-    short, long = light_features(light, shadows, points).scattered[..., 0].T * pi
+    long, short = light_features(light, shadows, points).scattered[..., 0].T * pi
     assert short[0] == pytest.approx(1)
     assert long[0] == pytest.approx(1)
     assert short[1] == pytest.approx(np.exp(-0.002 / 0.0012), rel=1e-4)

@@ -3,8 +3,8 @@
 import torch
 from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
 from livehand.backend.nerf.avatar import PRESETS, build_field
-from livehand.backend.nerf.field import FEATURE_CHANNELS, FieldConfig
-from livehand.backend.nerf.lighting import COEFFICIENTS, Openness
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.lighting import COEFFICIENTS, LIT_FEATURES, Openness
 from livehand.backend.nerf.volume import Composite
 from torch.nn.functional import normalize
 
@@ -31,7 +31,7 @@ def test_coefficients_are_premultiplied_and_not_negative():
     field = build_field(CONFIG)
     gathered = gathered_by(field)
     decoded = field.decode(gathered, *view_and_openness())
-    assert decoded.channels.shape == (RAYS, COEFFICIENTS + FEATURE_CHANNELS)
+    assert decoded.channels.shape == (RAYS, COEFFICIENTS + LIT_FEATURES)
     assert (decoded.channels[:, :COEFFICIENTS] >= 0).all()
     mean = gathered._replace(channels=gathered.channels / gathered.alpha[:, None], alpha=torch.ones(RAYS))
     straight = field.decode(mean, *view_and_openness()).channels

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
-from livehand.backend.nerf.field import FEATURE_CHANNELS
-from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LightFeatures, SurfacePoints
+from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, LightFeatures, SurfacePoints
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import lit_image, relit_rays
@@ -28,7 +27,7 @@ def some_rays(pixel, seed=0):
     camera = camera_tensors(Camera(np.array([[20.0, 0, 4], [0, 20, 3], [0, 0, 1]]), CAM2WORLD, SIZE), "cpu")
     view = normalize(ray_directions(camera, pixel), dim=-1)
     coefficients = torch.rand(COEFFICIENTS, generator=generator).expand(len(pixel), -1)
-    channels = torch.cat([coefficients, torch.zeros(len(pixel), FEATURE_CHANNELS)], 1)
+    channels = torch.cat([coefficients, torch.zeros(len(pixel), LIT_FEATURES)], 1)
     low = Composite(channels, torch.ones(len(pixel)), torch.full((len(pixel),), 0.5), torch.ones(len(pixel), 1))
     normal = -torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32).expand(len(pixel), 3)
     return camera, low, SurfacePoints(0.5 * view, normal, normal, view)

@@ -11,7 +11,7 @@ from .compiled import compiled_loosely as compiled
 _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
 _LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
-DIFFUSE, SCATTERED, AMBIENT, GLOSS = 0, 3, 9, 12
+AMBIENT, SCATTERED, DIFFUSE, GLOSS = 0, 3, 9, 12
 """Where these begin among the coefficients."""
 
 
@@ -30,10 +30,11 @@ def _add_sky(points, sky, lobes, point, both, out):
     for k in range(len(sky.towards)):
         x, y, z = sky.towards[k, 0], sky.towards[k, 1], sky.towards[k, 2]
         cosine = x * normal[point, 0] + y * normal[point, 1] + z * normal[point, 2]
-        _scattered(cosine, sky.depth_in_m[k, point], lobes, both)
-        for depth in range(2):
-            for c in range(3):
-                out.scattered[point, depth, c] += both[depth] * sky.flux[k, c]
+        if cosine > -lobes.wrap[0]:
+            _scattered(cosine, sky.depth_in_m[k, point], lobes, both)
+            for depth in range(2):
+                for c in range(3):
+                    out.scattered[point, depth, c] += both[depth] * sky.flux[k, c]
         lit = sky.lit[k, point]
         facing = x * relief[point, 0] + y * relief[point, 1] + z * relief[point, 2]
         if lit <= _0 or facing <= _0:
@@ -104,8 +105,10 @@ def _emitted(along, lamps, k):
 def _scattered(cosine, depth_in_m, lobes, both):
     """Fill the shares of light that arrive at the two depths inside the skin."""
     for depth in range(2):
-        around = (cosine + lobes.wrap[depth]) / (_1 + lobes.wrap[depth])
-        both[depth] = around * np.exp(-depth_in_m / lobes.scatter_m[depth]) if around > _0 else _0
+        around = max((cosine + lobes.wrap[depth]) / (_1 + lobes.wrap[depth]), _0)
+        if around > _0 and depth_in_m > _0:
+            around *= np.exp(-depth_in_m / lobes.scatter_m[depth])
+        both[depth] = around
 
 
 @compiled
