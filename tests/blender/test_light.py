@@ -24,7 +24,12 @@ LAMPS = {
     "spot inside": ("SPOT", 10, ABOVE, {"spot_size": 1.0, "spot_blend": 0.0, "shadow_soft_size": 0.0}),
     "spot in its blend": ("SPOT", 10, ABOVE, {"spot_size": 0.28, "spot_blend": 1.0, "shadow_soft_size": 0.02}),
     "spot aslant": ("SPOT", 10, ASIDE, {"spot_size": 0.6, "spot_blend": 0.8, "shadow_soft_size": 0.05}),
-    "spot scaled": ("SPOT", 10, ABOVE, {"spot_size": 0.3, "shadow_soft_size": 0.0, "scale": (2, 2, 1)}),
+    "spot scaled": (
+        "SPOT",
+        10,
+        ABOVE,
+        {"spot_size": 0.14, "spot_blend": 1.0, "shadow_soft_size": 0.0, "scale": (2, 2, 1)},
+    ),
     "square": ("AREA", 10, ASIDE, {"size": 0.5}),
     "small square": ("AREA", 10, ABOVE, {"size": 0.02}),
     "rectangle": ("AREA", 10, ASIDE, {"shape": "RECTANGLE", "size": 0.9, "size_y": 0.2}),
