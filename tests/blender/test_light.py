@@ -233,6 +233,12 @@ def test_nodes_of_a_lamp(patch, tmp_path):
     compare(tmp_path)
 
 
+def test_a_lamp_that_takes_light_away_is_left_out_with_a_warning(patch, caplog):
+    probe.add_lamp("POINT", -10, ASIDE)
+    assert probe.light_now().lamps == ()
+    assert "Lamp 'Point' takes light away" in caplog.text
+
+
 def test_lamps_of_instances_and_hidden_lamps(patch, tmp_path):
     lamp = probe.add_lamp("SPOT", 10, (0, 0, 1), spot_size=1.0)
     collection = bpy.data.collections.new("Rig")
