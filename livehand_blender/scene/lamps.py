@@ -125,12 +125,15 @@ def _is_normalized(data: bpy.types.Light) -> bool:
 
 
 def _strength(thing: bpy.types.Object) -> np.ndarray:
-    """[3] energy times colour, linear Rec.709; negative channels, which Blender allows, count as none."""
+    """[3] energy times colour, linear Rec.709; negative channels count as none."""
     data = thing.data
     rgb = np.array(data.color, np.float64) * data.energy * 2.0 ** getattr(data, "exposure", 0.0)
     if getattr(data, "use_temperature", False):
         rgb = rgb * np.array(data.temperature_color)
-    return np.maximum(in_rec709(rgb * _emission(thing)), 0.0)
+    rgb = in_rec709(rgb * _emission(thing))
+    if rgb.max() < 0:
+        LOGGER.warning("Lamp '%s' takes light away; the hand is lit without it", thing.name)
+    return np.maximum(rgb, 0.0)
 
 
 def _emission(thing: bpy.types.Object) -> np.ndarray:

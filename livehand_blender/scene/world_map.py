@@ -16,7 +16,7 @@ import weakref
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -62,8 +62,8 @@ class RenderedWorld:
         if self._map is None and self._folder is None:
             folder = Path(tempfile.mkdtemp(prefix="livehand_world_"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-            matrices = {one.name: [list(row) for row in one.matrix_world] for one in objects_of(world.node_tree)}
-            call_in_main_thread(lambda: _save(world.original, scene, matrices, folder))
+            request = _request(world, scene)
+            call_in_main_thread(lambda: _save(world.original, request, folder))
             self._folder = folder
 
     def map(self) -> WorldMap:
@@ -105,7 +105,17 @@ def _kept(key: str, name: str) -> RenderedWorld:
     return RenderedWorld(name)
 
 
-def _save(world: bpy.types.World, scene: bpy.types.Scene, matrices: dict[str, list], folder: Path) -> None:
+def _request(world: bpy.types.World, scene: bpy.types.Scene) -> dict[str, Any]:
+    """What is to be rendered: the world's name, the frame, and the places of objects whose coordinates nodes use."""
+    return {
+        "world": world.name,
+        "frame": scene.frame_current_final,
+        "threads": scene.render.threads if scene.render.threads_mode == "FIXED" else 0,
+        "matrices": {one.name: [list(row) for row in one.matrix_world] for one in objects_of(world.node_tree)},
+    }
+
+
+def _save(world: bpy.types.World, request: dict[str, Any], folder: Path) -> None:
     """Save the world with all that it uses, the pixels that no file holds, and the request."""
     if world.library is None:
         blend = str(folder / "world.blend")
@@ -119,15 +129,8 @@ def _save(world: bpy.types.World, scene: bpy.types.Scene, matrices: dict[str, li
             image.pixels.foreach_get(values)
             pixels[image.name] = f"pixels{number}.npy"
             np.save(folder / pixels[image.name], values)
-    request = {
-        "blend": blend,
-        "world": world.name,
-        "frame": scene.frame_current_final,
-        "threads": scene.render.threads if scene.render.threads_mode == "FIXED" else 0,
-        "pixels": pixels,
-        "matrices": matrices,
-    }
-    (folder / "request.json").write_text(json.dumps(request), encoding="utf-8")
+    document = json.dumps({**request, "blend": blend, "pixels": pixels})
+    (folder / "request.json").write_text(document, encoding="utf-8")
 
 
 def _render(name: str, folder: Path) -> WorldMap:

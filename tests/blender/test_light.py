@@ -24,7 +24,12 @@ LAMPS = {
     "spot inside": ("SPOT", 10, ABOVE, {"spot_size": 1.0, "spot_blend": 0.0, "shadow_soft_size": 0.0}),
     "spot in its blend": ("SPOT", 10, ABOVE, {"spot_size": 0.28, "spot_blend": 1.0, "shadow_soft_size": 0.02}),
     "spot aslant": ("SPOT", 10, ASIDE, {"spot_size": 0.6, "spot_blend": 0.8, "shadow_soft_size": 0.05}),
-    "spot scaled": ("SPOT", 10, ABOVE, {"spot_size": 0.3, "shadow_soft_size": 0.0, "scale": (2, 2, 1)}),
+    "spot scaled": (
+        "SPOT",
+        10,
+        ABOVE,
+        {"spot_size": 0.14, "spot_blend": 1.0, "shadow_soft_size": 0.0, "scale": (2, 2, 1)},
+    ),
     "square": ("AREA", 10, ASIDE, {"size": 0.5}),
     "small square": ("AREA", 10, ABOVE, {"size": 0.02}),
     "rectangle": ("AREA", 10, ASIDE, {"shape": "RECTANGLE", "size": 0.9, "size_y": 0.2}),
@@ -226,6 +231,12 @@ def test_nodes_of_a_lamp(patch, tmp_path):
     data.node_tree.nodes["Emission"].inputs["Color"].default_value = (0.2, 1.0, 0.5, 1)
     data.node_tree.nodes["Emission"].inputs["Strength"].default_value = 2.0
     compare(tmp_path)
+
+
+def test_a_lamp_that_takes_light_away_is_left_out_with_a_warning(patch, caplog):
+    probe.add_lamp("POINT", -10, ASIDE)
+    assert probe.light_now().lamps == ()
+    assert "Lamp 'Point' takes light away" in caplog.text
 
 
 def test_lamps_of_instances_and_hidden_lamps(patch, tmp_path):

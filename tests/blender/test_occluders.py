@@ -157,6 +157,6 @@ def test_no_triangle_that_shadows_the_hand_is_lost(seed):
         )
         share = rng.uniform(0, 1, (200, 1))
         cut = (1 - share) * vertices[rng.integers(0, 50, 200)] + share * (lamp.position + on_lamp)
-        triangles = cut[:, None] + rng.normal(0, 0.1, (200, 3, 3)) * [[[1], [1], [0]]]
+        triangles = cut[:, None] + rng.normal(0, 0.01, (200, 3, 3)) * [[[1], [1], [0]]]
         triangles[:, 2] = 3 * cut - triangles[:, 0] - triangles[:, 1]  # the cut is the centroid
         assert reach.touches(*bounding_balls(triangles)).all()
