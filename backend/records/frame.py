@@ -18,12 +18,14 @@ class Frame:
         alpha: [H, W] float32 in [0, 1].
         depth: [H, W] float32 m along the optical axis; `DEPTH_BACKGROUND` where there is no hand.
         profile: opacity along the rays, for `composition`; None: an opaque surface at `depth`.
+        is_lit: whether its colours are light of the scene, of any brightness; else those of a picture.
     """
 
     rgb: np.ndarray
     alpha: np.ndarray
     depth: np.ndarray
     profile: DepthProfile | None = None
+    is_lit: bool = False
 
 
 DEPTH_BACKGROUND = 1e10  # Cycles' own value

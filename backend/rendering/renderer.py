@@ -151,7 +151,8 @@ class Renderer:
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""
         on_stage("light")
-        return lit.frame(self._backend, shot.light or Light(sky=self.avatar.sky or _EVEN_SKY))
+        light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
+        return replace(lit.frame(self._backend, light), is_lit=shot.light is not None)
 
     @cached_property
     def _superres(self) -> nn.Module:

@@ -109,7 +109,7 @@ def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandI
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
     """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
-    names = [hand.name for hand in hands if getattr(hand.renderer, "is_relightable", False)]
+    names = [hand.name for hand in hands if hand.renderer.is_relightable]
     if not names:
         return {}
     armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]

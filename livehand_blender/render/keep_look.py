@@ -44,15 +44,15 @@ class ViewTransform(NamedTuple):
         return ViewTransform(self.display, "Standard", "None")
 
 
-def in_scene_colours(frame: Frame, scene: bpy.types.Scene, is_lit: bool = False) -> Frame:
-    """A backend frame in the scene's working space, with its look kept if the scene says so.
+def in_scene_colours(frame: Frame, scene: bpy.types.Scene) -> Frame:
+    """A backend frame in the scene's working space, with its look kept if the scene says so and it is not lit.
 
-    The look of a hand that the scene lights is never kept: its colours are light, which the view transform is made for.
+    The colours of a lit hand are light, which the view transform is made for.
 
     Raises:
         LiveHandError: as `kept_look`.
     """
-    keeps_look = scene.livehand.keep_look and not is_lit
+    keeps_look = scene.livehand.keep_look and not frame.is_lit
     return in_working_space(frame_with_kept_look(frame, scene) if keeps_look else frame)
 
 

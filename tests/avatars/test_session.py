@@ -12,6 +12,7 @@ class RecordedRenderer:
     """A renderer that only keeps the arguments it was made with."""
 
     avatar = SimpleNamespace(name="recorded")
+    is_relightable = False
 
     def __init__(self, avatar_path, hand, device):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

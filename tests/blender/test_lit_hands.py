@@ -1,5 +1,7 @@
 """The scene's light on its way to the renderers: read once a frame, for the hands that take it."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from livehand.livehand_blender.scene.camera import read_camera
 @pytest.fixture
 def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
     """The hand under a lamp and a plain world, with a renderer that takes light."""
-    monkeypatch.setattr(fake_renderer, "is_relightable", True, raising=False)
+    monkeypatch.setattr(fake_renderer, "is_relightable", True)
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     lamp.location, lamp.data.energy = (0, 0, 1), 20
     hand_scene.collection.objects.link(lamp)
@@ -81,8 +83,10 @@ def test_a_view_has_the_scenes_light(lit_scene, fake_session):
 def test_keep_look_is_off_for_a_lit_hand():
     scene = bpy.context.scene
     scene.livehand.keep_look, scene.view_settings.view_transform = True, "AgX"
-    frame = Frame(np.full((2, 2, 3), 4.0, np.float32), np.ones((2, 2), np.float32), np.ones((2, 2), np.float32))
-    np.testing.assert_array_equal(in_scene_colours(frame, scene, is_lit=True).rgb, frame.rgb)
+    ones = np.ones((2, 2), np.float32)
+    frame = Frame(np.full((2, 2, 3), 4.0, np.float32), ones, ones, is_lit=True)
+    np.testing.assert_array_equal(in_scene_colours(frame, scene).rgb, frame.rgb)
+    assert in_scene_colours(replace(frame, is_lit=False), scene).rgb.max() != 4
 
 
 def open_again(path, **changes):

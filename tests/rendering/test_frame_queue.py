@@ -19,6 +19,7 @@ class Recorder:
     """Renders empty frames; records when it begins one, and waits in those that `hold` names."""
 
     avatar = hand = None
+    is_relightable = False
 
     def __init__(self):
         self.begun = {}

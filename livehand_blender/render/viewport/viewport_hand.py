@@ -36,7 +36,7 @@ class ViewportHand:
     def task(self, session: Session, camera: Camera) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `HandSource.renderer`."""
         renderer = self.source.renderer(session, self.device)
-        light = self.light.light() if self.light and getattr(renderer, "is_relightable", False) else None
+        light = self.light.light() if self.light and renderer.is_relightable else None
         return HandTask(renderer, Shot(self.pose, self.vertices, camera, light))
 
 
