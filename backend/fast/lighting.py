@@ -40,7 +40,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         torch.get_num_threads(),
     )
     ambient = shadows.mean_of_sky @ sky.flux + shadows.mean_of_lamps @ lamps.rgb
-    return LightFeatures(buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ambient)
+    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ambient, None, None))
 
 
 def relit(
@@ -52,7 +52,7 @@ def relit(
     out = torch.zeros(4 * width * height, 3)
     large = (image.pixel, image.coefficients, image.normal, image.view)
     light = (features.lamp_rgb, features.lamp_radius_rad, features.ambient)
-    record, flat = RelitImage(*_arrays(*large, maps), width, *_arrays(*light)), out.numpy()
+    record, flat = RelitImage._make((*_arrays(*large, maps), width, *_arrays(*light))), out.numpy()
     in_parallel(
         lambda first, last: relit_pixels(record, _lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()
     )
@@ -61,7 +61,7 @@ def relit(
 
 def _lobes() -> Lobes:
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, np.square(ROUGHNESS)))
-    return Lobes(*constants, np.float32(SKY_CELL_RAD), np.float32(F0))
+    return Lobes._make((*constants, np.float32(SKY_CELL_RAD), np.float32(F0)))
 
 
 def _arrays(*values: Tensor) -> list[np.ndarray]:

@@ -14,12 +14,9 @@ from .kernels.shadow import look_up_points
 def look_up_by_kernel(scene: ShadowScene, points: ProjectedPoints) -> PointShadows:
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
     others = np.arange(scene.others.depth.shape[1]).reshape(-1, 3)
-    casters = ShadowCasters(
-        *(values.contiguous().numpy() for values in (*scene.mesh, scene.faces, *scene.others)),
-        others,
-        scene.map_px,
-        *(np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in)),
-    )
+    arrays = (values.contiguous().numpy() for values in (*scene.mesh, scene.faces, *scene.others))
+    lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
+    casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
     px, depth = (values.contiguous().numpy() for values in points)
     shadows = PointShadows(torch.empty(points.depth.shape), torch.empty(points.depth.shape))
     lit, depth_in = (values.numpy() for values in shadows)

@@ -1,0 +1,59 @@
+"""The albedo on the mesh: what the field's coefficients are there."""
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.lighting import AMBIENT, DIFFUSE, SCATTERED
+from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.rendering.albedo import mean_albedo, vertex_albedo
+
+PLANES = {"width": 8, "planes": ((16, 1, 4),), "relief": 8}
+
+
+def avatar_of(hand, light, kind):
+    config = AvatarConfig(
+        FieldConfig(**PLANES, light=light), SuperResConfig(kind=kind, width=4), SamplerConfig(3, 0.003)
+    )
+    return new_avatar("a", hand.name, hand.sha256, config)
+
+
+def test_albedo_is_diffuse_and_scattered_light_together(hand):
+    avatar = avatar_of(hand, "linear", "lit")
+    values = torch.tensor([0.1, 0.2, 0.3])
+    with torch.no_grad():
+        avatar.field.channels.weight.zero_()
+        bias = avatar.field.channels.bias
+        bias[DIFFUSE] = torch.log(torch.expm1(values))  # the inverse of softplus
+        bias[SCATTERED] = torch.log(torch.expm1(values / 4)).repeat(2)
+        bias[AMBIENT] = 5
+    found = vertex_albedo(avatar, hand)
+    assert found.shape == hand.v_template.shape
+    assert found == pytest.approx(np.tile(1.5 * values.numpy(), (len(found), 1)), rel=1e-4)
+    assert mean_albedo(avatar, hand) == pytest.approx([0.15, 0.3, 0.45], rel=1e-4)
+
+
+def test_albedo_follows_the_atlas(hand):
+    """A plane that is bright on one side of the atlas."""
+    avatar = avatar_of(hand, "linear", "lit")
+    with torch.no_grad():
+        for layer in (*avatar.field.trunk, avatar.field.channels):
+            layer.weight.zero_()
+            layer.bias.zero_()
+        table = avatar.field.planes[0].table.zero_()
+        table.view(16, 16, 4)[:, 8:, 0] = 1
+        avatar.field.trunk[0].weight[0, 0] = avatar.field.trunk[1].weight[0, 0] = 1
+        avatar.field.channels.weight[DIFFUSE, 0] = 1
+        avatar.field.channels.bias[:] = -3
+    found = vertex_albedo(avatar, hand)[:, 0]
+    u = np.zeros(len(hand.v_template))
+    u[hand.f.ravel()] = hand.vt[hand.ft.ravel()][:, 0]
+    assert found[u > 0.6].min() > found[u < 0.4].max()
+
+
+def test_only_relightable_avatars_have_one(hand):
+    with pytest.raises(LiveHandError, match="relightable"):
+        vertex_albedo(avatar_of(hand, "baked", "light"), hand)
