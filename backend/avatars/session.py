@@ -23,10 +23,11 @@ from .library import shipped_avatar_path
 
 @dataclass(frozen=True)
 class Device:
-    """Device and precision of a renderer, from the scene's `livehand` settings."""
+    """How a renderer computes, from the scene's `livehand` settings; see `rendering.renderer.Renderer`."""
 
     name: str = "auto"
     precision: Literal["fp32", "bf16"] = "fp32"
+    has_rough_light: bool = False
 
 
 Item = TypeVar("Item")
@@ -44,7 +45,10 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
     from ..rendering.renderer import Renderer
     from .file import load_avatar
 
-    return Renderer(load_avatar(avatar_path), hand, device=device.name, precision=device.precision)
+    avatar = load_avatar(avatar_path)
+    return Renderer(
+        avatar, hand, device=device.name, precision=device.precision, has_rough_light=device.has_rough_light
+    )
 
 
 class Session:

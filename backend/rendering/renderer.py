@@ -37,6 +37,7 @@ from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
 from .lit_hand import LitHand, render_lit_hand
+from .rough_light import baked_light, roughly_relit
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
 Network = TypeVar("Network", bound=nn.Module)
@@ -56,6 +57,7 @@ class Renderer:
         device: `auto` takes CUDA if it is available.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
+        has_rough_light: whether an avatar with baked light is relit roughly, if its own light is known (`rough_light`).
 
     Raises:
         LiveHandError: the avatar belongs to another hand model, or the device is not available.
@@ -66,6 +68,7 @@ class Renderer:
     device: str = "auto"
     precision: Precision = "fp32"
     backend: RenderBackend | None = None
+    has_rough_light: bool = False
 
     def __post_init__(self):
         if self.hand.sha256 != self.avatar.hand_sha256:
@@ -113,12 +116,21 @@ class Renderer:
             image, depth = image_of(self._superres, rays.composite, rays.pixel, hand.camera.size_px)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
-        return replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
+        frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
+        if shot.light is None or self._rough_light is None:
+            return frame
+        on_stage("light")
+        return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
 
     @property
     def is_relightable(self) -> bool:
         """Whether frames depend on the shot's light."""
-        return isinstance(self.avatar.field, LitField)
+        return isinstance(self.avatar.field, LitField) or self._rough_light is not None
+
+    @cached_property
+    def _rough_light(self) -> Light | None:
+        """The light that is baked into the avatar, if it is to be exchanged."""
+        return baked_light(self.avatar) if self.has_rough_light else None
 
     @cached_property
     def torch_device(self) -> torch.device:
@@ -182,7 +194,7 @@ class Renderer:
 
     def _conditions(self, shot: Shot, hand: HandInView) -> FrameConditions:
         theta = self._canonical_theta(shot.pose)
-        if self.is_relightable:  # its shadows come with the light
+        if isinstance(self._field, LitField):  # its shadows come with the light
             visibility = hand.mesh.vertices.new_zeros(len(hand.mesh.vertices), 0)
         else:
             visibility = self._backend.visibility(hand.mesh, hand.topology)

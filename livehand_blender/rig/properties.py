@@ -173,6 +173,11 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         description="What lights the hands; avatars with a baked light always keep their own",
         items=_LIGHTS,
     )
+    rough_light: BoolProperty(
+        name="Rough Relighting",
+        description="Avatars with a baked light take the scene's roughly, if their own is known: its shadows and "
+        "colors, without relief and gloss",
+    )
     file_version: IntProperty(
         name="File Version", description="Of LiveHand's settings in the saved file; 0: none yet", options={"HIDDEN"}
     )

@@ -81,7 +81,16 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         layout.use_property_decorate = False
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
-        for name in ("mode", "light", "blur_samples", "device", "precision", "keep_look", "free_after_render"):
+        for name in (
+            "mode",
+            "light",
+            "rough_light",
+            "blur_samples",
+            "device",
+            "precision",
+            "keep_look",
+            "free_after_render",
+        ):
             layout.prop(context.scene.livehand, name)
         draw_studio(layout, context.scene)
         layout.operator("livehand.free_memory", icon="TRASH")

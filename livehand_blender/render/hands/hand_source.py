@@ -40,8 +40,9 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
 
 
 def read_device(scene: bpy.types.Scene) -> Device:
-    """The scene's device and precision."""
-    return Device(scene.livehand.device, scene.livehand.precision)
+    """The scene's device and precision, and whether it relights roughly."""
+    settings = scene.livehand
+    return Device(settings.device, settings.precision, settings.rough_light)
 
 
 def read_grade(armature: bpy.types.Object) -> Grade:
