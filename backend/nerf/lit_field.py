@@ -11,11 +11,12 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize, relu, softplus
 
 from .field import FieldConfig, PlaneField, mean_features
-from .lighting import COEFFICIENTS, GLOSS, LIT_FEATURES, Openness
+from .lighting import COEFFICIENTS, LIT_FEATURES, Openness
 from .volume import Composite
 
-# Coefficients before training: a middle reflectance, and gloss as physics has it.
-_START, _START_GLOSS = -1.5, 0.0
+# Coefficients before training, as arguments of softplus: ambient, deep and less deep scattered, diffuse light (RGB each)
+# and gloss. Red light goes deepest.
+_START = (-2.0, -2.0, -2.0, -1.5, -3.5, -4.5, -2.0, -1.5, -2.0, -1.5, -1.5, -1.5, 0.0, 0.0)
 
 
 class LitField(PlaneField):
@@ -35,8 +36,7 @@ class LitField(PlaneField):
         if not config.pose:
             self._leave_out_pose(first)
         with torch.no_grad():
-            self.channels.bias[:COEFFICIENTS] = _START
-            self.channels.bias[GLOSS] = _START_GLOSS
+            self.channels.bias[:COEFFICIENTS] = torch.tensor(_START)
 
     def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
         """Empty: shadows come with the light."""
