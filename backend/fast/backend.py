@@ -20,7 +20,7 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import light_features, relit
+from .lighting import light_features, lit_image, relit
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -46,6 +46,7 @@ class NumbaBackend:
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    lit_image = staticmethod(lit_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

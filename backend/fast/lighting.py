@@ -1,6 +1,8 @@
-"""`nerf.lighting.light_features` and `nerf.relighting.relit` on the CPU, by the kernels, without gradients."""
+"""`light_features` of `nerf.lighting`, `lit_image` and `relit` of `nerf.relighting`, by the kernels, without gradients."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -9,20 +11,27 @@ from torch import Tensor
 
 from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import (
+    COEFFICIENTS,
     F0,
     ROUGHNESS,
     SCATTER_M,
     SKY_CELL_RAD,
+    SMOOTH,
     WRAP,
     LightFeatures,
     LightShadows,
     SurfacePoints,
 )
-from ..nerf.relighting import LitImage, feature_maps
+from ..nerf.maps import enlarge_maps
+from ..nerf.rays import CameraTensors, ray_directions
+from ..nerf.relighting import MIN_ALPHA, LitImage, covered_pixels, doubled, feature_maps, lit_maps
+from ..nerf.volume import Composite
 from .kernels.compiled import in_parallel
+from .kernels.lighting import enlarge_pixels, relit_pixels
 from .kernels.lighting import light_features as fill_features
-from .kernels.lighting import relit_pixels
-from .kernels.records import FeatureArrays, LampArrays, Lobes, PointArrays, RelitImage, SkyArrays
+from .kernels.records import EnlargedArrays, FeatureArrays, LampArrays, Lobes, PointArrays, RelitImage, SkyArrays
+
+MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 
 
 def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
@@ -41,6 +50,39 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     )
     ambient = shadows.mean_of_sky @ sky.flux + shadows.mean_of_lamps @ lamps.rgb
     return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ambient, None, None))
+
+
+def lit_image(
+    superres: Callable[[Tensor], Tensor],
+    low: Composite,
+    points: SurfacePoints,
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
+) -> LitImage:
+    """Enlarge the decoded rays of a relightable field."""
+    maps, depth = lit_maps(low, points, pixel, camera)
+    detail = enlarge_maps(superres, maps)
+    covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
+    count, (width, height) = len(covered), full.size_px
+    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(width * height))
+    out = EnlargedArrays(*(values.numpy() for values in buffers))
+    rows = torch.cat([maps[:COEFFICIENTS], maps[-4:]]).flatten(1).T  # [h * w, 18]
+    fine = detail.permute(1, 2, 0).reshape(width * height, -1).float()
+    arrays = _arrays(rows, fine, covered, camera.world2cam)
+    in_parallel(
+        lambda first, last: enlarge_pixels(*arrays, width // 2, SMOOTH, MIN_ALPHA_32, first, last, out),
+        count,
+        torch.get_num_threads(),
+    )
+    coefficients, normal, alpha = buffers
+    return LitImage(
+        pixel=covered,
+        coefficients=coefficients,
+        normal=normal,
+        view=torch.nn.functional.normalize(ray_directions(full, covered), dim=-1),
+        alpha=alpha.reshape(height, width),
+        depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
+    )
 
 
 def relit(

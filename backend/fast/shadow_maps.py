@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from ..geometry.shadow_maps import PointShadows, ProjectedPoints, ShadowScene
+from ..geometry.shadow_maps import PointShadows, ShadowScene, px_per_radius
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowCasters
 from .kernels.shadow import look_up_points
 
 
-def look_up_by_kernel(scene: ShadowScene, points: ProjectedPoints) -> PointShadows:
+def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> PointShadows:
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
-    others = np.arange(scene.others.depth.shape[1]).reshape(-1, 3)
-    arrays = (values.contiguous().numpy() for values in (*scene.mesh, scene.faces, *scene.others))
+    scale = px_per_radius(scene.views, scene.map_px)
+    tensors = (*scene.views, scale, scene.vertices, scene.faces, scene.others)
+    arrays = (values.contiguous().numpy() for values in tensors)
     lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
+    others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
-    px, depth = (values.contiguous().numpy() for values in points)
-    shadows = PointShadows(torch.empty(points.depth.shape), torch.empty(points.depth.shape))
+    shape, places = (len(scale), len(points)), points.contiguous().numpy()
+    shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
-    in_parallel(
-        lambda first, last: look_up_points(casters, px, depth, first, last, lit, depth_in),
-        len(lit),
-        torch.get_num_threads(),
-    )
+    threads = torch.get_num_threads()
+    in_parallel(lambda first, last: look_up_points(casters, places, first, last, lit, depth_in), len(lit), threads)
     return shadows

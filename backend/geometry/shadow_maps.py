@@ -82,29 +82,31 @@ class ProjectedPoints(NamedTuple):
 
 
 class ShadowScene(NamedTuple):
-    """What casts shadows, projected into K maps of `map_px` pixels a side.
+    """What casts shadows, seen in K views by maps of `map_px` pixels a side; lengths are in radii, from the centre.
 
     Attributes:
-        mesh: its vertices.
+        views: from the light.
+        vertices: [V, 3] of the mesh.
         faces: [F, 3] of the mesh.
-        others: corners of other triangles, [K, 3 T, 2] and [K, 3 T].
+        others: [3 T, 3] corners of other triangles.
         map_px: width and height of a map.
-        tolerance: in radii.
-        contact: in radii.
-        max_depth_in: in radii.
+        tolerance: by which a point may lie behind the middle of the mesh.
+        contact: by which it may lie behind another triangle.
+        max_depth_in: of `PointShadows`.
     """
 
-    mesh: ProjectedPoints
+    views: LightViews
+    vertices: Tensor
     faces: Tensor
-    others: ProjectedPoints
+    others: Tensor
     map_px: int
     tolerance: float
     contact: float
     max_depth_in: float
 
 
-ShadowLookup = Callable[[ShadowScene, ProjectedPoints], PointShadows]
-"""(scene, points) -> shadows, with depths in radii."""
+ShadowLookup = Callable[[ShadowScene, Tensor], PointShadows]
+"""(scene, points [P, 3] in radii from the centre) -> shadows, with depths in radii."""
 
 
 def point_shadows(
@@ -129,33 +131,40 @@ def point_shadows(
     """
     bounds = Bounds.of(mesh)
     in_template = float(mesh.scale / bounds.radius)
+    vertices, others, local = ((at - bounds.centre) / bounds.radius for at in (mesh.vertices, occluders, points))
     scene = ShadowScene(
-        mesh=_project(mesh.vertices, bounds, views, map_px),
+        views=views,
+        vertices=vertices,
         faces=topology.faces,
-        others=_project(occluders.reshape(-1, 3), bounds, views, map_px),
+        others=others.reshape(-1, 3),
         map_px=map_px,
         tolerance=_GRAZING_M * in_template,
         contact=_CONTACT_M * in_template,
         max_depth_in=MAX_DEPTH_IN_M * in_template,
     )
-    shadows = (look_up or look_up_reference)(scene, _project(points, bounds, views, map_px))
+    shadows = (look_up or look_up_reference)(scene, local)
     return PointShadows(shadows.lit, shadows.depth_in_m / in_template)
 
 
-def _project(points: Float[Tensor, "P 3"], bounds: Bounds, views: LightViews, map_px: int) -> ProjectedPoints:
-    """Points in the maps, whose borders are a pixel outside the bounds."""
-    local = torch.einsum("kij,pj->kpi", views.frames, (points - bounds.centre) / bounds.radius)
+def projected(points: Float[Tensor, "P 3"], views: LightViews, map_px: int) -> ProjectedPoints:
+    """Points in the maps, whose borders are a pixel outside the unit sphere."""
+    local = torch.einsum("kij,pj->kpi", views.frames, points)
     distance = views.distance[:, None]
     depth = distance - local[..., 2]
-    reach = distance / (distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()
-    scale = distance / (torch.where(depth.abs() > 1e-6, depth, 1e-6) * reach)
-    px = (local[..., :2] * scale[..., None] * 0.5 + 0.5) * (map_px - 2) + 1
-    return ProjectedPoints(px, depth)
+    px = local[..., :2] * (distance / torch.where(depth.abs() > 1e-6, depth, 1e-6))[..., None]
+    return ProjectedPoints(px * px_per_radius(views, map_px)[:, None, None] + map_px / 2, depth)
 
 
-def look_up_reference(scene: ShadowScene, points: ProjectedPoints) -> PointShadows:
+def px_per_radius(views: LightViews, map_px: int) -> Float[Tensor, " K"]:
+    """Pixels of a radius at the centre."""
+    reach = views.distance / (views.distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()
+    return (map_px / 2 - 1) / reach
+
+
+def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
     """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
     entry, blocker = _maps(scene)
+    points = projected(places, scene.views, scene.map_px)
     position = points.px - 0.5
     is_inside = ((position >= 0) & (position < scene.map_px - 1)).all(-1) & (points.depth > 0)
     position = torch.where(is_inside[..., None], position, torch.zeros_like(position))
@@ -179,14 +188,14 @@ def look_up_reference(scene: ShadowScene, points: ProjectedPoints) -> PointShado
 
 def _maps(scene: ShadowScene) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
     """Per map pixel, the depth at which light enters the mesh (minus infinity: blocked before), and where it ends."""
-    count = len(scene.mesh.depth)
-    fragments = _fragments(scene.mesh, scene.faces, scene.map_px)
+    count = len(scene.views.distance)
+    fragments = _fragments(projected(scene.vertices, scene.views, scene.map_px), scene.faces, scene.map_px)
     size = count * scene.map_px**2
     entry = _nearest(fragments, fragments.is_front, size)
     leaving = _nearest(fragments, ~fragments.is_front, size)
     middle = torch.where(leaving.isfinite(), (entry + leaving) / 2, entry)
-    corners = torch.arange(scene.others.depth.shape[1], device=entry.device).reshape(-1, 3)
-    others = _fragments(scene.others, corners, scene.map_px)
+    corners = torch.arange(len(scene.others), device=entry.device).reshape(-1, 3)
+    others = _fragments(projected(scene.others, scene.views, scene.map_px), corners, scene.map_px)
     other = _nearest(others, torch.ones_like(others.is_front), size) + scene.contact
     is_blocked = other < entry
     entry = torch.where(is_blocked, -torch.inf, entry)

@@ -20,7 +20,7 @@ from .conditions import FrameConditions
 from .field import PaperField, PlaneField
 from .light_samples import LightSamples
 from .lighting import LightFeatures, LightShadows, SurfacePoints
-from .rays import HandInView, RenderedRays, SurfaceRays
+from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage
 from .sampler import SamplerConfig
 from .volume import Composite
@@ -73,6 +73,17 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def lit_image(
+        self,
+        superres: Callable[[Tensor], Tensor],
+        low: Composite,
+        points: SurfacePoints,
+        pixel: Int[Tensor, " R"],
+        camera: CameraTensors,
+    ) -> LitImage:
+        """As `nerf.relighting.lit_image`, without gradients."""
         ...
 
     def relit(

@@ -13,7 +13,7 @@ from .conditions import FrameConditions
 from .field import PaperField, PlaneField
 from .lighting import light_features
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
-from .relighting import relit
+from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
 from .shade import shade
 from .trace import trace
@@ -27,6 +27,7 @@ class ReferenceBackend:
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    lit_image = staticmethod(lit_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

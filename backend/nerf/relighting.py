@@ -11,16 +11,18 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import normalize
+from torch.nn.functional import normalize, relu
 
-from .lighting import COEFFICIENTS, LightFeatures, SurfacePoints, lit_colour
+from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps
 from .rays import CameraTensors, ray_directions
-from .superres import LIT_MAPS, enlarge
+from .superres import enlarge
 from .volume import Composite
 
 _OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
 """The fields of `LightFeatures` that differ from ray to ray; the last two may be missing."""
+MIN_ALPHA = 0.02
+"""Keeps what is divided by alpha finite beside the hand, where it does not count."""
 
 
 class LitImage(NamedTuple):
@@ -59,22 +61,36 @@ def lit_image(
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
     """
-    rotation = camera.world2cam[:3, :3]
-    normal = (points.relief_normal @ rotation.T) * low.alpha[:, None]
-    stacked = low._replace(channels=torch.cat([low.channels.float(), normal], 1))
-    maps, depth = low_resolution_maps(stacked, pixel, camera.size_px)
-    assert len(maps) == LIT_MAPS
-    image = enlarge_maps(superres, maps).float().flatten(1)
-    covered = _covered(pixel, camera.size_px)
-    full = _doubled(camera)
+    maps, depth = lit_maps(low, points, pixel, camera)
+    image = detailed(maps, enlarge_maps(superres, maps).float()).flatten(1)
+    covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
     return LitImage(
         pixel=covered,
         coefficients=(image[:COEFFICIENTS, covered] * image[-1, covered].clamp(0, 1)).T,
-        normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ rotation,
+        normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ camera.world2cam[:3, :3],
         view=normalize(ray_directions(full, covered), dim=-1),
         alpha=image[-1].reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
+
+
+def lit_maps(
+    low: Composite, points: SurfacePoints, pixel: Int[Tensor, " R"], camera: CameraTensors
+) -> tuple[Float[Tensor, "34 h w"], Float[Tensor, "h w"]]:
+    """The maps that `LitSuperRes` takes, and depth."""
+    normal = (points.relief_normal @ camera.world2cam[:3, :3].T) * low.alpha[:, None]
+    stacked = low._replace(channels=torch.cat([low.channels.float(), normal], 1))
+    return low_resolution_maps(stacked, pixel, camera.size_px)
+
+
+def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> Float[Tensor, "18 H W"]:
+    """The full-size image: straight coefficients (not negative), normal in camera axes (of any length), alpha."""
+    base = enlarge(torch.cat([maps[:COEFFICIENTS], maps[-4:]])[None])[0]
+    alpha = base[-1:]
+    straight = torch.cat([base[:-1] / alpha.clamp(min=MIN_ALPHA), alpha])
+    fine = straight[SMOOTH:] + detail
+    coefficients = torch.cat([straight[:SMOOTH], fine[: COEFFICIENTS - SMOOTH]])
+    return torch.cat([relu(coefficients), fine[COEFFICIENTS - SMOOTH :]])
 
 
 def relit(
@@ -124,7 +140,7 @@ def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], 
     )
 
 
-def _covered(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
+def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
     """The pixels of the full-size image that a bilinear enlargement of the rays reaches."""
     width, height = size_px
     has_ray = torch.zeros(1, 1, height, width, device=pixel.device)
@@ -132,7 +148,8 @@ def _covered(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
     return (enlarge(has_ray).flatten() > 0).nonzero()[:, 0]
 
 
-def _doubled(camera: CameraTensors) -> CameraTensors:
+def doubled(camera: CameraTensors) -> CameraTensors:
+    """The camera of an image of twice the size."""
     width, height = camera.size_px
     scale = camera.K.new_tensor([2.0, 2.0, 1.0])
     return camera._replace(K=scale[:, None] * camera.K, size_px=(2 * width, 2 * height))

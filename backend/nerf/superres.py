@@ -12,7 +12,7 @@ from typing import Literal
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle, relu
+from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle
 
 from .field import CHANNELS
 from .lighting import COEFFICIENTS, LIT_FEATURES, SMOOTH
@@ -20,10 +20,8 @@ from .lighting import COEFFICIENTS, LIT_FEATURES, SMOOTH
 RGBA = 4
 LIT_MAPS = COEFFICIENTS + LIT_FEATURES + 3 + 1
 """Maps that `LitSuperRes` takes: coefficients, features, relief normal in camera axes, alpha; all premultiplied."""
-LIT_IMAGE = COEFFICIENTS + 3 + 1
-"""Channels that it returns: coefficients, normal in camera axes, alpha."""
-# Keeps what is divided by alpha finite beside the hand, where it does not count.
-_MIN_ALPHA = 0.02
+LIT_DETAIL = COEFFICIENTS - SMOOTH + 3 + 1
+"""Channels that it returns: coefficients but the smooth ones, normal in camera axes, alpha."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +78,14 @@ class LightSuperRes(_ResidualSuperRes):
 
 
 class LitSuperRes(_ResidualSuperRes):
-    """Enlarges the coefficients and the normal of a relightable field, before any light is known."""
+    """Detail of a relightable hand in no light; `nerf.relighting.detailed` adds it to the enlarged maps."""
 
     def __init__(self, config: SuperResConfig):
-        super().__init__(config, LIT_MAPS, LIT_IMAGE - SMOOTH)
+        super().__init__(config, LIT_MAPS, LIT_DETAIL)
 
-    def forward(self, maps: Float[Tensor, "B 34 H W"]) -> Float[Tensor, "B 18 2*H 2*W"]:
-        """Straight coefficients (not negative), normal in camera axes (of any length), alpha (not clamped)."""
-        base = enlarge(torch.cat([maps[:, :COEFFICIENTS], maps[:, -4:]], 1))
-        alpha = base[:, -1:]
-        straight = torch.cat([base[:, :-1] / alpha.clamp(min=_MIN_ALPHA), alpha], 1)
-        image = torch.cat([straight[:, :SMOOTH], _sum(straight[:, SMOOTH:], self._residual(maps))], 1)
-        return torch.cat([relu(image[:, :COEFFICIENTS]), image[:, COEFFICIENTS:]], 1)
+    def forward(self, maps: Float[Tensor, "B 34 H W"]) -> Float[Tensor, "B 12 2*H 2*W"]:
+        """What is added to the straight coefficients after the first `SMOOTH`, to the normal and to alpha."""
+        return self._residual(maps)
 
 
 class PaperSuperRes(nn.Module):

@@ -31,7 +31,7 @@ from ..nerf.lit_rays import (
 )
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
-from ..nerf.relighting import LitImage, lit_image
+from ..nerf.relighting import LitImage
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
 from ..records.light import Light
@@ -129,6 +129,6 @@ def render_lit_hand(
     with autocast(device, precision):
         low = field.decode(rays.composite, view, open_to)
     on_stage("superres")
-    image = lit_image(in_precision(superres, device, precision), low, points, rays.pixel, hand.camera)
+    image = backend.lit_image(in_precision(superres, device, precision), low, points, rays.pixel, hand.camera)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)

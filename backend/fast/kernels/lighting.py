@@ -1,4 +1,4 @@
-"""Equals `nerf.lighting.light_features` and `nerf.relighting.relit`."""
+"""Equals `nerf.lighting.light_features`, and `detailed` and `relit` of `nerf.relighting`."""
 
 from __future__ import annotations
 
@@ -133,14 +133,46 @@ def _glossy(to_light, x, y, z, normal, view, light_radius_rad, lobes, both):
 
 
 @compiled
+def enlarge_pixels(maps, detail, pixels, world2cam, width, smooth, min_alpha, first, last, out):
+    """Fill `out` (`EnlargedArrays`) for pixels [first, last) of the full-size image.
+
+    `maps` [h * w, 18] holds premultiplied coefficients, normals in camera axes and alpha; `detail` [H * W, 12] what is
+    added at full size.
+    """
+    count = out.coefficients.shape[1]
+    here, at = np.empty(maps.shape[1], np.float32), np.empty(4, np.int64)
+    weights = np.empty(4, np.float32)
+    for index in range(first, last):
+        pixel = pixels[index]
+        _neighbours(len(maps), width, pixel, at, weights)
+        _blend(maps, at, weights, here)
+        straight = _1 / max(here[count + 3], min_alpha)
+        alpha = here[count + 3] + detail[pixel, count - smooth + 3]
+        out.alpha[pixel] = alpha
+        visible = min(max(alpha, _0), _1)
+        for k in range(count):
+            value = here[k] * straight
+            if k >= smooth:
+                value += detail[pixel, k - smooth]
+            out.coefficients[index, k] = max(value, _0) * visible
+        x = here[count] * straight + detail[pixel, count - smooth]
+        y = here[count + 1] * straight + detail[pixel, count - smooth + 1]
+        z = here[count + 2] * straight + detail[pixel, count - smooth + 2]
+        length = max(np.sqrt(x * x + y * y + z * z), _TINY)
+        for k in range(3):
+            out.normal[index, k] = (world2cam[0, k] * x + world2cam[1, k] * y + world2cam[2, k] * z) / length
+
+
+@compiled
 def relit_pixels(image, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    at, around = np.empty(4, np.int64), np.empty(4, np.float32)
     sky_at, gloss_at, scattered_at, measured_at = 1 + 3 * lamps, 10 + 3 * lamps, 16 + 3 * lamps, 22 + 3 * lamps
     is_measured = columns > measured_at
     for index in range(first, last):
-        _enlarged(image.maps, image.width, image.pixel[index], here)
+        _enlarged(image.maps, image.width, image.pixel[index], at, around, here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
         for c in range(3):
             of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
@@ -172,18 +204,35 @@ def relit_pixels(image, lobes, first, last, out):
 
 
 @compiled
-def _enlarged(maps, width, pixel, here):
+def _enlarged(maps, width, pixel, at, weights, here):
     """Fill `here` with the maps' values at a full-size pixel, bilinear among the rays that there are."""
-    height = len(maps) // width
+    _neighbours(len(maps), width, pixel, at, weights)
+    total = _0
+    for k in range(4):
+        total += weights[k] * maps[at[k], 0]
+    for k in range(4):
+        weights[k] /= total
+    _blend(maps, at, weights, here)
+
+
+@compiled
+def _neighbours(count, width, pixel, at, weights):
+    """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
+    height = count // width
     row, column = pixel // (2 * width), pixel % (2 * width)
     top = min(max((row - 1) // 2, 0), height - 1)
     left = min(max((column - 1) // 2, 0), width - 1)
     bottom, right = min((row + 1) // 2, height - 1), min((column + 1) // 2, width - 1)
     wy = _QUARTER if row % 2 else _3Q
     wx = _QUARTER if column % 2 else _3Q
-    a, b, c, d = top * width + left, top * width + right, bottom * width + left, bottom * width + right
-    wa, wb, wc, wd = (_1 - wy) * (_1 - wx), (_1 - wy) * wx, wy * (_1 - wx), wy * wx
-    total = wa * maps[a, 0] + wb * maps[b, 0] + wc * maps[c, 0] + wd * maps[d, 0]
-    wa, wb, wc, wd = wa / total, wb / total, wc / total, wd / total
+    at[0], at[1], at[2], at[3] = top * width + left, top * width + right, bottom * width + left, bottom * width + right
+    weights[0], weights[1] = (_1 - wy) * (_1 - wx), (_1 - wy) * wx
+    weights[2], weights[3] = wy * (_1 - wx), wy * wx
+
+
+@compiled
+def _blend(maps, at, weights, here):
+    a, b, c, d = at[0], at[1], at[2], at[3]
+    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
     for k in range(len(here)):
         here[k] = wa * maps[a, k] + wb * maps[b, k] + wc * maps[c, k] + wd * maps[d, k]

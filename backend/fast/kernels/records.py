@@ -136,16 +136,28 @@ class ShadowPoints(NamedTuple):
 
 
 class ShadowCasters(NamedTuple):
-    """As `geometry.shadow_maps.ShadowScene`, with faces [F, 3] of the mesh and others_faces [T, 3] of the others.
+    """As `geometry.shadow_maps.ShadowScene`; lengths are in radii.
 
-    mesh_px and others_px are [K, V, 2], mesh_depth and others_depth [K, V] radii; the last three are in radii, too.
+    Attributes:
+        frames: [K, 3, 3] of the views.
+        distance: [K] of the light.
+        px_per_radius: [K] scale of the maps.
+        vertices: [V, 3] of the mesh.
+        faces: [F, 3] of the mesh.
+        others: [3 T, 3] corners of other triangles.
+        others_faces: [T, 3] their indices.
+        map_px: width and height of a map.
+        tolerance: by which a point may lie behind the middle of the mesh.
+        contact: by which it may lie behind another triangle.
+        max_depth_in: largest depth behind the surface.
     """
 
-    mesh_px: np.ndarray
-    mesh_depth: np.ndarray
+    frames: np.ndarray
+    distance: np.ndarray
+    px_per_radius: np.ndarray
+    vertices: np.ndarray
     faces: np.ndarray
-    others_px: np.ndarray
-    others_depth: np.ndarray
+    others: np.ndarray
     others_faces: np.ndarray
     map_px: int
     tolerance: np.float32
@@ -248,3 +260,11 @@ class RelitImage(NamedTuple):
     lamp_rgb: np.ndarray
     lamp_radius_rad: np.ndarray
     ambient: np.ndarray
+
+
+class EnlargedArrays(NamedTuple):
+    """What enlarged pixels are written to: coefficients [P, 14] and normal [P, 3] of P pixels, alpha [H * W] of all."""
+
+    coefficients: np.ndarray
+    normal: np.ndarray
+    alpha: np.ndarray

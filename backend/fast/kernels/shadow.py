@@ -8,7 +8,7 @@ from .compiled import compiled
 from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
 
-_HALF, _0, _1 = (np.float32(value) for value in (0.5, 0, 1))
+_HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
 
 
 @compiled
@@ -45,21 +45,48 @@ def _unblocked(shadow, size, x, y, depth):
 
 
 @compiled
-def look_up_points(casters, px, depth, first, last, lit, depth_in):
-    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points at px, depth."""
+def look_up_points(casters, points, first, last, lit, depth_in):
+    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points [P, 3]."""
     size = casters.map_px
     entry, leaving = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
     other = np.empty(size * size, np.float32)
+    vertices = ProjectedMesh(
+        np.empty((len(casters.vertices), 2), np.float32), np.empty(len(casters.vertices), np.float32), casters.faces
+    )
+    others = ProjectedMesh(
+        np.empty((len(casters.others), 2), np.float32), np.empty(len(casters.others), np.float32), casters.others_faces
+    )
     for view in range(first, last):
         entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
-        nearest_sides(casters.mesh_px[view], casters.mesh_depth[view], casters.faces, size, entry, leaving)
-        others = ProjectedMesh(casters.others_px[view], casters.others_depth[view], casters.others_faces)
+        _project(casters, view, casters.vertices, vertices)
+        _project(casters, view, casters.others, others)
+        nearest_sides(vertices.positions_px, vertices.depth, casters.faces, size, entry, leaving)
         nearest_depth(others, size, 0, size, True, other)
         _join(entry, leaving, other, casters.contact)
-        for point in range(px.shape[1]):
-            lit[view, point], depth_in[view, point] = _look_up(
-                entry, leaving, casters, px[view, point, 0], px[view, point, 1], depth[view, point]
-            )
+        for point in range(len(points)):
+            x, y, depth = _projected(casters, view, points, point)
+            lit[view, point], depth_in[view, point] = _look_up(entry, leaving, casters, x, y, depth)
+
+
+@compiled
+def _project(casters, view, places, mesh):
+    """Fill the positions and depths of a mesh in a view."""
+    for index in range(len(places)):
+        x, y, depth = _projected(casters, view, places, index)
+        mesh.positions_px[index, 0], mesh.positions_px[index, 1], mesh.depth[index] = x, y, depth
+
+
+@compiled
+def _projected(casters, view, places, index):
+    """(x px, y px, depth) of a place in a view."""
+    frames, px, py, pz = casters.frames, places[index, 0], places[index, 1], places[index, 2]
+    x = frames[view, 0, 0] * px + frames[view, 0, 1] * py + frames[view, 0, 2] * pz
+    y = frames[view, 1, 0] * px + frames[view, 1, 1] * py + frames[view, 1, 2] * pz
+    z = frames[view, 2, 0] * px + frames[view, 2, 1] * py + frames[view, 2, 2] * pz
+    distance, half = casters.distance[view], np.float32(casters.map_px) * _HALF
+    depth = distance - z
+    scale = casters.px_per_radius[view] * distance / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
+    return x * scale + half, y * scale + half, depth
 
 
 @compiled
