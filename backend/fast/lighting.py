@@ -1,4 +1,4 @@
-"""`light_features` of `nerf.lighting`, `lit_image` and `relit` of `nerf.relighting`, by the kernels, without gradients."""
+"""Light and relighting on the CPU: as `nerf.lighting` and `nerf.relighting`, by the kernels, without gradients."""
 
 from __future__ import annotations
 
