@@ -14,8 +14,8 @@ from .field import FieldConfig, PlaneField, mean_features
 from .lighting import COEFFICIENTS, LIT_FEATURES, Openness
 from .volume import Composite
 
-# Coefficients before training, as arguments of softplus: ambient, deep and less deep scattered and diffuse light, in RGB,
-# and gloss. Red light goes deepest.
+# Coefficients before training, as arguments of softplus: ambient, deep scattered, less deep scattered and diffuse light
+# (RGB each), and gloss. Red light goes deepest.
 _START = (-2.0, -2.0, -2.0, -1.5, -3.5, -4.5, -2.0, -1.5, -2.0, -1.5, -1.5, -1.5, 0.0, 0.0)
 
 

@@ -46,6 +46,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="AVATAR",
         help="fine-tune this avatar, which must be of the same hand and networks",
     )
+    add("--half-size", action="store_true", help="train on images of half their size, as a start for --from")
     add_options(parser, TrainConfig, "ema_decay")
     add_options(parser, LossConfig, "perceptual", "perceptual_region")
     add(
@@ -106,6 +107,7 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
 def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> TrainingSetup:
     from ..captures.capture import load_capture
     from ..captures.check import check_capture
+    from ..captures.half_size import half_size
     from ..hand.model_file import load_default_hand, load_hand_model
     from ..nerf.avatar import PRESETS
     from .losses import load_perceptual_distance
@@ -114,6 +116,8 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)
     check_capture(capture, hand)
+    if args.half_size:
+        capture = half_size(capture)
     base = load_base_avatar(args.base) if args.base else None
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_distance(*weights) if args.perceptual > 0 else None
