@@ -15,22 +15,24 @@ class HalfSizeCapture(Capture):
     """Its views have half the size; its images are the means of 2 x 2 pixels, and an odd last row or column is lost.
 
     Attributes:
-        whole: the view of every file, by which the size of its image is checked.
+        full: the capture at its own size.
+        whole: its view of every file.
     """
 
-    whole: dict[str, CaptureView] = field(default_factory=dict)
+    full: Capture = field(kw_only=True)
+    whole: dict[str, CaptureView] = field(kw_only=True)
 
     def read_linear(self, view: CaptureView) -> np.ndarray:
         """As `Capture.read_linear`."""
-        return _halved(super().read_linear(self.whole[view.file]))
+        return _halved(self.full.read_linear(self.whole[view.file]))
 
     def read_image(self, view: CaptureView) -> np.ndarray:
         """As `Capture.read_image`."""
-        return _halved(super().read_image(self.whole[view.file]))
+        return _halved(self.full.read_image(self.whole[view.file]))
 
     def read_pixels(self, view: CaptureView) -> np.ndarray:
         """As `Capture.read_pixels`."""
-        whole = super().read_pixels(self.whole[view.file]).astype(np.float32) / 255
+        whole = self.full.read_pixels(self.whole[view.file]).astype(np.float32) / 255
         whole[..., :3] *= whole[..., 3:]
         small = _halved(whole)
         small[..., :3] /= np.maximum(small[..., 3:], 1e-6)
@@ -42,7 +44,8 @@ def half_size(capture: Capture) -> Capture:
     views = tuple(replace(view, camera=_halved_camera(view.camera)) for view in capture.views)
     provenance = {**capture.provenance, "half_size": True}
     whole = {view.file: view for view in capture.views}
-    return HalfSizeCapture(capture.folder, capture.hand_sha256, provenance, capture.poses, views, capture.lights, whole)
+    known = (capture.folder, capture.hand_sha256, provenance, capture.poses, views, capture.lights)
+    return HalfSizeCapture(*known, full=capture, whole=whole)
 
 
 def _halved_camera(camera: Camera) -> Camera:
