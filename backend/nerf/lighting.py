@@ -100,9 +100,9 @@ class LightFeatures(NamedTuple):
 
 def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
     """The openness of points with these normals."""
-    seen = shadows.lit.T * (normal @ sky.towards.T).clamp(min=0)
-    share = seen.sum(1) * (4 / len(sky.towards))
-    return Openness(share, torch.nn.functional.normalize(seen @ sky.towards, dim=-1))
+    seen = shadows.lit * (sky.towards @ normal.T).clamp_(min=0)
+    share = seen.sum(0) * (4 / len(sky.towards))
+    return Openness(share, torch.nn.functional.normalize(seen.T @ sky.towards, dim=-1))
 
 
 def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:

@@ -10,43 +10,139 @@ from .compiled import compiled_loosely as compiled
 
 _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
+_16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
 _LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
 AMBIENT, SCATTERED, DIFFUSE, GLOSS = 0, 3, 9, 12
 """Where these begin among the coefficients."""
+BLOCK = 64
+"""Points whose light from the sky is computed at once."""
+# Rows of a block, and of its sums.
+_NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE, _ROWS = 0, 3, 6, 9, 10, 12, 13, 14, 15
+_SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 
 
 @compiled
 def light_features(points, sky, lamps, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
+    work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
     both = np.empty(2, np.float32)
+    for start in range(first, last, BLOCK):
+        count = min(BLOCK, last - start)
+        _load(points, lobes, start, count, work)
+        sums[:] = _0
+        for k in range(len(sky.towards)):
+            _add_direction(sky, lobes, k, start, count, work, sums)
+        _store(start, count, sums, out)
     for point in range(first, last):
-        _add_sky(points, sky, lobes, point, both, out)
         _add_lamps(points, lamps, lobes, point, both, out)
 
 
 @compiled
-def _add_sky(points, sky, lobes, point, both, out):
-    normal, relief, view = points.normal, points.relief_normal, points.view_direction
-    for k in range(len(sky.towards)):
-        x, y, z = sky.towards[k, 0], sky.towards[k, 1], sky.towards[k, 2]
-        cosine = x * normal[point, 0] + y * normal[point, 1] + z * normal[point, 2]
-        if cosine > -lobes.wrap[0]:
-            _scattered(cosine, sky.depth_in_m[k, point], lobes, both)
-            for depth in range(2):
-                for c in range(3):
-                    out.scattered[point, depth, c] += both[depth] * sky.flux[k, c]
-        lit = sky.lit[k, point]
-        facing = x * relief[point, 0] + y * relief[point, 1] + z * relief[point, 2]
-        if lit <= _0 or facing <= _0:
-            continue
-        _glossy(facing, x, y, z, relief[point], view[point], lobes.sky_cell_rad, lobes, both)
+def _load(points, lobes, start, count, work):
+    """Fill the rows of a block of points: normal, relief normal, view, and what the lobes need of normal and view."""
+    for index in range(count):
+        to_eye = _0
+        for k in range(3):
+            work[_NORMAL + k, index] = points.normal[start + index, k]
+            work[_RELIEF + k, index] = points.relief_normal[start + index, k]
+            work[_VIEW + k, index] = points.view_direction[start + index, k]
+            to_eye -= points.relief_normal[start + index, k] * points.view_direction[start + index, k]
+        to_eye = max(to_eye, _GRAZING)
+        work[_TO_EYE, index] = to_eye
+        for lobe in range(2):
+            squared = _squared(lobes, lobe, lobes.sky_cell_rad)
+            work[_EYE_TERM + lobe, index] = np.sqrt(to_eye * to_eye * (_1 - squared) + squared)
+
+
+@compiled
+def _squared(lobes, lobe, light_radius_rad):
+    """Squared alpha of a lobe, widened by the light."""
+    alpha = min(lobes.alpha[lobe] + light_radius_rad * _HALF, _1)
+    return alpha * alpha
+
+
+@compiled
+def _add_direction(sky, lobes, k, start, count, work, sums):
+    """Add one direction of the sky to a block. Short loops over few rows each, which become vector instructions."""
+    depth = sky.depth_in_m[k, start : start + count]
+    lit = sky.lit[k, start : start + count]
+    for layer in range(2):
+        _scatter_row(sky.towards[k], lobes.wrap[layer], lobes.scatter_m[layer], depth, work, work[_VALUE])
         for c in range(3):
-            arriving = lit * sky.flux[k, c]
-            out.sky_vectors[point, 0, c] += x * arriving
-            out.sky_vectors[point, 1, c] += y * arriving
-            out.sky_vectors[point, 2, c] += z * arriving
-            out.sky_gloss[point, 0, c] += both[0] * arriving
-            out.sky_gloss[point, 1, c] += both[1] * arriving
+            _add_row(sums[_SCATTERED + 3 * layer + c], work[_VALUE], sky.flux[k, c], count)
+    _arriving_row(sky.towards[k], lit, work, work[_ARRIVING])
+    for axis in range(3):
+        for c in range(3):
+            _add_row(sums[_VECTORS + 3 * axis + c], work[_ARRIVING], sky.towards[k, axis] * sky.flux[k, c], count)
+    for lobe in range(2):
+        squared = _squared(lobes, lobe, lobes.sky_cell_rad)
+        _lobe_row(sky.towards[k], lobes.f0, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
+        for c in range(3):
+            _add_row(sums[_GLOSS + 3 * lobe + c], work[_VALUE], sky.flux[k, c], count)
+
+
+@compiled
+def _add_row(total, values, factor, count):
+    for index in range(count):
+        total[index] += values[index] * factor
+
+
+@compiled
+def _scatter_row(towards, wrap, scatter_m, depth_in_m, work, out):
+    """What arrives inside the skin from a direction."""
+    x, y, z = towards[0], towards[1], towards[2]
+    nx, ny, nz = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2]
+    scale, rate = _1 / (_1 + wrap), _1 / (_16 * scatter_m)
+    for index in range(len(depth_in_m)):
+        around = max((x * nx[index] + y * ny[index] + z * nz[index] + wrap) * scale, _0)
+        # exp(-d) = (1 / exp(d / 16))^16, whose series is short: exact to 1e-6 where it is not next to nothing.
+        part = depth_in_m[index] * rate
+        decay = _1 / (_1 + part * (_1 + part * (_HALF + part * (_SIXTH + part * _24TH))))
+        decay *= decay
+        decay *= decay
+        decay *= decay
+        out[index] = around * decay * decay
+
+
+@compiled
+def _arriving_row(towards, lit, work, out):
+    """The share of light from a direction that arrives above the horizon of the relief."""
+    x, y, z = towards[0], towards[1], towards[2]
+    rx, ry, rz, facing = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2], work[_FACING]
+    for index in range(len(lit)):
+        cosine = x * rx[index] + y * ry[index] + z * rz[index]
+        facing[index] = max(cosine, _LEAST_COSINE)
+        out[index] = lit[index] if cosine > _0 else _0
+
+
+@compiled
+def _lobe_row(towards, f0, squared, count, eye_term, work, out):
+    """What a lobe reflects of the light that arrives; as `_glossy`."""
+    x, y, z = towards[0], towards[1], towards[2]
+    rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
+    vx, vy, vz = work[_VIEW], work[_VIEW + 1], work[_VIEW + 2]
+    facing, to_eye, arriving = work[_FACING], work[_TO_EYE], work[_ARRIVING]
+    for index in range(count):
+        hx, hy, hz = x - vx[index], y - vy[index], z - vz[index]
+        inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), _TINY)
+        to_half = min(max((rx[index] * hx + ry[index] * hy + rz[index] * hz) * inverse, _0), _1)
+        away = _1 - min(max((x * hx + y * hy + z * hz) * inverse, _0), _1)
+        fresnel = f0 + (_1 - f0) * away * away * away * away * away
+        base = to_half * to_half * (squared - _1) + _1
+        light = facing[index]
+        shadowing = light * eye_term[index] + to_eye[index] * np.sqrt(light * light * (_1 - squared) + squared)
+        out[index] = arriving[index] * squared * _HALF * fresnel * light / (base * base * shadowing)
+
+
+@compiled
+def _store(start, count, sums, out):
+    for index in range(count):
+        for c in range(3):
+            for axis in range(3):
+                out.sky_vectors[start + index, axis, c] = sums[_VECTORS + 3 * axis + c, index]
+            for layer in range(2):
+                out.scattered[start + index, layer, c] = sums[_SCATTERED + 3 * layer + c, index]
+                out.sky_gloss[start + index, layer, c] = sums[_GLOSS + 3 * layer + c, index]
 
 
 @compiled
