@@ -29,6 +29,7 @@ from .cycles_scene import is_in_scene, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
+from .light_passes import Measurement, is_measured, with_measured_light
 from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
@@ -53,6 +54,7 @@ class LiveHandRender(CyclesEngine):
 
     # Blender makes an engine for every render, so what outlives a frame belongs to the registered class.
     hands_session: ClassVar[Session | None] = None
+    measurement: ClassVar[Measurement | None] = None
 
     @classmethod
     def register(cls):
@@ -126,6 +128,9 @@ class LiveHandRender(CyclesEngine):
             super().render_frame_finish()
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        if self.measurement is not None:
+            self._measure(depsgraph, self.measurement)
+            return
         frame = self._read(depsgraph)
         for view, samples, scene in self._render_views(depsgraph, frame):
             picture = self._compose(frame, view, samples, scene)
@@ -135,7 +140,15 @@ class LiveHandRender(CyclesEngine):
         self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
         with session.rendering:  # a 3D view may be loading the same avatar
-            return read_frame_setup(self, depsgraph, session)
+            frame = read_frame_setup(self, depsgraph, session)
+        return with_measured_light(frame, LiveHandRender) if frame.is_in_scene else frame
+
+    def _measure(self, depsgraph: bpy.types.Depsgraph, measurement: Measurement) -> None:
+        """Let Cycles render the light on one hand. It frees the depsgraph."""
+        layer = depsgraph.view_layer.name
+        measurement.prepare(depsgraph)
+        super().render(depsgraph)
+        measurement.read(self.get_result(), layer)
 
     def _render_views(
         self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup
@@ -159,7 +172,7 @@ class LiveHandRender(CyclesEngine):
         if queue is None:
             return [partial(self._render_hands, view.task) for view in frame.views]
         results = [queue.submit(view.task).result for view in frame.views]
-        if queue.prefetchable_frame is not None:
+        if queue.prefetchable_frame is not None and not is_measured(frame):
             self._prefetch(depsgraph, queue, queue.prefetchable_frame)
         return results
 

@@ -34,3 +34,11 @@ def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     depsgraph.objects.foreach_get("visible_camera", before)
     depsgraph.objects.foreach_set("visible_camera", before & [name not in hidden for name in names])
     return before
+
+
+def show_alone(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
+    """Hide all evaluated objects but one, given by its full name, from camera rays; instances hide with their parents.
+
+    The original objects do not change.
+    """
+    depsgraph.objects.foreach_set("visible_camera", [item.name_full == mesh_name for item in depsgraph.objects])
