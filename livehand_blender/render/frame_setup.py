@@ -21,6 +21,7 @@ from ..scene.shot import read_shot, visible_hands
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
+from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 
@@ -42,6 +43,7 @@ class FrameSetup:
         size_px: (width, height) of the rendered region.
         passes: those that the layer has switched on.
         cryptomatte: names of the Cryptomatte passes that the layer has switched on.
+        light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
         views: one, or two eyes.
@@ -52,6 +54,7 @@ class FrameSetup:
     size_px: tuple[int, int]
     passes: tuple[Pass, ...]
     cryptomatte: tuple[str, ...]
+    light_groups: tuple[str, ...]
     is_in_scene: bool
     hands: tuple[HandInstance, ...]
     views: tuple[ViewSetup, ...]
@@ -82,7 +85,15 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         for name in _activated_views(engine, scene.render)
     )
     return FrameSetup(
-        scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), in_scene, hands, views
+        scene=scene,
+        layer=layer.name,
+        size_px=size_px,
+        passes=wanted_passes(layer),
+        cryptomatte=cryptomatte_passes(layer),
+        light_groups=light_groups(layer),
+        is_in_scene=in_scene,
+        hands=hands,
+        views=views,
     )
 
 

@@ -24,6 +24,7 @@ from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
 from ...backend.rendering.frame_task import FrameTask, HandTask
 from ..scene.camera import Region, image_size_px, render_region
+from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
 from ..scene.proxy import show_alone
 from ..scene.settings import ENGINE
@@ -142,8 +143,9 @@ def measure(frame: FrameSetup, engine: type, mesh_name: str, box: Region) -> Map
 
 def measured_light(maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[int, int]) -> MeasuredLight | None:
     """The record of an image from Cycles' passes of its box; None if they show no diffuse surface."""
+    light = {name: in_rec709(maps[name]) for name in ("DiffDir", "DiffInd")}
     alpha = np.clip(maps["Combined"][..., 3], 0, 1) * (maps["DiffCol"] > 0).all(-1)
-    maps_of_box = [maps[name] * alpha[..., None] for name in ("DiffDir", "DiffInd")]
+    maps_of_box = [np.maximum(one, 0) * alpha[..., None] for one in light.values()]
     step_x, step_y = binning(size_px)
     direct, indirect, share = (_binned(one, step_x, step_y) for one in (*maps_of_box, alpha[..., None]))
     if not share.any():
