@@ -23,7 +23,7 @@ from ...backend.records.frame import Frame
 from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ...backend.rendering.picture import Picture, compose_picture, surface_of
-from ..scene.proxy import hidden_from_camera, hide_from_camera
+from ..scene.proxy import hidden_from_camera, hide_from_camera, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, scene_layer
@@ -207,6 +207,7 @@ class LiveHandRender(CyclesEngine):
     def _render_scene(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> None:
         """Let Cycles render all but the hands. It frees the depsgraph, which must not be read after this."""
         hide_from_camera(depsgraph)
+        use_albedo(depsgraph, frame.albedo)
         self.add_pass("Depth", 1, "Z", layer=frame.layer)  # needed even if the view layer does not have it on
         super().render(depsgraph)
 

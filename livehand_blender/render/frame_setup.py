@@ -46,6 +46,7 @@ class FrameSetup:
         light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
+        albedo: name of each relightable hand's mesh -> the mean albedo [3] of its skin; empty without a scene.
         views: one, or two eyes.
     """
 
@@ -57,12 +58,18 @@ class FrameSetup:
     light_groups: tuple[str, ...]
     is_in_scene: bool
     hands: tuple[HandInstance, ...]
+    albedo: Mapping[str, np.ndarray]
     views: tuple[ViewSetup, ...]
 
     @property
     def needs_surface(self) -> bool:
         """Whether a pass needs the surface maps of the hands' meshes."""
         return any(one.name in SURFACE_PASSES for one in self.passes)
+
+
+def is_relightable(hand: HandInstance) -> bool:
+    """Whether its frames depend on the light of the shot."""
+    return getattr(hand.renderer, "is_relightable", False)
 
 
 def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameSetup:
@@ -93,6 +100,7 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         light_groups=light_groups(layer),
         is_in_scene=in_scene,
         hands=hands,
+        albedo=_albedo_of(hands) if in_scene else {},
         views=views,
     )
 
@@ -120,12 +128,19 @@ def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandI
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
     """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
-    names = [hand.name for hand in hands if getattr(hand.renderer, "is_relightable", False)]
+    names = [hand.name for hand in hands if is_relightable(hand)]
     if not names:
         return {}
     armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
     lights = read_hand_lights(depsgraph, armatures, is_final=True)
     return {name: light.light() for name, light in lights.items()}
+
+
+def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
+    from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
+
+    lit = [hand for hand in hands if is_relightable(hand)]
+    return {hand.mesh_name: mean_albedo(hand.renderer.avatar, hand.renderer.hand) for hand in lit}
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

@@ -26,7 +26,7 @@ from ...backend.rendering.frame_task import FrameTask, HandTask
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
-from ..scene.proxy import show_alone
+from ..scene.proxy import show_alone, use_albedo
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
@@ -46,18 +46,21 @@ class Measurement:
     Attributes:
         mesh_name: full name of the mesh object that the camera sees.
         region: of the image.
+        albedo: name of each hand's mesh object -> [3] that of its skin.
         views: names of the stereo views; one empty name without stereo.
         maps: filled by the engine: name of each view -> its passes.
     """
 
     mesh_name: str
     region: Region
+    albedo: Mapping[str, np.ndarray]
     views: tuple[str, ...]
     maps: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def prepare(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """Show the hand alone to the camera."""
+        """Show the hand alone to the camera; all hands reflect as in the frame."""
         show_alone(depsgraph, self.mesh_name)
+        use_albedo(depsgraph, self.albedo)
 
     def read(self, result: bpy.types.RenderResult, layer: str) -> None:
         """Keep Cycles' passes."""
@@ -131,7 +134,7 @@ def measure(frame: FrameSetup, engine: type, mesh_name: str, box: Region) -> Map
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    work = Measurement(mesh_name, box, tuple(view.name for view in frame.views))
+    work = Measurement(mesh_name, box, frame.albedo, tuple(view.name for view in frame.views))
     call_in_main_thread(partial(_render, frame, engine, work))
     if set(work.maps) != set(work.views):
         raise LiveHandError(

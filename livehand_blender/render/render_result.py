@@ -29,7 +29,10 @@ def write_picture(
     scene: ScenePasses,
     groups: Mapping[str, np.ndarray],
 ) -> None:
-    """Write a view's picture, its scene's other passes, and those of its light groups. A result must be ended once begun, or Blender crashes when it saves."""
+    """Write a view's picture, its scene's other passes, and those of its light groups.
+
+    A result must be ended once begun, or Blender crashes when it saves.
+    """
     for one in frame.passes:
         if not one.is_blenders:
             engine.add_pass(one.name, len(one.channels), one.channels, layer=frame.layer)
