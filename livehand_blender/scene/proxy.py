@@ -50,7 +50,7 @@ def show_alone(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
 
 
 def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray]) -> None:
-    """Let evaluated meshes reflect light as their avatars' skin does; a material that the user has set or changed stays.
+    """Let evaluated meshes reflect light as their avatars' skin does; a material that the user set or changed stays.
 
     The original materials do not change, and nothing is tagged as changed. Hands that share a material share an albedo.
 

