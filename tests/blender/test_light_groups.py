@@ -1,5 +1,7 @@
 """Light groups as passes of a lit hand, alone and in its scene; colours brighter than 1 survive into the file."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -9,6 +11,12 @@ from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.camera import Camera
+from livehand.backend.records.frame import Frame
+from livehand.backend.records.light import Lamp, Light, MeasuredLight
+from livehand.backend.records.shot import HandPose, Shot
+from livehand.backend.rendering.frame_task import FrameTask, HandTask
+from livehand.livehand_blender.render.light_groups import grouped_frames, task_with_groups
 from livehand.livehand_blender.rig.hand import find_hands
 
 LAYER = "ViewLayer"
@@ -78,3 +86,52 @@ def test_the_groups_add_up(grouped_scene, render, mode):
     np.testing.assert_allclose(sum(groups), combined, rtol=1e-4, atol=1e-6)
     assert all(group[is_hand].mean() > 1e-3 for group in groups)
     assert combined[is_hand].max() > 1.5
+
+
+def even_frame(value):
+    return Frame(np.full((2, 2, 3), value, np.float32), np.ones((2, 2), np.float32), np.ones((2, 2), np.float32))
+
+
+def lit_hand(light):
+    """A hand of which the renderer shows the strength of its lamps, twice that where the light was measured."""
+
+    def render(shot, should_stop):
+        strength = sum(float(lamp.rgb[0]) for lamp in shot.light.lamps)
+        return even_frame(strength * (2 if shot.light.measured else 1))
+
+    camera = Camera(np.eye(3), np.eye(4), (2, 2))
+    renderer = SimpleNamespace(
+        render=render, avatar=SimpleNamespace(name="even"), hand=load_default_hand(), is_relightable=True
+    )
+    return HandTask(renderer, Shot(HandPose.rest(), np.zeros((1, 3)), camera, light))
+
+
+def test_measured_light_is_shared_in_the_groups_proportion():
+    lamps = tuple(Lamp("sun", np.full(3, value), group=group) for value, group in ((3, "Key"), (1, "Fill"), (0.5, "")))
+    measured = MeasuredLight(np.ones((2, 2, 3)), np.ones((2, 2, 3)), np.ones((2, 2)))
+    task = FrameTask(((lit_hand(Light(lamps, measured=measured)), lit_hand(Light(lamps[:1]))),))
+    names = ("Key", "Fill", "Unused")
+    frames = grouped_frames(task, names, task_with_groups(task, names).run(lambda: False))
+    both = {name: [float(frame.rgb.mean()) for frame in samples[0]] for name, samples in frames.groups.items()}
+    assert [float(frame.rgb.mean()) for frame in frames.samples[0]] == [9, 3]
+    assert both == {"Key": [6, 3], "Fill": [2, 0], "Unused": [0, 0]}
+
+
+def test_measured_light_where_no_lamp_shines_is_shared_evenly():
+    lamps = tuple(Lamp("sun", np.zeros(3), group=group) for group in ("Key", "Fill"))
+    task = FrameTask(((lit_hand(Light(lamps)),),))
+    frames = grouped_frames(task, ("Key", "Fill"), ((even_frame(1.0), even_frame(0.0), even_frame(0.0)),))
+    assert [samples[0][0].rgb.mean() for samples in frames.groups.values()] == [0.5, 0.5]
+
+
+def test_without_groups_nothing_is_rendered_twice():
+    task = FrameTask(((lit_hand(Light((Lamp("sun", np.ones(3)),))),),))
+    assert task_with_groups(task, ()) is task
+
+
+def test_an_unlit_hand_belongs_to_no_group():
+    task = FrameTask(((lit_hand(None),),))
+    assert len(task_with_groups(task, ("Key",)).samples[0]) == 1
+    frames = grouped_frames(task, ("Key",), ((even_frame(1.0),),))
+    assert frames.groups["Key"][0][0].rgb.max() == 0
+    assert frames.groups["Key"][0][0].alpha.min() == 1
