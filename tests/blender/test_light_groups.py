@@ -135,3 +135,15 @@ def test_an_unlit_hand_belongs_to_no_group():
     frames = grouped_frames(task, ("Key",), ((even_frame(1.0),),))
     assert frames.groups["Key"][0][0].rgb.max() == 0
     assert frames.groups["Key"][0][0].alpha.min() == 1
+
+
+def test_bright_colours_survive_a_grade(grouped_scene, render):
+    """A stop more doubles the hand in every group; a bias is in Combined alone."""
+    before = render(grouped_scene)
+    hand = find_hands(grouped_scene)[0].livehand
+    hand.exposure, hand.bias = 1.0, (0.25, 0.0, 0.0)
+    after = render(grouped_scene)
+    for name in ("Combined_Key", "Combined_Fill"):
+        np.testing.assert_allclose(rgb(after, name), 2 * rgb(before, name), rtol=1e-5, atol=1e-7)
+    expected = 2 * rgb(before, "Combined") + before["Combined.A"][..., None] * np.array([0.25, 0, 0])
+    np.testing.assert_allclose(rgb(after, "Combined"), expected, rtol=1e-5, atol=1e-6)
