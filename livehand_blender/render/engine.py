@@ -56,7 +56,6 @@ class LiveHandRender(CyclesEngine):
 
     # Blender makes an engine for every render, so what outlives a frame belongs to the registered class.
     hands_session: ClassVar[Session | None] = None
-    measurement: ClassVar[Measurement | None] = None
 
     @classmethod
     def register(cls):
@@ -65,6 +64,7 @@ class LiveHandRender(CyclesEngine):
         # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
         # module hangs at exit if a class of a module that imports bpy is still referenced.
         cls.viewport_shared = ViewportShared(cls.hands_session)
+        cls.measurement = None
 
     @classmethod
     def unregister(cls):
