@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import bpy
 import numpy as np
@@ -23,6 +24,9 @@ from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
+
+if TYPE_CHECKING:
+    from ...backend.nerf.avatar import Avatar
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
     from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
 
     lit = [hand for hand in hands if is_relightable(hand)]
-    return {hand.mesh_name: mean_albedo(hand.renderer.avatar, hand.renderer.hand) for hand in lit}
+    return {hand.mesh_name: mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand) for hand in lit}
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

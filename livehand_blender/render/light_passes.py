@@ -99,8 +99,8 @@ def is_measured(frame: FrameSetup) -> bool:
 
 def box_of(shots: list[Shot], size_px: tuple[int, int]) -> Region | None:
     """The part of the image that may show the hand, in whole map pixels; None if it is outside."""
-    corners = [_corners(shot.camera, shot.vertices) for shot in shots]
-    if any(corner is None for corner in corners):  # it reaches behind the camera
+    corners = [corner for shot in shots if (corner := _corners(shot.camera, shot.vertices))]
+    if len(corners) < len(shots):  # it reaches behind the camera
         return Region(0, 0, size_px)
     low = np.floor(np.min([low for low, _ in corners], axis=0)).astype(int) - _MARGIN_PX
     high = np.ceil(np.max([high for _, high in corners], axis=0)).astype(int) + _MARGIN_PX
