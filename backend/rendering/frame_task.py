@@ -42,6 +42,11 @@ class HandRenderer(Protocol):
         """The hand model of the meshes that it renders."""
         ...
 
+    @property
+    def is_relightable(self) -> bool:
+        """Whether its frames depend on the shot's light."""
+        ...
+
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
         """Render one hand from one view; raises RenderStopped soon after `should_stop` returns True."""
         ...

@@ -71,11 +71,6 @@ class FrameSetup:
         return any(one.name in SURFACE_PASSES for one in self.passes)
 
 
-def is_relightable(hand: HandInstance) -> bool:
-    """Whether its frames depend on the light of the shot."""
-    return getattr(hand.renderer, "is_relightable", False)
-
-
 def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameSetup:
     """Read the depsgraph's frame, and, if it is blurred, times a little before and after.
 
@@ -132,7 +127,7 @@ def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandI
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
     """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
-    names = [hand.name for hand in hands if is_relightable(hand)]
+    names = [hand.name for hand in hands if hand.renderer.is_relightable]
     if not names:
         return {}
     armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
@@ -143,7 +138,7 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
 def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
     from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
 
-    lit = [hand for hand in hands if is_relightable(hand)]
+    lit = [hand for hand in hands if hand.renderer.is_relightable]
     return {hand.mesh_name: mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand) for hand in lit}
 
 

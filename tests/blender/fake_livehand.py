@@ -16,6 +16,7 @@ class FakeRenderer:
     """Colours every ray by its direction, and covers the disc around the hand's middle; no avatar, no torch."""
 
     avatar = SimpleNamespace(name="fake")
+    is_relightable = False
 
     def __init__(self, avatar_path=None, hand=None, device=None):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device
