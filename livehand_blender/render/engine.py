@@ -19,16 +19,19 @@ import bpy
 
 from ...backend.avatars.session import Session
 from ...backend.records.errors import LiveHandError
+from ...backend.records.frame import Frame
 from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ...backend.rendering.picture import Picture, compose_picture, surface_of
-from ..scene.proxy import hidden_from_camera, hide_from_camera
+from ..scene.proxy import hidden_from_camera, hide_from_camera, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
+from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
+from .light_passes import Measurement, is_measured, with_measured_light
 from .panels import LIVEHAND_PT_hand_light, LIVEHAND_PT_passes
 from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
@@ -61,6 +64,7 @@ class LiveHandRender(CyclesEngine):
         # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
         # module hangs at exit if a class of a module that imports bpy is still referenced.
         cls.viewport_shared = ViewportShared(cls.hands_session)
+        cls.measurement = None
 
     @classmethod
     def unregister(cls):
@@ -102,6 +106,9 @@ class LiveHandRender(CyclesEngine):
             self.register_pass(scene, renderlayer, one.name, len(one.channels), one.channels, one.kind)
         for name in cryptomatte_passes(renderlayer):
             self.register_pass(scene, renderlayer, name, 4, "RGBA", "COLOR")
+        if not is_in_scene(scene):  # else Cycles has them
+            for group in light_groups(renderlayer):
+                self.register_pass(scene, renderlayer, pass_name(group), 3, "RGB", "COLOR")
 
     def update(self, data, depsgraph):
         """Called by Blender before the render of a view layer; Cycles prepares the scene."""
@@ -126,20 +133,32 @@ class LiveHandRender(CyclesEngine):
             super().render_frame_finish()
 
     def _render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        if self.measurement is not None:
+            self._measure(depsgraph, self.measurement)
+            return
         frame = self._read(depsgraph)
-        for view, samples, scene in self._render_views(depsgraph, frame):
-            picture = self._compose(frame, view, samples, scene)
-            write_picture(self, frame, view.name, picture, scene)
+        for view, frames, scene in self._render_views(depsgraph, frame):
+            picture = self._compose(frame, view, frames.samples, scene)
+            groups = group_passes(frames, frame.hands, frame.size_px, self._converter(frame), scene)
+            write_picture(self, frame, view.name, picture, scene, groups)
 
     def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup:
         self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
         with session.rendering:  # a 3D view may be loading the same avatar
-            return read_frame_setup(self, depsgraph, session)
+            frame = read_frame_setup(self, depsgraph, session)
+        return with_measured_light(frame, LiveHandRender) if frame.is_in_scene else frame
+
+    def _measure(self, depsgraph: bpy.types.Depsgraph, measurement: Measurement) -> None:
+        """Let Cycles render the light on one hand. It frees the depsgraph."""
+        layer = depsgraph.view_layer.name
+        measurement.prepare(depsgraph)
+        super().render(depsgraph)
+        measurement.read(self.get_result(), layer)
 
     def _render_views(
         self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup
-    ) -> Iterator[tuple[ViewSetup, tuple[ExposureFrames, ...], ScenePasses]]:
+    ) -> Iterator[tuple[ViewSetup, GroupedFrames, ScenePasses]]:
         """Yields each view with its rendered hands and Cycles' passes; ends early if the user stops the render."""
         results = self._begin_hands(depsgraph, frame)
         if frame.is_in_scene:
@@ -150,16 +169,17 @@ class LiveHandRender(CyclesEngine):
             if samples is None:
                 return
             scene = read_scene(self.get_result(), frame.layer, view.name, frame.size_px) if frame.is_in_scene else {}
-            yield view, samples, scene
+            yield view, grouped_frames(view.task, frame.light_groups, samples), scene
         self.update_progress(1.0)
 
     def _begin_hands(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> Sequence[ResultOfHands]:
         """Submit the views' tasks to the queue, if there is one, and prefetch the next frame."""
         queue = self.required_session().queue
+        tasks = [task_with_groups(view.task, frame.light_groups) for view in frame.views]
         if queue is None:
-            return [partial(self._render_hands, view.task) for view in frame.views]
-        results = [queue.submit(view.task).result for view in frame.views]
-        if queue.prefetchable_frame is not None:
+            return [partial(self._render_hands, task) for task in tasks]
+        results = [queue.submit(task).result for task in tasks]
+        if queue.prefetchable_frame is not None and not is_measured(frame):
             self._prefetch(depsgraph, queue, queue.prefetchable_frame)
         return results
 
@@ -179,13 +199,15 @@ class LiveHandRender(CyclesEngine):
         try:
             self.frame_set(frame, 0.0)
             with contextlib.suppress(LiveHandError), session.rendering:  # an error is reported at that frame's render
-                queue.prefetch(read_frame_task(self, depsgraph, session))
+                task = read_frame_task(self, depsgraph, session)
+                queue.prefetch(task_with_groups(task, light_groups(depsgraph.view_layer)))
         finally:
             self.frame_set(current_frame, 0.0)
 
     def _render_scene(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> None:
         """Let Cycles render all but the hands. It frees the depsgraph, which must not be read after this."""
         hide_from_camera(depsgraph)
+        use_albedo(depsgraph, frame.albedo)
         self.add_pass("Depth", 1, "Z", layer=frame.layer)  # needed even if the view layer does not have it on
         super().render(depsgraph)
 
@@ -194,8 +216,11 @@ class LiveHandRender(CyclesEngine):
     ) -> Picture:
         around = scene_layer(scene) if frame.is_in_scene else None
         surface = surface_of(view.task) if frame.needs_surface else None
-        convert = partial(in_scene_colours, scene=frame.scene)
-        return compose_picture(frame.hands, samples, frame.size_px, convert, around, surface)
+        return compose_picture(frame.hands, samples, frame.size_px, self._converter(frame), around, surface)
+
+    @staticmethod
+    def _converter(frame: FrameSetup) -> Callable[[Frame], Frame]:
+        return partial(in_scene_colours, scene=frame.scene)
 
 
 CLASSES = (LiveHandRender, LIVEHAND_PT_hand_light, LIVEHAND_PT_passes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import bpy
 import numpy as np
@@ -21,7 +22,11 @@ from ..scene.shot import read_shot, visible_hands
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
+from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
+
+if TYPE_CHECKING:
+    from ...backend.nerf.avatar import Avatar
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,10 @@ class FrameSetup:
         size_px: (width, height) of the rendered region.
         passes: those that the layer has switched on.
         cryptomatte: names of the Cryptomatte passes that the layer has switched on.
+        light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
+        albedo: name of each relightable hand's mesh -> the mean albedo [3] of its skin; empty without a scene.
         views: one, or two eyes.
     """
 
@@ -52,8 +59,10 @@ class FrameSetup:
     size_px: tuple[int, int]
     passes: tuple[Pass, ...]
     cryptomatte: tuple[str, ...]
+    light_groups: tuple[str, ...]
     is_in_scene: bool
     hands: tuple[HandInstance, ...]
+    albedo: Mapping[str, np.ndarray]
     views: tuple[ViewSetup, ...]
 
     @property
@@ -82,7 +91,16 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         for name in _activated_views(engine, scene.render)
     )
     return FrameSetup(
-        scene, layer.name, size_px, wanted_passes(layer), cryptomatte_passes(layer), in_scene, hands, views
+        scene=scene,
+        layer=layer.name,
+        size_px=size_px,
+        passes=wanted_passes(layer),
+        cryptomatte=cryptomatte_passes(layer),
+        light_groups=light_groups(layer),
+        is_in_scene=in_scene,
+        hands=hands,
+        albedo=_albedo_of(hands) if in_scene else {},
+        views=views,
     )
 
 
@@ -115,6 +133,13 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
     armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
     lights = read_hand_lights(depsgraph, armatures, is_final=True)
     return {name: light.light() for name, light in lights.items()}
+
+
+def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
+    from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
+
+    lit = [hand for hand in hands if hand.renderer.is_relightable]
+    return {hand.mesh_name: mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand) for hand in lit}
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

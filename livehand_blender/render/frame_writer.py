@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -105,9 +105,10 @@ class FrameWriter:
             raise not_written(path, str(error.strerror)) from error
 
     def _hand_tasks(self) -> list[HandTask]:
-        """Each hand once, however many view layers show it, at the exposure sample nearest to the frame itself."""
+        """Each hand once, in however many view layers and light groups, at the sample nearest to the frame itself."""
         tasks: list[HandTask] = []
-        for task in chain(*(submitted.samples[0] for submitted in self.queue.submitted if submitted.samples)):
+        for lit in chain(*(submitted.samples[0] for submitted in self.queue.submitted if submitted.samples)):
+            task = replace(lit, shot=replace(lit.shot, light=None))
             if not any(task.is_same_as(other) for other in tasks):
                 tasks.append(task)
         return tasks

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import bpy
 import numpy as np
 
 from ...backend.rendering.cryptomatte import crypto_metadata
 from ...backend.rendering.picture import Picture
 from .frame_setup import FrameSetup
+from .light_groups import pass_name
 from .passes import CRYPTOMATTE, ScenePasses, drawn_passes
 
 
@@ -19,18 +22,29 @@ def read_scene(result: bpy.types.RenderResult, layer: str, view: str, size_px: t
 
 
 def write_picture(
-    engine: bpy.types.RenderEngine, frame: FrameSetup, view: str, picture: Picture, scene: ScenePasses
+    engine: bpy.types.RenderEngine,
+    frame: FrameSetup,
+    view: str,
+    picture: Picture,
+    scene: ScenePasses,
+    groups: Mapping[str, np.ndarray],
 ) -> None:
-    """Write a view's picture. A result must be ended once begun, or Blender crashes when it saves."""
+    """Write a view's picture, its scene's other passes, and those of its light groups.
+
+    A result must be ended once begun, or Blender crashes when it saves.
+    """
     for one in frame.passes:
         if not one.is_blenders:
             engine.add_pass(one.name, len(one.channels), one.channels, layer=frame.layer)
+    if not frame.is_in_scene:
+        for group in frame.light_groups:
+            engine.add_pass(pass_name(group), 3, "RGB", layer=frame.layer)
     for name in frame.cryptomatte:
         engine.add_pass(name, 4, "RGBA", layer=frame.layer)
     result = engine.begin_result(0, 0, *frame.size_px, layer=frame.layer, view=view)
     try:
         passes = result.layers[0].passes
-        for name, values in drawn_passes(picture, passes.keys(), scene):
+        for name, values in {**dict(drawn_passes(picture, passes.keys(), scene)), **groups}.items():
             _fill_pass(passes[name], values)
         if frame.cryptomatte and not frame.is_in_scene:  # in a scene, Cycles has written the names of all objects
             for field, value in crypto_metadata(f"{frame.layer}.{CRYPTOMATTE}", picture.coverage).items():

@@ -33,7 +33,9 @@ def call_in_main_thread(function: Callable[[], None]) -> None:
     try:
         outcome.result(_TIMEOUT_S)
     except NotInTime as error:
-        outcome.cancel()
+        if not outcome.cancel():  # it has begun
+            outcome.result()
+            return
         raise LiveHandError(
             f"Blender's interface must answer while a render prepares its light, it did not in {_TIMEOUT_S:.0f} s; "
             "close open dialogs and render again"

@@ -1,15 +1,20 @@
-"""The hands' meshes are proxies in Cycles' render of the scene: they cast shadows, but no camera sees them."""
+"""The hands' meshes are proxies in Cycles' render of the scene: they shadow and reflect, but no camera sees them."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import chain
 
 import bpy
 import numpy as np
 
 from ..rig.hand import mesh_of
+from .colour import rec709_to_working_space
 from .shot import visible_hands
+
+# The material that Add Hand makes; its base colour is its colour in Solid shading until the user changes one.
+_SKIN, _TOLERANCE = "LiveHand Skin", 1e-4
 
 
 @contextlib.contextmanager
@@ -34,3 +39,39 @@ def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     depsgraph.objects.foreach_get("visible_camera", before)
     depsgraph.objects.foreach_set("visible_camera", before & [name not in hidden for name in names])
     return before
+
+
+def show_alone(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
+    """Hide all evaluated objects but one, given by its full name, from camera rays; instances hide with their parents.
+
+    The original objects do not change.
+    """
+    depsgraph.objects.foreach_set("visible_camera", [item.name_full == mesh_name for item in depsgraph.objects])
+
+
+def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray]) -> None:
+    """Let evaluated meshes reflect light as their avatars' skin does; a material that the user set or changed stays.
+
+    The original materials do not change, and nothing is tagged as changed. Hands that share a material share an albedo.
+
+    Args:
+        depsgraph: of the frame.
+        albedo: name of each mesh object -> [3] linear Rec.709.
+    """
+    for name, rgb in albedo.items():
+        slots = depsgraph.scene.objects[name].evaluated_get(depsgraph).material_slots
+        for colour in chain(*(_plain_colours(slot.material) for slot in slots)):
+            # An assignment would tag the material.
+            colour.foreach_set((*(rec709_to_working_space() @ np.asarray(rgb, np.float32)), 1.0))
+
+
+def _plain_colours(material: bpy.types.Material | None) -> Iterator[bpy.types.bpy_prop_array]:
+    """The base colour of our own material, if nothing is linked to it and it was not changed."""
+    if material is None or material.node_tree is None or not material.original.name.startswith(_SKIN):
+        return
+    original = material.original
+    for node in original.node_tree.nodes:
+        if node.type == "BSDF_PRINCIPLED":
+            base = node.inputs["Base Color"]
+            if not base.is_linked and np.allclose(base.default_value, original.diffuse_color, atol=_TOLERANCE):
+                yield material.node_tree.nodes[node.name].inputs["Base Color"].default_value

@@ -1,0 +1,254 @@
+"""The scene's light on the bare hands, measured by Cycles: light passes in which the camera sees a hand's mesh alone.
+
+Everything else still lights, shadows and reflects the hand. A copy of the scene is rendered by a render operator of its
+own in the middle of the frame's render. A second Cycles session within that render would not do: its passes and film are
+the frame's, and it frees the depsgraph. The operator needs the main thread; so it works in Blender 4.5 as a module and in
+4.3's window, stills, animations and beside a view in Rendered shading.
+
+The hand keeps its material: the passes are divided by its diffuse colour, so that they show a white surface, whereas
+what the hand sheds on itself has been reflected by skin.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
+from ...backend.records.light import MeasuredLight
+from ...backend.records.shot import Shot
+from ...backend.rendering.frame_task import FrameTask, HandTask
+from ..scene.camera import Region, image_size_px, render_region
+from ..scene.colour import in_rec709
+from ..scene.main_thread import call_in_main_thread
+from ..scene.proxy import show_alone, use_albedo
+from ..scene.settings import ENGINE
+from .frame_setup import FrameSetup, ViewSetup
+from .render_result import read_scene
+
+# Of each pixel of the frame. Each map pixel is the mean of 2 x 2.
+_SAMPLES = 4
+# Pixels around the hand's box in which it may be at times near the frame.
+_MARGIN_PX = 8
+_PASSES = ("DiffDir", "DiffInd", "DiffCol")
+_HANDLERS = ("render_init", "render_pre", "render_post", "render_complete", "render_cancel", "render_stats")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What an engine is to do in place of a frame.
+
+    Attributes:
+        mesh_name: full name of the mesh object that the camera sees.
+        region: of the image.
+        albedo: name of each hand's mesh object -> [3] that of its skin.
+        views: names of the stereo views; one empty name without stereo.
+        maps: filled by the engine: name of each view -> its passes.
+    """
+
+    mesh_name: str
+    region: Region
+    albedo: Mapping[str, np.ndarray]
+    views: tuple[str, ...]
+    maps: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+
+    def prepare(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Show the hand alone to the camera; all hands reflect as in the frame."""
+        show_alone(depsgraph, self.mesh_name)
+        use_albedo(depsgraph, self.albedo)
+
+    def read(self, result: bpy.types.RenderResult, layer: str) -> None:
+        """Keep Cycles' passes."""
+        for view in self.views:
+            passes = read_scene(result, layer, view, self.region.size_px)
+            self.maps[view] = {name: passes[name] for name in ("Combined", *_PASSES)}
+
+
+def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
+    """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
+
+    Args:
+        frame: in its scene.
+        engine: LiveHand's; its `measurement` is set meanwhile.
+
+    Raises:
+        LiveHandError: Cycles does not render the passes.
+    """
+    views = frame.views
+    for number, hand in enumerate(frame.hands):
+        if any(task[number].shot.light is not None for task in frame.views[0].task.samples):
+            shots = [sample[number].shot for view in views for sample in view.task.samples]
+            region = box_of(shots, frame.size_px)
+            if region is not None:
+                mesh_name = frame.scene.objects[hand.mesh_name].name_full
+                measured = measure(frame, engine, mesh_name, region)
+                views = tuple(_with_light(view, number, measured[view.name]) for view in views)
+    return replace(frame, views=views)
+
+
+def is_measured(frame: FrameSetup) -> bool:
+    """Whether the light on a hand was measured, which cannot be done ahead of its frame."""
+    tasks = (task for view in frame.views for sample in view.task.samples for task in sample)
+    return any(task.shot.light is not None and task.shot.light.measured is not None for task in tasks)
+
+
+def box_of(shots: list[Shot], size_px: tuple[int, int]) -> Region | None:
+    """The part of the image that may show the hand, in whole map pixels; None if it is outside."""
+    corners = [corner for shot in shots if (corner := _corners(shot.camera, shot.vertices))]
+    if len(corners) < len(shots):  # it reaches behind the camera
+        return Region(0, 0, size_px)
+    low = np.floor(np.min([low for low, _ in corners], axis=0)).astype(int) - _MARGIN_PX
+    high = np.ceil(np.max([high for _, high in corners], axis=0)).astype(int) + _MARGIN_PX
+    step = np.array(binning(size_px))
+    low = np.clip(low, 0, size_px) // step * step
+    high = np.minimum(-(-np.clip(high, 0, size_px) // step) * step, size_px)
+    width, height = (int(n) for n in high - low)
+    return Region(int(low[0]), int(low[1]), (width, height)) if min(width, height) > 0 else None
+
+
+def _corners(camera: Camera, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    pixels, depth = camera.project(vertices)
+    return None if depth.min() <= 1e-6 else (pixels.min(0), pixels.max(0))
+
+
+def binning(size_px: tuple[int, int]) -> tuple[int, int]:
+    """Pixels of the image along the sides of a map pixel; odd sides, which have no half, keep theirs."""
+    width, height = (2 if n % 2 == 0 else 1 for n in size_px)
+    return width, height
+
+
+def measure(frame: FrameSetup, engine: type, mesh_name: str, box: Region) -> Mapping[str, MeasuredLight | None]:
+    """Measure the light on one hand in every view.
+
+    Args:
+        frame: whose scene, view layer and image it is.
+        engine: as in `with_measured_light`.
+        mesh_name: full name of the hand's mesh object.
+        box: of the image to measure.
+
+    Raises:
+        LiveHandError: Cycles does not render the passes.
+    """
+    work = Measurement(mesh_name, box, frame.albedo, tuple(view.name for view in frame.views))
+    call_in_main_thread(partial(_render, frame, engine, work))
+    if set(work.maps) != set(work.views):
+        raise LiveHandError(
+            "Cycles must measure the light on the hand before it renders the scene, that render did not finish; "
+            "render again, or set the hands' light to Capture's Own"
+        )
+    return {view: measured_light(maps, box, frame.size_px) for view, maps in work.maps.items()}
+
+
+def measured_light(maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[int, int]) -> MeasuredLight | None:
+    """The record of an image from Cycles' passes of its box; None if they show no diffuse surface."""
+    light = {name: in_rec709(maps[name]) for name in ("DiffDir", "DiffInd")}
+    alpha = np.clip(maps["Combined"][..., 3], 0, 1) * (maps["DiffCol"] > 0).all(-1)
+    maps_of_box = [np.maximum(one, 0) * alpha[..., None] for one in light.values()]
+    step_x, step_y = binning(size_px)
+    direct, indirect, share = (_binned(one, step_x, step_y) for one in (*maps_of_box, alpha[..., None]))
+    if not share.any():
+        return None
+    straight = [np.divide(one, share, out=np.zeros_like(one), where=share > 0) for one in (direct, indirect)]
+    x, y, (width, height) = box.x0_px // step_x, box.y0_px // step_y, size_px
+    whole = [np.zeros((height // step_y, width // step_x, one.shape[-1]), np.float32) for one in (*straight, share)]
+    for target, one in zip(whole, (*straight, share), strict=True):
+        target[y : y + one.shape[0], x : x + one.shape[1]] = one
+    return MeasuredLight(whole[0], whole[1], whole[2][..., 0])
+
+
+def _binned(image: np.ndarray, step_x: int, step_y: int) -> np.ndarray:
+    height, width, channels = image.shape
+    return image.reshape(height // step_y, step_y, width // step_x, step_x, channels).mean((1, 3))
+
+
+def _with_light(view: ViewSetup, number: int, measured: MeasuredLight | None) -> ViewSetup:
+    """The view with the measured light of one of its hands."""
+    samples = tuple(
+        tuple(_task_with(task, measured) if k == number else task for k, task in enumerate(sample))
+        for sample in view.task.samples
+    )
+    return replace(view, task=FrameTask(samples))
+
+
+def _task_with(task: HandTask, measured: MeasuredLight | None) -> HandTask:
+    assert task.shot.light is not None
+    return replace(task, shot=replace(task.shot, light=replace(task.shot.light, measured=measured)))
+
+
+def _render(frame: FrameSetup, engine: type, work: Measurement) -> None:
+    """Render the passes, in the main thread."""
+    engine.measurement = work
+    try:
+        with _silenced_handlers(), _copied(frame, work.region) as scene:
+            bpy.ops.render.render(scene=scene.name)
+    except RuntimeError as error:
+        raise LiveHandError(f"Cycles cannot measure the light on the hand: {error}") from error
+    finally:
+        engine.measurement = None
+
+
+@contextlib.contextmanager
+def _silenced_handlers() -> Iterator[None]:
+    """A context in which no handler is called, which would take the render for the user's."""
+    lists = [getattr(bpy.app.handlers, name) for name in _HANDLERS]
+    before = [list(handlers) for handlers in lists]
+    for handlers in lists:
+        handlers.clear()
+    try:
+        yield
+    finally:
+        for handlers, functions in zip(lists, before, strict=True):
+            handlers[:] = functions
+
+
+@contextlib.contextmanager
+def _copied(frame: FrameSetup, box: Region) -> Iterator[bpy.types.Scene]:
+    """A copy of the scene that shares its objects, set to render the passes; it is removed again."""
+    scene = frame.scene.copy()
+    camera = scene.camera.copy()
+    camera.data = lens = camera.data.copy()
+    try:
+        scene.collection.objects.link(camera)
+        scene.timeline_markers.clear()  # they could bind other cameras
+        scene.camera, lens.dof.use_dof = camera, False
+        _set_up(scene, frame.layer)
+        _limit(scene, frame.scene, box)
+        yield scene
+    finally:
+        bpy.data.scenes.remove(scene)
+        bpy.data.objects.remove(camera)
+        bpy.data.cameras.remove(lens)
+
+
+def _set_up(scene: bpy.types.Scene, layer_name: str) -> None:
+    render, cycles = scene.render, scene.cycles
+    render.engine = ENGINE
+    render.film_transparent = True
+    render.use_compositing = render.use_sequencer = render.use_persistent_data = render.use_motion_blur = False
+    render.use_freestyle = render.use_single_layer = False
+    cycles.samples, cycles.time_limit = _SAMPLES, 0.0
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_auto_tile = False
+    for layer in scene.view_layers:
+        layer.use = layer.name == layer_name
+    layer = scene.view_layers[layer_name]
+    layer.samples = 0
+    layer.use_pass_diffuse_direct = layer.use_pass_diffuse_indirect = layer.use_pass_diffuse_color = True
+    layer.use_pass_cryptomatte_object = False
+
+
+def _limit(scene: bpy.types.Scene, original: bpy.types.Scene, box: Region) -> None:
+    """Render only a box of the original's region."""
+    (width, height), region = image_size_px(original.render), render_region(original.render)
+    left, top = region.x0_px + box.x0_px, region.y0_px + box.y0_px
+    # Blender rounds down.
+    render = scene.render
+    render.use_border, render.use_crop_to_border = True, False
+    render.border_min_x, render.border_max_x = (left + 0.5) / width, (left + box.size_px[0] + 0.5) / width
+    bottom = height - top - box.size_px[1]
+    render.border_min_y, render.border_max_y = (bottom + 0.5) / height, (bottom + box.size_px[1] + 0.5) / height
