@@ -47,6 +47,11 @@ class HandRenderer(Protocol):
         """Whether its frames depend on the shot's light."""
         ...
 
+    @property
+    def mean_albedo(self) -> np.ndarray | None:
+        """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
+        ...
+
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:
         """Render one hand from one view; raises RenderStopped soon after `should_stop` returns True."""
         ...

@@ -33,6 +33,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from .albedo import mean_albedo
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
@@ -126,6 +127,15 @@ class Renderer:
     def is_relightable(self) -> bool:
         """Whether frames depend on the shot's light."""
         return isinstance(self.avatar.field, LitField) or self._rough_light is not None
+
+    @property
+    def mean_albedo(self) -> np.ndarray | None:
+        """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
+        return self._mean_albedo
+
+    @cached_property
+    def _mean_albedo(self) -> np.ndarray | None:
+        return mean_albedo(self.avatar, self.hand) if isinstance(self.avatar.field, LitField) else None
 
     @cached_property
     def _rough_light(self) -> Light | None:

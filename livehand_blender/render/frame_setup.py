@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -26,7 +26,7 @@ from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 if TYPE_CHECKING:
-    from ...backend.nerf.avatar import Avatar
+    pass
 
 
 @dataclass(frozen=True)
@@ -136,10 +136,8 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
 
 
 def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
-    from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
-
-    lit = [hand for hand in hands if hand.renderer.is_relightable]
-    return {hand.mesh_name: mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand) for hand in lit}
+    known = ((hand.mesh_name, hand.renderer.mean_albedo) for hand in hands)
+    return {name: albedo for name, albedo in known if albedo is not None}
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

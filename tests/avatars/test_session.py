@@ -13,6 +13,7 @@ class RecordedRenderer:
 
     avatar = SimpleNamespace(name="recorded")
     is_relightable = False
+    mean_albedo = None
 
     def __init__(self, avatar_path, hand, device):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

@@ -20,6 +20,7 @@ class Recorder:
 
     avatar = hand = None
     is_relightable = False
+    mean_albedo = None
 
     def __init__(self):
         self.begun = {}
