@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -50,7 +51,7 @@ class FrameSetup:
         light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
-        albedo: name of each relightable hand's mesh -> the mean albedo [3] of its skin; empty without a scene.
+        albedo: name of the mesh of each hand whose avatar has an albedo -> its mean [3]; empty without a scene.
         views: one, or two eyes.
     """
 
@@ -138,8 +139,12 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
 def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
     from ...backend.rendering.albedo import mean_albedo  # torch, which a renderer has imported already
 
-    lit = [hand for hand in hands if hand.renderer.is_relightable]
-    return {hand.mesh_name: mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand) for hand in lit}
+    albedo = {}
+    for hand in hands:
+        if hand.renderer.is_relightable:
+            with contextlib.suppress(LiveHandError):  # relit roughly, by a renderer that knows no albedo
+                albedo[hand.mesh_name] = mean_albedo(cast("Avatar", hand.renderer.avatar), hand.renderer.hand)
+    return albedo
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

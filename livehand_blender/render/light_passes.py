@@ -73,6 +73,8 @@ class Measurement:
 def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
     """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
 
+    Hands whose avatars have no albedo, which are relit roughly at best, cannot make use of it.
+
     Args:
         frame: in its scene.
         engine: LiveHand's; its `measurement` is set meanwhile.
@@ -82,7 +84,8 @@ def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
     """
     views = frame.views
     for number, hand in enumerate(frame.hands):
-        if any(task[number].shot.light is not None for task in frame.views[0].task.samples):
+        samples = frame.views[0].task.samples
+        if hand.mesh_name in frame.albedo and any(tasks[number].shot.light is not None for tasks in samples):
             shots = [sample[number].shot for view in views for sample in view.task.samples]
             region = box_of(shots, frame.size_px)
             if region is not None:
