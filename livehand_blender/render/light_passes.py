@@ -1,9 +1,9 @@
 """The scene's light on the bare hands, measured by Cycles: light passes in which the camera sees a hand's mesh alone.
 
 Everything else still lights, shadows and reflects the hand. A copy of the scene is rendered by a render operator of its
-own in the middle of the frame's render. A second Cycles session within that render would not do: its passes and film are
-the frame's, and it frees the depsgraph. The operator needs the main thread; so it works in Blender 4.5 as a module and in
-4.3's window, stills, animations and beside a view in Rendered shading.
+own in the middle of the frame's render. A second Cycles session within that render would not do: its passes and film
+are the frame's, and it frees the depsgraph. The operator needs the main thread. So it works in Blender 4.5 as a module
+and in 4.3's window: stills, animations, and beside a view in Rendered shading.
 
 The hand keeps its material: the passes are divided by its diffuse colour, so that they show a white surface, whereas
 what the hand sheds on itself has been reflected by skin.
