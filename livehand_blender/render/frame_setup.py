@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -24,9 +23,6 @@ from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class FrameSetup:
         light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
-        albedo: name of each relightable hand's mesh -> the mean albedo [3] of its skin; empty without a scene.
+        albedo: name of the mesh of each hand whose avatar has an albedo -> its mean [3]; empty without a scene.
         views: one, or two eyes.
     """
 

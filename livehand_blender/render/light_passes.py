@@ -73,6 +73,8 @@ class Measurement:
 def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
     """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
 
+    Hands whose avatars have no albedo, which are relit roughly at best, cannot make use of it.
+
     Args:
         frame: in its scene.
         engine: LiveHand's; its `measurement` is set meanwhile.

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rendering import albedo
 from livehand.livehand_blender.render.light_passes import binning, measured_light
 from livehand.livehand_blender.rig.build import add_hand
@@ -258,3 +259,11 @@ def test_both_eyes_are_measured(lit_scene, shots):
     left, right = (shot.light.measured.alpha for shot in shots(lit_scene))
     assert left.sum() == pytest.approx(right.sum(), rel=0.1)
     assert np.abs(left - right).mean() > 0.03
+
+
+def test_avatars_without_an_albedo_are_not_measured(lit_scene, shots, monkeypatch):
+    def refuse(*_):
+        raise LiveHandError("lit by its capture")
+
+    monkeypatch.setattr(albedo, "mean_albedo", refuse)
+    assert shots(lit_scene)[-1].light.measured is None
