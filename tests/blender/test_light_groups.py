@@ -100,9 +100,8 @@ def lit_hand(light):
         return even_frame(strength * (2 if shot.light.measured else 1))
 
     camera = Camera(np.eye(3), np.eye(4), (2, 2))
-    renderer = SimpleNamespace(
-        render=render, avatar=SimpleNamespace(name="even"), hand=load_default_hand(), is_relightable=True
-    )
+    facts = {"hand": load_default_hand(), "is_relightable": True, "mean_albedo": None}
+    renderer = SimpleNamespace(render=render, avatar=SimpleNamespace(name="even"), **facts)
     return HandTask(renderer, Shot(HandPose.rest(), np.zeros((1, 3)), camera, light))
 
 

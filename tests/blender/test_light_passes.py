@@ -4,8 +4,6 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.records.errors import LiveHandError
-from livehand.backend.rendering import albedo
 from livehand.livehand_blender.render.light_passes import binning, measured_light
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
@@ -19,8 +17,8 @@ SUN = Vector((0.3, -0.2, 1.0)).normalized()
 @pytest.fixture
 def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
     """The hand in its scene under a sun of 3 W/m^2."""
-    monkeypatch.setattr(fake_renderer, "is_relightable", True, raising=False)
-    monkeypatch.setattr(albedo, "mean_albedo", lambda *_: np.array([0.5, 0.32, 0.25]))
+    monkeypatch.setattr(fake_renderer, "is_relightable", True)
+    monkeypatch.setattr(fake_renderer, "mean_albedo", np.array([0.5, 0.32, 0.25]))
     scene = hand_scene
     scene.livehand.mode = "SCENE"
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
@@ -126,12 +124,14 @@ def light_on_floor(scene, tmp_path, read_exr, use_multilayer_exr):
     return np.stack([channels[f"{layer.name}.DiffInd.{c}"] for c in "RGB"], -1)
 
 
-def test_skin_bleeds_on_the_scene(lit_scene, fake_session, tmp_path, read_exr, use_multilayer_exr, monkeypatch):
+def test_skin_bleeds_on_the_scene(
+    lit_scene, fake_session, fake_renderer, tmp_path, read_exr, use_multilayer_exr, monkeypatch
+):
     add_floor(lit_scene, -0.05)
     lit_scene.cycles.samples = 8
     lit_scene.render.film_transparent = False
     for rgb in ([0.8, 0.0, 0.0], [0.0, 0.8, 0.0]):
-        monkeypatch.setattr(albedo, "mean_albedo", lambda *_, rgb=rgb: np.array(rgb))
+        monkeypatch.setattr(fake_renderer, "mean_albedo", np.array(rgb))
         bled = light_on_floor(lit_scene, tmp_path, read_exr, use_multilayer_exr).mean((0, 1))
         strong, weak = (bled[0], bled[1]) if rgb[0] else (bled[1], bled[0])
         assert strong > 3 * weak  # the rest is the gloss of the skin
@@ -261,9 +261,6 @@ def test_both_eyes_are_measured(lit_scene, shots):
     assert np.abs(left - right).mean() > 0.03
 
 
-def test_avatars_without_an_albedo_are_not_measured(lit_scene, shots, monkeypatch):
-    def refuse(*_):
-        raise LiveHandError("lit by its capture")
-
-    monkeypatch.setattr(albedo, "mean_albedo", refuse)
+def test_avatars_without_an_albedo_are_not_measured(lit_scene, shots, fake_renderer, monkeypatch):
+    monkeypatch.setattr(fake_renderer, "mean_albedo", None)
     assert shots(lit_scene)[-1].light.measured is None
