@@ -1,5 +1,7 @@
 """Rays of the fused renderer against the field queried along traced rays (`nerf.shade.shade`)."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from livehand.backend.fast.fused_render import FusedRayRenderer
@@ -42,6 +44,19 @@ def a_field(name):
 @pytest.fixture(scope="module", params=FIELDS)
 def field(request):
     return a_field(request.param)
+
+
+def test_a_relightable_fields_rays_are_gathered_and_not_decoded(posed, seen_from):
+    """Its gathered features end with the normals: it has no light code."""
+    field, hand = build_field(replace(FIELDS["odd"], light="linear")), posed("open")
+    in_view = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.3, 1, 0.2)))
+    conditions = hand.conditions()._replace(visibility=torch.zeros(len(hand.mesh.vertices), 0))
+    with torch.inference_mode():
+        rays = FusedRayRenderer(field, CONFIG)(in_view, conditions, RenderHooks())
+        expected = shade(field, trace(in_view, CONFIG), in_view, conditions, CONFIG.shell_m)
+    assert rays.composite.channels.shape == (len(rays.pixel), field.gathered_channels)
+    largest = expected.channels.abs().amax(0).clamp(min=1)
+    assert share_over((rays.composite.channels - expected.channels) / largest, 2 * STOP) < 0.01
 
 
 class Fused:
@@ -249,7 +264,7 @@ def test_decoding_in_chunks_is_decoding_at_once(odd):
     gathered = Composite(channels, alpha, alpha + 0.3, alpha[:, None])
     view = torch.nn.functional.normalize(torch.randn(30, 3, generator=generator), dim=-1)
     in_chunks = FusedRayRenderer(odd, CONFIG, rays_per_decode=7).decode(gathered, view)
-    for one, other in zip(in_chunks, odd.decode(gathered, view), strict=True):
+    for one, other in zip(in_chunks, odd.shaded(gathered, view), strict=True):
         torch.testing.assert_close(one, other)
 
 
