@@ -11,13 +11,16 @@ from torch.nn.functional import avg_pool2d, grid_sample
 from ..nerf.crop import Crop
 from ..records.light import MeasuredLight
 
+# Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller shows no hand, as
+# for rays that pass beside the bare mesh, through the shell.
+_SIDES = (3, 9, 27)
 _TINY = 1e-6
 
 
 def measured_at(
     measured: MeasuredLight, crop: Crop, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
-    """Direct and indirect light at rays, each a mean over 3 x 3 measured pixels of the hand, for they are noisy.
+    """Direct and indirect light at rays, each a mean over the measured pixels of the hand around it, for they are noisy.
 
     Args:
         measured: of the whole image.
@@ -27,11 +30,15 @@ def measured_at(
     """
     colours = np.concatenate([measured.direct, measured.indirect], -1) * measured.alpha[..., None]
     maps = np.concatenate([colours, measured.alpha[..., None]], -1).astype(np.float32)
-    smooth = avg_pool2d(torch.as_tensor(maps, device=pixel.device).permute(2, 0, 1)[None], 3, stride=1, padding=1)
+    image = torch.as_tensor(maps, device=pixel.device).permute(2, 0, 1)[None]
     x = 2 * (pixel % crop.width + crop.x0) + 1
     y = 2 * (torch.div(pixel, crop.width, rounding_mode="floor") + crop.y0) + 1
     # From 0..size to -1..1, where the borders of the image lie.
     place = torch.stack([x * (2 / size_px[0]) - 1, y * (2 / size_px[1]) - 1], -1)[None, None].float()
-    values = grid_sample(smooth, place, padding_mode="border", align_corners=False)[0, :, 0].T
-    straight = values[:, :6] / values[:, 6:].clamp(min=_TINY)
+    found = image.mean((2, 3)).expand(len(pixel), -1)  # of the whole hand, where it is nowhere near
+    for side in reversed(_SIDES):
+        smooth = avg_pool2d(image, side, stride=1, padding=side // 2)
+        values = grid_sample(smooth, place, padding_mode="border", align_corners=False)[0, :, 0].T
+        found = torch.where(values[:, 6:] > _TINY, values, found)
+    straight = found[:, :6] / found[:, 6:].clamp(min=_TINY)
     return straight[:, :3], straight[:, 3:]

@@ -123,6 +123,11 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     perceptual = load_perceptual_distance(*weights) if args.perceptual > 0 else None
     corrections = _corrections(args, capture, hand, output, device)
     config = args.config or ("relightable" if capture.is_lit else "default")
+    if config == "relightable" and (args.camera_colours or args.avatar_cameras):
+        raise LiveHandError(
+            "a relightable avatar's colours are its own in any light, --camera-colours would be lost; "
+            "leave it out, or train with --config default"
+        )
     return TrainingSetup(capture, hand, PRESETS[config], perceptual, corrections, base)
 
 

@@ -35,3 +35,15 @@ def test_pixels_beside_the_hand_do_not_count():
     light.direct[:, 10:] = 1e6
     direct, _ = measured_at(light, CROP, torch.tensor([5]), SIZE)  # its 3 x 3 pixels reach over the edge
     assert direct.max() < 2
+
+
+def test_rays_beside_the_mesh_have_the_light_of_the_hand_near_them():
+    """They pass through the shell, where the bare mesh was not seen: they are not dark."""
+    alpha = np.zeros((12, 20))
+    alpha[:, :5] = 1
+    light = ramp(20, 12, alpha)
+    light.direct[:, :5] = 0.5
+    light.direct[:, 5:] = 0
+    for column in range(12):  # 4 to 15 of the image: next to the hand, and far from it
+        direct, _ = measured_at(light, CROP, torch.tensor([5 * 12 + column]), SIZE)
+        torch.testing.assert_close(direct, torch.full((1, 3), 0.5))

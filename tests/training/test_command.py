@@ -36,6 +36,7 @@ def test_the_command_trains(painted_capture, tmp_path, capsys):
         (["-o", "a.pth"], "must end in .safetensors"),
         (["--hand", "gone.npz"], "no hand model at gone.npz"),
         (["--perceptual-weights", "gone.pth"], "no perceptual weights at gone.pth"),
+        (["--config", "relightable", "--camera-colours", "--perceptual", "0"], "--camera-colours would be lost"),
         (["--steps", "0"], "steps"),
         (["--minutes", "0"], "must be a number of minutes above 0, got '0'"),
         (["--minutes", "5", "--steps", "5"], "not allowed with argument"),
