@@ -20,7 +20,7 @@ _TINY = 1e-6
 def measured_at(
     measured: MeasuredLight, crop: Crop, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
-    """Direct and indirect light at rays, each a mean over the measured pixels of the hand around it, for they are noisy.
+    """Direct and indirect light at rays, each a mean over the hand's measured pixels around it, for they are noisy.
 
     Args:
         measured: of the whole image.
