@@ -12,6 +12,7 @@ from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
+from livehand.livehand_blender.scene.studio import add_studio
 from mathutils import Matrix, Vector
 
 SIZE_PX = (640, 512)
@@ -25,7 +26,7 @@ CAMERA_M, TARGET_M = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0)
 
 
 def build_clasp() -> bpy.types.Scene:
-    """Fill the open, empty file with two crossed hands, palm to palm, and a camera."""
+    """Fill the open, empty file with two crossed hands, palm to palm, camera and studio lights."""
     scene = bpy.context.scene
     scene.name = "Clasp"
     scene.frame_start = scene.frame_end = 1
@@ -41,6 +42,7 @@ def build_clasp() -> bpy.types.Scene:
     camera.location = CAMERA_M
     camera.rotation_euler = (Vector(TARGET_M) - Vector(CAMERA_M)).to_track_quat("-Z", "Y").to_euler()
     camera.data.lens, camera.data.clip_start, camera.data.clip_end = 85, 0.01, 10
+    add_studio(bpy.context)
     return scene
 
 

@@ -13,6 +13,7 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
+from livehand.livehand_blender.scene.studio import add_studio
 
 SIZE_PX = (1152, 432)
 APART_M = 0.175
@@ -34,6 +35,7 @@ def build_edited() -> bpy.types.Scene:
         if edit:
             edit(mesh)
     add_camera(scene)
+    add_studio(bpy.context)
     return scene
 
 
@@ -87,7 +89,7 @@ def twist(mesh: bpy.types.Object) -> None:
 
 
 def add_camera(scene: bpy.types.Scene) -> None:
-    """In front of the row (-Y), where the avatars' light comes from."""
+    """In front of the row (-Y)."""
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
     scene.camera = camera

@@ -46,7 +46,7 @@ STICK_M, BALL_M = 0.004, 0.0065
 
 
 def build_follow() -> bpy.types.Scene:
-    """Fill the open, empty file: the sticks, the hand, a camera."""
+    """Fill the open, empty file: the sticks, the hand, a camera, studio lights."""
     scene = bpy.context.scene
     scene.name = "Follow"
     scene.frame_start, scene.frame_end = min(FRAMES), max(FRAMES)
@@ -59,6 +59,7 @@ def build_follow() -> bpy.types.Scene:
     bpy.ops.livehand.add_hand()
     follow(bpy.context.active_object, rig)
     add_camera(scene)
+    add_studio(bpy.context)
     bpy.ops.livehand.set_engine()
     return scene
 
@@ -175,16 +176,12 @@ def follow(hand: bpy.types.Object, rig: bpy.types.Object) -> None:
 
 
 def add_camera(scene: bpy.types.Scene) -> None:
-    """In front (-Y), where the avatars' light comes from, and a lamp for the sticks."""
+    """In front (-Y)."""
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
     scene.camera = camera
     camera.location, camera.rotation_euler = (-0.01, -0.75, 0.08), (np.pi / 2, 0, 0)
     camera.data.lens, camera.data.clip_start, camera.data.clip_end = 100, 0.01, 10
-    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "AREA"))
-    lamp.data.energy, lamp.data.size = 8, 0.6
-    lamp.location, lamp.rotation_euler = (-0.3, -0.6, 0.5), (0.9, 0, -0.4)
-    scene.collection.objects.link(lamp)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
 Run it with the Python that LiveHand is installed in: `python examples/make_grasp.py [OUT.blend]`.
 
-World: Z up, metres. The hand is oriented like its template: fingers towards -X, palm to the front (-Y), thumb up. The
-light is that of the avatars' captures, so that the scene and the hand are lit alike.
+World: Z up, metres. The hand is oriented like its template: fingers towards -X, palm to the front (-Y), thumb up. A
+window at the left throws the tumbler's shade on the palm, and the fingers' on the tumbler.
 """
 
 from pathlib import Path
@@ -12,7 +12,6 @@ import bpy
 import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
-from livehand.livehand_blender.capture.light import dome_world
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from mathutils import Vector
@@ -27,6 +26,8 @@ GRASP = Gesture(
 RADIUS_M, HEIGHT_M, WALL_M = 0.031, 0.125, 0.0025
 CENTRE_M = (-0.004, -0.0445, -0.066)  # of the tumbler's foot
 CAMERA_M, TARGET_M = (-0.33, -0.50, 0.31), (0.014, -0.025, 0.0)
+WINDOW_M, WINDOW_SIDE_M, WINDOW_W, WINDOW_RGB = (-0.72, -0.42, 0.36), 0.22, 15.0, (1.0, 0.95, 0.88)
+ROOM_RGBA = (0.06, 0.066, 0.08, 1)
 GLAZE, TABLE = (0.10, 0.22, 0.30, 1), (0.36, 0.27, 0.19, 1)
 
 
@@ -41,11 +42,11 @@ def build_grasp() -> bpy.types.Scene:
     scene.livehand.mode = "SCENE"
     scene.render.film_transparent = False
     scene.cycles.samples, scene.cycles.use_denoising = 64, True
-    scene.world = dome_world()
     bpy.ops.livehand.add_hand(side="right")
     hold(bpy.context.active_object)
     add_tumbler(scene)
     add_table(scene)
+    add_light(scene)
     add_camera(scene)
     scene.frame_set(FRAMES[0])
     return scene
@@ -106,6 +107,20 @@ def add_mesh(scene, name, vertices, faces, colour, roughness) -> bpy.types.Objec
     thing = bpy.data.objects.new(name, mesh)
     scene.collection.objects.link(thing)
     return thing
+
+
+def add_light(scene: bpy.types.Scene) -> None:
+    """A window and a dim room."""
+    data = bpy.data.lights.new("Window", "AREA")
+    data.energy, data.size, data.color = WINDOW_W, WINDOW_SIDE_M, WINDOW_RGB
+    window = bpy.data.objects.new("Window", data)
+    scene.collection.objects.link(window)
+    window.location = WINDOW_M
+    window.rotation_euler = Vector(WINDOW_M).to_track_quat("Z", "Y").to_euler()
+    scene.world = bpy.data.worlds.new("Room")
+    if scene.world.node_tree is None:
+        scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = ROOM_RGBA
 
 
 def add_camera(scene: bpy.types.Scene) -> None:

@@ -2,8 +2,8 @@
 
 Run it with the Python that LiveHand is installed in: `python examples/make_wave.py [OUT.blend]`.
 
-World: Z up, metres. The hand is upright with its back to the front (-Y) and its thumb to the left (-X), where the
-built-in avatar's key light is.
+World: Z up, metres. The hand is upright with its back to the front (-Y) and its thumb to the left (-X), towards the
+key lamp of the studio lights.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +18,7 @@ from livehand.backend.hand.model import MANO_FINGERS, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
+from livehand.livehand_blender.scene.studio import add_studio
 
 FRAMES = range(1, 25)
 FPS = 24
@@ -98,6 +99,7 @@ def build_wave() -> bpy.types.Scene:
     animate_hand(bpy.context.active_object)
     add_camera(scene)
     scene.frame_set(FRAMES[0])
+    add_studio(bpy.context)
     return scene
 
 
