@@ -15,12 +15,13 @@ from ..geometry.visibility import MAP_PX, ShadowMapPoints, visibility_transfer
 from ..nerf.backend import Precision, RayRenderer
 from ..nerf.field import PaperField, PlaneField
 from ..nerf.reference import ChunkedRayRenderer
+from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import light_features, lit_image, relit
+from .lighting import enlarged_rays, light_features, relit
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -46,7 +47,7 @@ class NumbaBackend:
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
-    lit_image = staticmethod(lit_image)
+    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays))
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

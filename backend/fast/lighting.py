@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from jaxtyping import Float, Int
@@ -22,10 +20,7 @@ from ..nerf.lighting import (
     LightShadows,
     SurfacePoints,
 )
-from ..nerf.maps import enlarge_maps
-from ..nerf.rays import CameraTensors, ray_directions
-from ..nerf.relighting import MIN_ALPHA, LitImage, covered_pixels, doubled, feature_maps, lit_maps
-from ..nerf.volume import Composite
+from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, feature_maps
 from .kernels.compiled import in_parallel
 from .kernels.lighting import enlarge_pixels, relit_pixels
 from .kernels.lighting import light_features as fill_features
@@ -48,41 +43,25 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         count,
         torch.get_num_threads(),
     )
-    ambient = shadows.mean_of_sky @ sky.flux + shadows.mean_of_lamps @ lamps.rgb
+    ambient = shadows.ambient(light)
     return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ambient, None, None))
 
 
-def lit_image(
-    superres: Callable[[Tensor], Tensor],
-    low: Composite,
-    points: SurfacePoints,
-    pixel: Int[Tensor, " R"],
-    camera: CameraTensors,
-) -> LitImage:
-    """Enlarge the decoded rays of a relightable field."""
-    maps, depth = lit_maps(low, points, pixel, camera)
-    detail = enlarge_maps(superres, maps)
-    covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
-    count, (width, height) = len(covered), full.size_px
-    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(width * height))
+def enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """The rays' maps at full size with their detail, at the covered pixels."""
+    count, pixels = len(covered), detail[0].numel()
+    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(pixels))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
     rows = torch.cat([maps[:COEFFICIENTS], maps[-4:]]).flatten(1).T  # [h * w, 18]
-    fine = detail.permute(1, 2, 0).reshape(width * height, -1).float()
-    arrays = _arrays(rows, fine, covered, camera.world2cam)
+    arrays = _arrays(rows, detail.permute(1, 2, 0).reshape(pixels, -1), covered, world2cam)
     in_parallel(
-        lambda first, last: enlarge_pixels(*arrays, width // 2, SMOOTH, MIN_ALPHA_32, first, last, out),
+        lambda first, last: enlarge_pixels(*arrays, maps.shape[-1], SMOOTH, MIN_ALPHA_32, first, last, out),
         count,
         torch.get_num_threads(),
     )
-    coefficients, normal, alpha = buffers
-    return LitImage(
-        pixel=covered,
-        coefficients=coefficients,
-        normal=normal,
-        view=torch.nn.functional.normalize(ray_directions(full, covered), dim=-1),
-        alpha=alpha.reshape(height, width),
-        depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
-    )
+    return EnlargedRays(*buffers)
 
 
 def relit(

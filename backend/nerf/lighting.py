@@ -48,6 +48,10 @@ class LightShadows(NamedTuple):
     mean_of_sky: Tensor
     mean_of_lamps: Tensor
 
+    def ambient(self, light: LightSamples) -> Float[Tensor, " 3"]:
+        """The hand's mean diffuse light."""
+        return self.mean_of_sky @ light.sky.flux + self.mean_of_lamps @ light.lamps.rgb
+
 
 class SurfacePoints(NamedTuple):
     """Where R rays meet the skin.
@@ -129,7 +133,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
         sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
-        ambient=shadows.mean_of_sky @ sky.flux + shadows.mean_of_lamps @ lamps.rgb,
+        ambient=shadows.ambient(light),
     )
 
 

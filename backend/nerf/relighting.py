@@ -33,7 +33,7 @@ class LitImage(NamedTuple):
         coefficients: [P, 14] premultiplied.
         normal: [P, 3] unit, world.
         view: [P, 3] unit, from the camera.
-        alpha: [H, W] of all pixels, not clamped.
+        alpha: [H, W] not clamped; 0 at all other pixels.
         depth: [H, W] m; infinite where no ray meets the hand.
     """
 
@@ -45,12 +45,34 @@ class LitImage(NamedTuple):
     depth: Tensor
 
 
+class EnlargedRays(NamedTuple):
+    """What `LitImage` holds of the same names; alpha is flat."""
+
+    coefficients: Tensor
+    normal: Tensor
+    alpha: Tensor
+
+
+def enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """The rays' maps at full size with their detail, at the covered pixels; elsewhere alpha is 0."""
+    image = detailed(maps, detail).flatten(1)
+    alpha = torch.zeros_like(image[-1]).index_put((covered,), image[-1, covered])
+    return EnlargedRays(
+        coefficients=(image[:COEFFICIENTS, covered] * image[-1, covered].clamp(0, 1)).T,
+        normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ world2cam[:3, :3],
+        alpha=alpha,
+    )
+
+
 def lit_image(
     superres: Callable[[Tensor], Tensor],
     low: Composite,
     points: SurfacePoints,
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
+    enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
@@ -60,16 +82,17 @@ def lit_image(
         points: where the rays meet the skin.
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
+        enlarged: as `enlarged_rays`.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
-    image = detailed(maps, enlarge_maps(superres, maps).float()).flatten(1)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
+    coefficients, normal, alpha = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
     return LitImage(
         pixel=covered,
-        coefficients=(image[:COEFFICIENTS, covered] * image[-1, covered].clamp(0, 1)).T,
-        normal=normalize(image[COEFFICIENTS:-1, covered].T, dim=-1) @ camera.world2cam[:3, :3],
+        coefficients=coefficients,
+        normal=normal,
         view=normalize(ray_directions(full, covered), dim=-1),
-        alpha=image[-1].reshape(full.size_px[1], full.size_px[0]),
+        alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
 

@@ -116,6 +116,22 @@ def test_both_backends_agree_on_any_rays(lamps, is_measured):
     assert ours.abs().max() > 0.1
 
 
+def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty():
+    pixel = torch.tensor([12, 13, 21, 22])
+    camera, low, points = some_rays(pixel)
+    noise = torch.rand(1, 12, 2 * SIZE[1], 2 * SIZE[0], generator=torch.Generator().manual_seed(2))
+    ours, theirs = (
+        backend.lit_image(lambda _: noise, low, points, pixel, camera)
+        for backend in (NumbaBackend(), ReferenceBackend())
+    )
+    for one, other in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
+    outside = torch.ones(4 * len(ALL), dtype=torch.bool)
+    outside[theirs.pixel] = False
+    assert theirs.alpha.flatten()[outside].abs().max() == 0
+    assert theirs.alpha.flatten()[~outside].min() > 0
+
+
 def test_gradients_reach_coefficients_and_normals():
     camera, low, points = some_rays(ALL)
     network = untrained()
