@@ -21,6 +21,7 @@ _SPLITS = {
     "test": "unseen poses and cameras",
     "novel_pose": "unseen poses",
     "novel_camera": "unseen cameras",
+    "novel_light": "unseen light",
 }
 
 
