@@ -12,7 +12,7 @@ from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel, upright
 from ..nerf.avatar import Avatar
 from ..records.frame import Frame
-from ..records.light import Lamp, Light, Sky
+from ..records.light import Lamp, Light, Sky, rotation_facing
 from ..records.shot import HandPose, Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
@@ -52,10 +52,7 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
 def _studio() -> Light:
     """A key lamp from the upper left of the camera, which avatars that are not relightable ignore, and a dim sky."""
     towards = np.array([-0.75, -0.5, 0.6]) / np.linalg.norm([-0.75, -0.5, 0.6])
-    across = np.cross([0.0, 0.0, 1.0], towards)
-    across /= np.linalg.norm(across)
-    rotation = np.stack([across, np.cross(towards, across), towards], 1)
-    key = Lamp("area", np.full(3, _KEY_W), 0.9 * towards, rotation, size_m=(0.25, 0.25))
+    key = Lamp("area", np.full(3, _KEY_W), 0.9 * towards, rotation_facing(towards), size_m=(0.25, 0.25))
     return Light((key,), Sky(np.full((2, 4, 3), _SKY)))
 
 

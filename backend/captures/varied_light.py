@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..records.light import Lamp, Light, Sky
+from ..records.light import Lamp, Light, Sky, rotation_facing
 from .dome import dome_sky, fine_directions, sky_of
 from .lights import CaptureLight
 
@@ -168,7 +168,7 @@ class LightDrawing:
 
     def _sun(self, towards: np.ndarray) -> Lamp:
         angle_rad = float(np.exp(self.rng.uniform(np.log(0.009), np.log(0.08))))
-        return Lamp("sun", self._colour(), rotation=_facing(towards), angle_rad=angle_rad)
+        return Lamp("sun", self._colour(), rotation=rotation_facing(towards), angle_rad=angle_rad)
 
     def _point(self, towards: np.ndarray, largest_m: float) -> Lamp:
         radius_m = float(self.size * np.exp(self.rng.uniform(np.log(0.005), np.log(largest_m))))
@@ -178,7 +178,7 @@ class LightDrawing:
         """The lamp at some distance, shining at a point near the hand's middle."""
         position = towards * self._distance_m()
         from_target = _unit(position + self.size * self.rng.normal(0, 0.02, 3))
-        return replace(lamp, position=position, rotation=_facing(from_target))
+        return replace(lamp, position=position, rotation=rotation_facing(from_target))
 
     def _distance_m(self) -> float:
         return float(self.size * np.exp(self.rng.uniform(np.log(_NEAREST_M), np.log(_FARTHEST_M))))
@@ -255,12 +255,6 @@ def _levelled(
 
 def _to_brightness(radiance: np.ndarray) -> np.ndarray:
     return radiance / sky_brightness(sky_of(radiance))
-
-
-def _facing(towards: np.ndarray) -> np.ndarray:
-    """[3, 3] the axes of a lamp that stands in this direction and shines back."""
-    across = _unit(np.cross([0, 0, 1.0] if abs(towards[2]) < 0.9 else [0, 1.0, 0], towards))
-    return np.stack([across, np.cross(towards, across), towards], 1)
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

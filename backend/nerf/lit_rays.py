@@ -9,6 +9,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import Bounds, PointShadows
+from ..records.light import Light
 from .backend import RenderBackend
 from .field import mean_features
 from .light_samples import LightSamples, SkySamples
@@ -21,6 +22,11 @@ SKY_MAP_PX, LAMP_MAP_PX = 64, 128
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
 _PROBES = 256
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
+
+
+def occluding_triangles(light: Light, device: torch.device) -> Float[Tensor, "T 3 3"]:
+    """What stands around the hand, world, m."""
+    return torch.as_tensor(light.occluders, dtype=torch.float32, device=device)
 
 
 def surface_points(

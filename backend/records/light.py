@@ -73,6 +73,13 @@ class Lamp:
         return -self.rotation[:, 2]
 
 
+def rotation_facing(towards: np.ndarray) -> np.ndarray:
+    """[3, 3] rotation of a lamp that stands in the unit direction `towards` [3] and shines back."""
+    across = np.cross([0, 0, 1.0] if abs(towards[2]) < 0.9 else [0, 1.0, 0], towards)
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(towards, across), towards], 1)
+
+
 @dataclass(frozen=True)
 class Sky:
     """The radiance that arrives from every direction, W/(m^2 sr).

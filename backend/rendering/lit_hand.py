@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import normalize
@@ -24,6 +23,7 @@ from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
     light_shadows,
+    occluding_triangles,
     ray_positions,
     sky_shadows,
     split_points,
@@ -84,7 +84,7 @@ class LitHand:
     def features(self, backend: RenderBackend, light: Light) -> LightFeatures:
         """What a light does at the points."""
         samples, position = LightSamples.of(light, self.bounds), self.points.position
-        occluders = torch.as_tensor(light.occluders, dtype=torch.float32, device=position.device)
+        occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky)
         features = backend.light_features(samples, shadows, self.points)

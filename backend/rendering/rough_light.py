@@ -23,7 +23,7 @@ from ..nerf.backend import RenderBackend
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import SurfacePoints, diffuse_light
-from ..nerf.lit_rays import light_shadows, sky_shadows
+from ..nerf.lit_rays import light_shadows, occluding_triangles, sky_shadows
 from ..nerf.rays import HandInView, ray_directions, ray_origin
 from ..nerf.superres import enlarge
 from ..records.frame import Frame
@@ -99,7 +99,7 @@ def _mesh_points(
 def _received(light: Light, hand: HandInView, backend: RenderBackend, points: SurfacePoints) -> Float[Tensor, "R 3"]:
     """Diffuse light at points, softened as skin softens it, with some that the hand reflects on itself."""
     samples, position = LightSamples.of(light, Bounds.of(hand.mesh)), points.position
-    occluders = torch.as_tensor(light.occluders, dtype=torch.float32, device=position.device)
+    occluders = occluding_triangles(light, position.device)
     of_sky = sky_shadows(backend, hand, occluders, position)
     features = backend.light_features(
         samples, light_shadows(backend, hand, samples, occluders, position, of_sky), points

@@ -17,12 +17,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..captures.capture import Capture, CaptureView
+from ..evaluation.exposure import WHITE, WHITE_SHARE
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
-from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, ray_positions, sky_shadows, split_points
+from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, occluding_triangles, ray_positions, sky_shadows, split_points
 from ..nerf.rays import HandInView
 from ..nerf.sampler import SamplerConfig
 from ..records.errors import LiveHandError
@@ -31,7 +32,6 @@ from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
 
-_EXPOSED_TO, _EXPOSED_SHARE = 0.9, 0.99
 """Images are exposed so that this share of the hand's values is below this linear value."""
 _GAIN_SPREAD, _COLOUR_SPREAD = 0.7, 0.25
 """Standard deviations of a group's random gain, and of its colours against it, as natural logarithms."""
@@ -179,7 +179,7 @@ class LitTrainingViews(TrainingViews):
     ) -> tuple[LightShadows, PointShadows]:
         """The shadows of an instant, computed once and kept in a byte each."""
         if index not in self._kept_light:
-            occluders = torch.as_tensor(lights[0].occluders, dtype=torch.float32, device=self.device)
+            occluders = occluding_triangles(lights[0], self.device)
             of_sky = sky_shadows(self.backend, hand, occluders, position)
             shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky)
             open_sky = shadows.sky
@@ -223,12 +223,12 @@ def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"
 
 
 def exposure_of(linear: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, ""]:
-    """The factor that brings the brightest values of the hand but 1 % to 0.9."""
+    """As `evaluation.exposure.exposure_gain`, of tensors."""
     values = linear[:, alpha > 0.5].flatten()
     if not len(values):
         return linear.new_ones(())
-    brightest = values.kthvalue(max(1, round(_EXPOSED_SHARE * len(values)))).values
-    return _EXPOSED_TO / brightest.clamp(min=1e-6)
+    brightest = values.kthvalue(max(1, round(WHITE_SHARE / 100 * len(values)))).values
+    return WHITE / brightest.clamp(min=1e-6)
 
 
 def _instants(views: Iterable[CaptureView]) -> list[tuple[CaptureView, ...]]:

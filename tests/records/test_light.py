@@ -3,7 +3,14 @@ from math import pi
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.light import Lamp, Light, MeasuredLight, Sky, sky_directions
+from livehand.backend.records.light import Lamp, Light, MeasuredLight, Sky, rotation_facing, sky_directions
+
+
+@pytest.mark.parametrize("towards", [(0, 0, 1), (0, 0, -1), (0.6, 0, 0.8), (0, -1, 0)])
+def test_a_lamp_that_faces_shines_back(towards):
+    rotation = rotation_facing(np.array(towards, float))
+    assert Lamp("sun", np.ones(3), rotation=rotation).direction == pytest.approx(-np.array(towards))
+    assert np.linalg.det(rotation) == pytest.approx(1)
 
 
 def test_texels_cover_the_sphere_once():
