@@ -32,7 +32,6 @@ from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
 
-"""Images are exposed so that this share of the hand's values is below this linear value."""
 _GAIN_SPREAD, _COLOUR_SPREAD = 0.7, 0.25
 """Standard deviations of a group's random gain, and of its colours against it, as natural logarithms."""
 _LEFT_OUT = 0.2
