@@ -175,6 +175,12 @@ class Light:
         names = [lamp.group for lamp in self.lamps] + ([self.sky.group] if self.sky is not None else [])
         return tuple(dict.fromkeys(names))
 
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing shines; what was measured does not count."""
+        sky = 0.0 if self.sky is None else np.max(self.sky.radiance)
+        return not (sky > 0 or any(np.max(lamp.rgb) > 0 for lamp in self.lamps))
+
     def of_group(self, name: str) -> Light:
         """The light of one group alone; the occluders stay, and nothing is measured of a group."""
         sky = self.sky if self.sky is not None and self.sky.group == name else None

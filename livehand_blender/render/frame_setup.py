@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
+
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -127,8 +130,15 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
     if not names:
         return {}
     armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
-    lights = read_hand_lights(depsgraph, armatures, is_final=True)
-    return {name: light.light() for name, light in lights.items()}
+    lights = {name: one.light() for name, one in read_hand_lights(depsgraph, armatures, is_final=True).items()}
+    if not is_in_scene(depsgraph.scene):  # objects that emit may light it there
+        for name in (name for name, light in lights.items() if light.is_dark):
+            LOGGER.warning(
+                "No lamp and no world lights '%s': it is black. Add a lamp or Studio Lights, or set Light to "
+                "Capture's Own",
+                name,
+            )
+    return lights
 
 
 def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:

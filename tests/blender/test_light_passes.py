@@ -225,6 +225,15 @@ def test_nothing_is_measured_without_a_scene_or_in_the_captures_light(lit_scene,
     assert shots(lit_scene)[-1].light is None
 
 
+def test_a_hand_in_the_dark_is_told_of(lit_scene, shots, caplog):
+    lit_scene.livehand.mode, lit_scene.world = "HAND", None
+    shots(lit_scene)
+    assert "lights" not in caplog.text
+    bpy.data.objects.remove(bpy.data.objects["Sun"])
+    shots(lit_scene)
+    assert f"No lamp and no world lights '{find_hands(lit_scene)[0].name}'" in caplog.text
+
+
 def test_maps_are_straight_means_of_the_hands_pixels():
     """Two pixels of a 2 x 2 block show the hand, one of them by half; the box lies at the image's right."""
     alpha = np.array([[1.0, 0.5], [0, 0]], np.float32)

@@ -13,6 +13,19 @@ def test_a_lamp_that_faces_shines_back(towards):
     assert np.linalg.det(rotation) == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    ("light", "is_dark"),
+    [
+        (Light(), True),
+        (Light((Lamp("sun", np.zeros(3)),), Sky(np.zeros((1, 2, 3)))), True),
+        (Light((Lamp("sun", np.zeros(3)), Lamp("point", np.array([0, 0, 0.1])))), False),
+        (Light(sky=Sky(np.full((1, 2, 3), 0.1))), False),
+    ],
+)
+def test_a_light_is_dark_if_nothing_shines(light, is_dark):
+    assert light.is_dark == is_dark
+
+
 def test_texels_cover_the_sphere_once():
     sky = Sky(np.ones((8, 16, 3)))
     assert sky.solid_angles.sum() == pytest.approx(4 * pi)
