@@ -25,6 +25,7 @@ from .lighting import enlarged_rays, light_features, relit
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
+from .superres import superres
 from .trace import trace
 
 
@@ -47,6 +48,7 @@ class NumbaBackend:
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    superres = staticmethod(superres)
     lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays))
     relit = staticmethod(relit)
     trace = staticmethod(trace)

@@ -75,6 +75,10 @@ class RenderBackend(Protocol):
         """As `nerf.lighting.light_features`."""
         ...
 
+    def superres(self, network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
+        """A super-resolution network as a function of maps, without gradients; its weights must not change."""
+        ...
+
     def lit_image(
         self,
         superres: Callable[[Tensor], Tensor],

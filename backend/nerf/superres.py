@@ -47,7 +47,7 @@ def build_superres(config: SuperResConfig) -> nn.Module:
     return networks[config.kind](config)
 
 
-class _ResidualSuperRes(nn.Module):
+class ResidualSuperRes(nn.Module):
     """Convolutions at low resolution, shuffled up, whose result is added to what is enlarged bilinearly."""
 
     def __init__(self, config: SuperResConfig, maps: int, channels: int):
@@ -59,33 +59,42 @@ class _ResidualSuperRes(nn.Module):
         for parameter in self.tail.parameters():
             nn.init.zeros_(parameter)  # start as bilinear enlargement
 
-    def _residual(self, maps: Tensor) -> Tensor:
+    def forward(self, maps: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 2*H 2*W"]:
+        """The maps at twice the size."""
+        return self.added(maps, self.residual(maps))
+
+    def added(self, maps: Tensor, residual: Tensor) -> Tensor:
+        """The result for the maps and their residual."""
+        raise NotImplementedError
+
+    def residual(self, maps: Float[Tensor, "B C H W"]) -> Float[Tensor, "B D 2*H 2*W"]:
+        """What the convolutions add."""
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
         return pixel_shuffle(self.tail(hidden), 2)
 
 
-class LightSuperRes(_ResidualSuperRes):
+class LightSuperRes(ResidualSuperRes):
     """Enlarges colour and alpha."""
 
     def __init__(self, config: SuperResConfig):
         super().__init__(config, CHANNELS + 1, RGBA)
 
-    def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
+    def added(self, maps: Float[Tensor, "B 33 H W"], residual: Float[Tensor, "B 4 2*H 2*W"]) -> Tensor:
         """RGBA, not clamped."""
-        return _graded(_sum(enlarge(_rgba(maps)), self._residual(maps)), self.config)
+        return _graded(_sum(enlarge(_rgba(maps)), residual), self.config)
 
 
-class LitSuperRes(_ResidualSuperRes):
+class LitSuperRes(ResidualSuperRes):
     """Detail of a relightable hand in no light; `nerf.relighting.detailed` adds it to the enlarged maps."""
 
     def __init__(self, config: SuperResConfig):
         super().__init__(config, LIT_MAPS, LIT_DETAIL)
 
-    def forward(self, maps: Float[Tensor, "B 34 H W"]) -> Float[Tensor, "B 12 2*H 2*W"]:
+    def added(self, maps: Float[Tensor, "B 34 H W"], residual: Float[Tensor, "B 12 2*H 2*W"]) -> Tensor:
         """What is added to the straight coefficients after the first `SMOOTH`, to the normal and to alpha."""
-        return self._residual(maps)
+        return residual
 
 
 class PaperSuperRes(nn.Module):

@@ -21,7 +21,7 @@ from ..geometry.mesh import Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
-from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, autocast
+from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import PaperField, PlaneField
@@ -113,8 +113,7 @@ class Renderer:
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
-        with autocast(self.torch_device, self.precision):
-            image, depth = image_of(self._superres, rays.composite, rays.pixel, hand.camera.size_px)
+        image, depth = image_of(self._superres, rays.composite, rays.pixel, hand.camera.size_px)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
         frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
@@ -177,8 +176,8 @@ class Renderer:
         return replace(lit.frame(self._backend, light), is_lit=shot.light is not None)
 
     @cached_property
-    def _superres(self) -> nn.Module:
-        return self._own(self.avatar.superres)
+    def _superres(self) -> Callable[[Tensor], Tensor]:
+        return self._backend.superres(self._own(self.avatar.superres), self.torch_device, self.precision)
 
     def _own(self, network: Network) -> Network:
         """A copy for inference on this device; the avatar's own networks are not changed."""

@@ -1,0 +1,130 @@
+"""Super-resolution's 3 x 3 convolutions over runs of pixels, one a row, instead of the whole image.
+
+Images are [1 + h + 1, 1 + w + 1 + `SPARE`, C] of bf16, as the upper halves of fp32 in uint16; their border is zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import compiled_loosely as compiled
+from .vectors import window_sums
+
+BLOCK = 6
+"""Pixels that are computed at once."""
+SPARE = BLOCK
+"""Pixels to the right of the border, which the last block of a row may read."""
+CHANNELS = 64
+"""Of hidden layers: four vectors."""
+SLOPE = 0.2
+_SLOPE = np.float32(SLOPE)
+_16, _1, _HALF = np.uint32(16), np.uint32(1), np.uint32(0x7FFF)
+
+
+@compiled
+def find_runs(alpha, runs):
+    """Fill runs [h, 2], the first live pixel of a row (alpha > 0) and the one after the last, each dilated by one."""
+    height, width = alpha.shape
+    own = np.zeros((height, 2), np.int64)
+    for y in range(height):
+        own[y, 0] = width
+        for x in range(width):
+            if alpha[y, x] > 0:
+                own[y, 0], own[y, 1] = min(own[y, 0], x), x + 1
+    for y in range(height):
+        first, last = width, 0
+        for near in range(max(0, y - 1), min(height, y + 2)):
+            if own[near, 0] < own[near, 1]:
+                first, last = min(first, own[near, 0] - 1), max(last, own[near, 1] + 1)
+        runs[y, 0], runs[y, 1] = max(first, 0), min(last, width)
+        if first >= last:
+            runs[y] = 0
+
+
+@compiled
+def fill_around(runs, values, first, last, image):
+    """Give the pixels of rows [first, last) of the padded image that windows of runs read the values [C] of nothing.
+
+    Those of runs themselves are left to whoever computes them; the border is zero.
+    """
+    height, width = len(runs), image.shape[1] - 2 - SPARE
+    for row in range(first, last):
+        start, stop = width + 2, 0
+        for near in range(max(0, row - 2), min(height, row + 1)):
+            if runs[near, 0] < runs[near, 1]:
+                start, stop = min(start, runs[near, 0]), max(stop, runs[near, 1] + 2 + SPARE)
+        y = row - 1
+        is_inside = 0 <= y < height
+        for column in range(start, stop):
+            x = column - 1
+            if is_inside and runs[y, 0] <= x < runs[y, 1]:
+                continue
+            is_border = not is_inside or x < 0 or x >= width
+            for channel in range(image.shape[2]):
+                image[row, column, channel] = np.uint16(0) if is_border else values[channel]
+
+
+@compiled
+def load_maps(maps, runs, first, last, image):
+    """Copy rows [first, last) of maps [C, h, w] into the runs of the image, whose further channels become zero."""
+    count = len(maps)
+    value = np.empty(1, np.float32)
+    bits = value.view(np.uint32)
+    for y in range(first, last):
+        for x in range(runs[y, 0], runs[y, 1]):
+            for channel in range(count):
+                value[0] = maps[channel, y, x]
+                image[y + 1, x + 1, channel] = _rounded(bits[0])
+            for channel in range(count, image.shape[2]):
+                image[y + 1, x + 1, channel] = np.uint16(0)
+
+
+@compiled
+def convolve_hidden(source, weights, bias, is_residual, runs, first, last, out):
+    """Rows [first, last) of a convolution to 64 channels, leaky ReLU, and the sum with the source if it is residual."""
+    sums = np.empty((BLOCK, CHANNELS), np.float32)
+    bits = sums.view(np.uint32)
+    before = np.empty(CHANNELS, np.float32)
+    before_bits = before.view(np.uint32)
+    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
+    row_bytes = pixel_bytes * source.shape[1]
+    start, weight, result = source.ctypes.data, weights.ctypes.data, sums.ctypes.data
+    for y in range(first, last):
+        for x in range(runs[y, 0], runs[y, 1], BLOCK):
+            window_sums(6, 4, start + y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, pairs, weight, result)
+            for pixel in range(min(BLOCK, runs[y, 1] - x)):
+                for channel in range(CHANNELS):
+                    value = sums[pixel, channel] + bias[channel]
+                    sums[pixel, channel] = max(value, _SLOPE * value)
+                if is_residual:
+                    for channel in range(CHANNELS):
+                        before_bits[channel] = np.uint32(source[y + 1, x + pixel + 1, channel]) << _16
+                    for channel in range(CHANNELS):
+                        sums[pixel, channel] += before[channel]
+                for channel in range(CHANNELS):
+                    out[y + 1, x + pixel + 1, channel] = _rounded(bits[pixel, channel])
+
+
+@compiled
+def convolve_last(source, weights, bias, runs, first, last, out):
+    """Rows [first, last) of the last convolution into the doubled image [2h, 2w, D], four pixels for each."""
+    channels = out.shape[2]
+    sums = np.empty((BLOCK, CHANNELS), np.float32)
+    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
+    row_bytes = pixel_bytes * source.shape[1]
+    start, weight, result = source.ctypes.data, weights.ctypes.data, sums.ctypes.data
+    for y in range(first, last):
+        for x in range(runs[y, 0], runs[y, 1], BLOCK):
+            window_sums(6, 4, start + y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, pairs, weight, result)
+            for pixel in range(min(BLOCK, runs[y, 1] - x)):
+                for part in range(4):
+                    row, column = 2 * y + part // 2, 2 * (x + pixel) + part % 2
+                    for channel in range(channels):
+                        at = part * channels + channel
+                        out[row, column, channel] = sums[pixel, at] + bias[at]
+
+
+@compiled
+def _rounded(bits):
+    """The upper half of an fp32's bits, rounded to nearest even."""
+    return np.uint16((bits + _HALF + ((bits >> _16) & _1)) >> _16)
