@@ -71,7 +71,7 @@ def relit(
     width, height = size_px
     maps = feature_maps(features, pixel, size_px)
     out = torch.zeros(4 * width * height, 3)
-    large = (image.pixel, image.coefficients, image.normal, image.view)
+    large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
     light = (features.lamp_rgb, features.lamp_radius_rad, features.ambient)
     record, flat = RelitImage._make((*_arrays(*large, maps), width, *_arrays(*light))), out.numpy()
     in_parallel(

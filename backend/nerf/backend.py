@@ -86,6 +86,7 @@ class RenderBackend(Protocol):
         points: SurfacePoints,
         pixel: Int[Tensor, " R"],
         camera: CameraTensors,
+        mesh_depth: Float[Tensor, " F"],
     ) -> LitImage:
         """As `nerf.relighting.lit_image`, without gradients."""
         ...

@@ -15,14 +15,18 @@ from torch.nn.functional import normalize, relu
 
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps
-from .rays import CameraTensors, ray_directions
+from .rays import CameraTensors, HandInView, ray_directions
 from .superres import enlarge
 from .volume import Composite
 
 _OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
 """The fields of `LightFeatures` that differ from ray to ray; the last two may be missing."""
+EDGE_M = 0.003
+"""Rays whose depth differs by more are of another surface: their light does not count at a pixel."""
 MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""
+# Of the rays that meet a pixel's surface; with less, they are none.
+_LEAST_SHARE = 0.01
 
 
 class LitImage(NamedTuple):
@@ -33,6 +37,7 @@ class LitImage(NamedTuple):
         coefficients: [P, 14] premultiplied.
         normal: [P, 3] unit, world.
         view: [P, 3] unit, from the camera.
+        share: [P, 4] of the four rays around each in its light: upper left, upper right, lower left, lower right.
         alpha: [H, W] not clamped; 0 at all other pixels.
         depth: [H, W] m; infinite where no ray meets the hand.
     """
@@ -41,6 +46,7 @@ class LitImage(NamedTuple):
     coefficients: Tensor
     normal: Tensor
     view: Tensor
+    share: Tensor
     alpha: Tensor
     depth: Tensor
 
@@ -72,6 +78,7 @@ def lit_image(
     points: SurfacePoints,
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
+    mesh_depth: Float[Tensor, " F"],
     enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
@@ -82,6 +89,7 @@ def lit_image(
         points: where the rays meet the skin.
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
+        mesh_depth: of every pixel of the full-size image, as `first_hit` gives it.
         enlarged: as `enlarged_rays`.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
@@ -92,6 +100,7 @@ def lit_image(
         coefficients=coefficients,
         normal=normal,
         view=normalize(ray_directions(full, covered), dim=-1),
+        share=shares_of_rays(points.position, pixel, camera, covered, mesh_depth[covered]),
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
@@ -127,7 +136,8 @@ def relit(
         pixel: of the rays.
         size_px: of the low-resolution image.
     """
-    colours = lit_colour(image.coefficients, image.normal, image.view, _enlarged(features, pixel, size_px, image.pixel))
+    at_pixels = _enlarged(features, pixel, size_px, image)
+    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels)
     width, height = size_px
     flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
     return flat.T.reshape(3, 2 * height, 2 * width)
@@ -139,9 +149,8 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
 
 
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
-    """The features on the low-resolution grid, zero where there is no ray; the first column is 1 where there is one."""
-    values = [value.flatten(1) for value in _of_rays(features).values()]
-    rows = torch.cat([torch.ones(len(pixel), 1, device=pixel.device), *values], 1)
+    """The features on the low-resolution grid, zero where there is no ray."""
+    rows = torch.cat([value.flatten(1) for value in _of_rays(features).values()], 1)
     width, height = size_px
     return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
 
@@ -150,17 +159,59 @@ def _of_rays(features: LightFeatures) -> dict[str, Tensor]:
     return {name: value for name in _OF_RAYS if (value := getattr(features, name)) is not None}
 
 
-def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], at: Tensor) -> LightFeatures:
-    """The features at pixels of the full-size image, bilinear among the rays that there are."""
-    width, height = size_px
+def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: LitImage) -> LightFeatures:
+    """The features at the pixels of the full-size image."""
     maps = feature_maps(features, pixel, size_px)
-    large = enlarge(maps.T.reshape(1, -1, height, width))[0].flatten(1)[:, at].T
-    straight = large[:, 1:] / large[:, :1]
+    around, _ = neighbours(image.pixel, size_px)
+    large = (maps[around] * image.share[..., None]).sum(1)
     shapes = {name: value.shape[1:] for name, value in _of_rays(features).items()}
-    split = straight.split([shape.numel() for shape in shapes.values()], 1)
+    split = large.split([shape.numel() for shape in shapes.values()], 1)
     return features._replace(
-        **{name: part.reshape(len(at), *shapes[name]) for name, part in zip(shapes, split, strict=True)}
+        **{name: part.reshape(len(large), *shapes[name]) for name, part in zip(shapes, split, strict=True)}
     )
+
+
+def neighbours(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> tuple[Int[Tensor, "P 4"], Float[Tensor, "P 4"]]:
+    """The four low-resolution pixels around pixels of the full-size image, and their bilinear weights."""
+    width, height = size_px
+    x, y = at % (2 * width), torch.div(at, 2 * width, rounding_mode="floor")
+    columns = torch.stack([(x + 1) // 2 - 1, (x + 1) // 2], 1).clamp(0, width - 1)
+    rows = torch.stack([(y + 1) // 2 - 1, (y + 1) // 2], 1).clamp(0, height - 1)
+    right, below = (0.75 - 0.5 * (place % 2) for place in (x, y))
+    across, down = torch.stack([1 - right, right], 1), torch.stack([1 - below, below], 1)
+    return (rows[:, :, None] * width + columns[:, None]).flatten(1), (down[:, :, None] * across[:, None]).flatten(1)
+
+
+@torch.no_grad()
+def shares_of_rays(
+    position: Float[Tensor, "R 3"],
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
+    at: Int[Tensor, " P"],
+    mesh_depth: Float[Tensor, " P"],
+) -> Float[Tensor, "P 4"]:
+    """How much each ray around a pixel of the full-size image tells of the light there; they add up to 1.
+
+    Bilinear among the rays that there are, and that meet the surface which the pixel shows: else a finger before the
+    palm would have the palm's light in the steps of the rays. (Joint bilateral upsampling, Kopf et al. 2007.)
+
+    Args:
+        position: where the rays meet the skin, m, world.
+        pixel: of the rays, in the low-resolution image.
+        camera: of that image.
+        at: pixels that at least one ray is beside.
+        mesh_depth: of the mesh at these pixels, m; infinite beside it.
+    """
+    around, share = neighbours(at, camera.size_px)
+    depth = position @ camera.world2cam[2, :3] + camera.world2cam[2, 3]
+    width, height = camera.size_px
+    depth_of = depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)[around]
+    share = share * depth_of.isfinite()
+    gap = (mesh_depth[:, None] - depth_of) / EDGE_M
+    guided = share * torch.exp(-gap.square().nan_to_num(torch.inf))
+    total = guided.sum(1, keepdim=True)
+    chosen = torch.where(total > _LEAST_SHARE, guided, share)
+    return chosen / chosen.sum(1, keepdim=True)
 
 
 def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:
@@ -169,6 +220,11 @@ def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]
     has_ray = torch.zeros(1, 1, height, width, device=pixel.device)
     has_ray.view(-1)[pixel] = 1
     return (enlarge(has_ray).flatten() > 0).nonzero()[:, 0]
+
+
+def at_full_size(hand: HandInView) -> HandInView:
+    """The hand in an image of twice the size."""
+    return hand._replace(camera=doubled(hand.camera))
 
 
 def doubled(camera: CameraTensors) -> CameraTensors:

@@ -32,7 +32,7 @@ from ..nerf.lit_rays import (
 )
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
-from ..nerf.relighting import LitImage
+from ..nerf.relighting import LitImage, at_full_size
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
 from ..records.light import Light
@@ -130,6 +130,6 @@ def render_lit_hand(
     with autocast(device, precision):
         low = field.decode(rays.composite, view, open_to)
     on_stage("superres")
-    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera)
+    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, backend.first_hit(at_full_size(hand)))
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)

@@ -9,8 +9,8 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, LightFeatures, SurfacePoints
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
-from livehand.backend.nerf.relighting import lit_image, relit_rays
-from livehand.backend.nerf.superres import SuperResConfig, build_superres
+from livehand.backend.nerf.relighting import covered_pixels, lit_image, neighbours, relit_rays, shares_of_rays
+from livehand.backend.nerf.superres import SuperResConfig, build_superres, enlarge
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
 from torch.nn.functional import normalize
@@ -53,12 +53,13 @@ def untrained(seed=0):
 
 
 ALL = torch.arange(SIZE[0] * SIZE[1])
+BESIDE = torch.full((4 * len(ALL),), torch.inf)  # depth of a mesh that is nowhere
 
 
 def test_an_even_patch_has_the_colour_of_its_rays(backend):
     camera, low, points = some_rays(ALL)
     features = some_features(len(ALL))
-    image = lit_image(untrained(), low, points, ALL, camera)
+    image = lit_image(untrained(), low, points, ALL, camera, BESIDE)
     large = backend.relit(image, features, ALL, SIZE)
     small = relit_rays(low, points, features)
     assert large.shape == (3, 2 * SIZE[1], 2 * SIZE[0])
@@ -69,7 +70,7 @@ def test_an_even_patch_has_the_colour_of_its_rays(backend):
 
 def test_normals_and_views_of_the_image_are_the_worlds():
     camera, low, points = some_rays(ALL)
-    image = lit_image(untrained(), low, points, ALL, camera)
+    image = lit_image(untrained(), low, points, ALL, camera, BESIDE)
     torch.testing.assert_close(image.normal, points.normal[:1].expand_as(image.normal), atol=1e-5, rtol=0)
     assert len(image.pixel) == 4 * len(ALL)
     # A pixel's view lies between those of the rays around it; four of them share a ray's.
@@ -83,7 +84,7 @@ def test_light_does_not_bleed_from_where_there_is_no_ray(backend):
     pixel = torch.tensor([12, 13, 21, 22])
     camera, low, points = some_rays(pixel)
     features = some_features(4)
-    image = lit_image(untrained(), low, points, pixel, camera)
+    image = lit_image(untrained(), low, points, pixel, camera, BESIDE)
     coefficients = torch.zeros_like(image.coefficients)
     coefficients[:, DIFFUSE] = 1
     even = image._replace(coefficients=coefficients)
@@ -102,7 +103,7 @@ def test_both_backends_agree_on_any_rays(lamps, is_measured):
     camera, low, points = some_rays(pixel)
     low = low._replace(channels=torch.rand(low.channels.shape, generator=generator))
     relief = normalize(points.normal + 0.4 * torch.randn(30, 3, generator=generator), dim=-1)
-    image = lit_image(untrained(), low, points._replace(relief_normal=relief), pixel, camera)
+    image = lit_image(untrained(), low, points._replace(relief_normal=relief), pixel, camera, BESIDE)
     features = LightFeatures(
         torch.randn(30, lamps, 3, generator=generator) / pi,
         torch.rand(lamps, 3, generator=generator),
@@ -121,7 +122,7 @@ def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty():
     camera, low, points = some_rays(pixel)
     noise = torch.rand(1, 12, 2 * SIZE[1], 2 * SIZE[0], generator=torch.Generator().manual_seed(2))
     ours, theirs = (
-        backend.lit_image(lambda _: noise, low, points, pixel, camera)
+        backend.lit_image(lambda _: noise, low, points, pixel, camera, BESIDE)
         for backend in (NumbaBackend(), ReferenceBackend())
     )
     for one, other in zip(ours, theirs, strict=True):
@@ -137,10 +138,41 @@ def test_gradients_reach_coefficients_and_normals():
     network = untrained()
     relief = points.relief_normal.clone().requires_grad_()
     channels = low.channels.clone().requires_grad_()
-    image = lit_image(network, low._replace(channels=channels), points._replace(relief_normal=relief), ALL, camera)
+    image = lit_image(
+        network, low._replace(channels=channels), points._replace(relief_normal=relief), ALL, camera, BESIDE
+    )
     ReferenceBackend().relit(image, some_features(len(ALL)), ALL, SIZE).square().mean().backward()
     assert relief.grad.isfinite().all()
     assert relief.grad.abs().sum() > 0
     assert channels.grad[:, :COEFFICIENTS].isfinite().all()
     assert channels.grad[:, :COEFFICIENTS].abs().sum() > 0
     assert all(p.grad is not None and p.grad.isfinite().all() for p in network.parameters())
+
+
+def test_without_a_mesh_the_rays_share_as_in_bilinear_enlargement():
+    pixel = torch.tensor([12, 13, 21, 22])
+    camera, _, points = some_rays(pixel)
+    at = covered_pixels(pixel, SIZE)
+    share = shares_of_rays(points.position, pixel, camera, at, BESIDE[at])
+    values = torch.zeros(len(ALL), 2)
+    values[pixel] = torch.tensor([[1.0, 1], [1, 2], [1, 4], [1, 8]])
+    around, _ = neighbours(at, SIZE)
+    ours = (values[around] * share[..., None]).sum(1)
+    large = enlarge(values.T.reshape(1, 2, SIZE[1], SIZE[0]))[0].flatten(1)[:, at]
+    torch.testing.assert_close(ours[:, 0], torch.ones(len(at)))
+    torch.testing.assert_close(ours[:, 1], large[1] / large[0])
+
+
+def test_light_stays_on_its_surface():
+    """A finger, 0.5 m away, covers the left of the image up to a column between two rays; behind it lies a palm."""
+    camera, _, points = some_rays(ALL)
+    is_finger = ALL % SIZE[0] < 4
+    depth = torch.where(is_finger, 0.5, 0.6)
+    position = points.view * (depth / (points.view @ camera.world2cam[2, :3]))[:, None]
+    at = torch.arange(4 * len(ALL))
+    is_finger_there = at % (2 * SIZE[0]) < 9  # a column farther than the rays say
+    share = shares_of_rays(position, ALL, camera, at, torch.where(is_finger_there, 0.5, 0.6))
+    around, _ = neighbours(at, SIZE)
+    of_finger = (share * is_finger[around]).sum(1)
+    torch.testing.assert_close(of_finger, is_finger_there.float(), atol=1e-3, rtol=0)
+    torch.testing.assert_close(share.sum(1), torch.ones(len(at)))

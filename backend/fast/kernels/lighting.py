@@ -265,10 +265,11 @@ def relit_pixels(image, lobes, first, last, out):
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
-    sky_at, gloss_at, scattered_at, measured_at = 1 + 3 * lamps, 10 + 3 * lamps, 16 + 3 * lamps, 22 + 3 * lamps
+    sky_at, gloss_at, scattered_at, measured_at = 3 * lamps, 9 + 3 * lamps, 15 + 3 * lamps, 21 + 3 * lamps
     is_measured = columns > measured_at
     for index in range(first, last):
-        _enlarged(image.maps, image.width, image.pixel[index], at, around, here)
+        _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
+        _blend(image.maps, at, image.share[index], here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
         for c in range(3):
             of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
@@ -280,7 +281,7 @@ def relit_pixels(image, lobes, first, last, out):
                 + weights[GLOSS + 1] * here[gloss_at + 3 + c]
             )
         for lamp in range(lamps):
-            x, y, z = here[1 + 3 * lamp], here[2 + 3 * lamp], here[3 + 3 * lamp]
+            x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
             facing = x * normal[0] + y * normal[1] + z * normal[2]
             if facing <= _0:
                 continue
@@ -297,18 +298,6 @@ def relit_pixels(image, lobes, first, last, out):
             else:
                 rgb[c] += weights[AMBIENT + c] * image.ambient[c]
             out[image.pixel[index], c] = rgb[c]
-
-
-@compiled
-def _enlarged(maps, width, pixel, at, weights, here):
-    """Fill `here` with the maps' values at a full-size pixel, bilinear among the rays that there are."""
-    _neighbours(len(maps), width, pixel, at, weights)
-    total = _0
-    for k in range(4):
-        total += weights[k] * maps[at[k], 0]
-    for k in range(4):
-        weights[k] /= total
-    _blend(maps, at, weights, here)
 
 
 @compiled

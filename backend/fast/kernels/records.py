@@ -243,8 +243,9 @@ class RelitImage(NamedTuple):
         coefficients: [P, 14].
         normal: [P, 3].
         view_direction: [P, 3].
-        maps: [h * w, 1 + C] low resolution: 1 where there is a ray, and its features: lamp vectors, sky vectors, sky
-            gloss, scattered light and, if light was measured, `arriving` and `reflected`; zero elsewhere.
+        share: [P, 4] of the four low-resolution pixels around each.
+        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, sky gloss, scattered light and,
+            if light was measured, `arriving` and `reflected`; zero elsewhere.
         width: of the maps.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].
@@ -255,6 +256,7 @@ class RelitImage(NamedTuple):
     coefficients: np.ndarray
     normal: np.ndarray
     view_direction: np.ndarray
+    share: np.ndarray
     maps: np.ndarray
     width: int
     lamp_rgb: np.ndarray
