@@ -48,7 +48,9 @@ ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # numba may be missing: only this room imports it, and no other imports its modules but inside a function.
 NUMBA_ROOM = "backend.fast"
 # The kernels stand alone: beside these and the interpreter's own modules, only numbers that they share with torch.
-KERNELS, KERNEL_PACKAGES, KERNEL_NUMBERS = "backend.fast.kernels", {"numba", "numpy"}, "backend.geometry.tolerances"
+# llvmlite is numba's own LLVM.
+KERNELS, KERNEL_NUMBERS = "backend.fast.kernels", "backend.geometry.tolerances"
+KERNEL_PACKAGES = {"llvmlite", "numba", "numpy"}
 
 
 def modules(root):
