@@ -21,7 +21,7 @@ from .field import PaperField, PlaneField
 from .light_samples import LightSamples
 from .lighting import LightFeatures, LightShadows, SurfacePoints
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
-from .relighting import LitImage
+from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
 from .volume import Composite
 
@@ -86,7 +86,7 @@ class RenderBackend(Protocol):
         points: SurfacePoints,
         pixel: Int[Tensor, " R"],
         camera: CameraTensors,
-        mesh_depth: Float[Tensor, " F"],
+        skin: SkinDepth,
     ) -> LitImage:
         """As `nerf.relighting.lit_image`, without gradients."""
         ...

@@ -16,11 +16,14 @@ from .light_samples import LightSamples, SkySamples
 from .lighting import LightShadows, SurfacePoints, mean_diffuse
 from .lit_field import LitField
 from .rays import HandInView, ray_directions, ray_origin
+from .relighting import SkinDepth
 from .volume import Composite
 
 SKY_MAP_PX, LAMP_MAP_PX = 64, 128
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
 _PROBES = 256
+# Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
+_STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
 
 
@@ -40,19 +43,31 @@ def surface_points(
     return SurfacePoints(position, normal.detach(), relief_normal, view)
 
 
+def skin_depth(backend: RenderBackend, hand: HandInView) -> SkinDepth:
+    """Where the rays of all pixels first meet the skin.
+
+    That is the mesh, but beside its outline the skin that stands out of it, and not what lies behind.
+    """
+    vertices, normals, scale = hand.mesh
+    outer = hand.mesh._replace(vertices=vertices + _STANDS_OUT_M * scale * normals)
+    of_mesh, of_outer = (backend.first_hit(hand._replace(mesh=mesh)) for mesh in (hand.mesh, outer))
+    edge_m = _EDGE_M * scale
+    return SkinDepth(torch.where(of_mesh - of_outer > edge_m, of_outer, of_mesh), edge_m)
+
+
 def ray_positions(
-    hand: HandInView, first_hit: Float[Tensor, " P"], pixel: Tensor, t: Float[Tensor, "R N"], dt: Float[Tensor, " R"]
+    hand: HandInView, skin: SkinDepth, pixel: Tensor, t: Float[Tensor, "R N"], dt: Float[Tensor, " R"]
 ) -> Float[Tensor, "R 3"]:
-    """Where rays first meet the mesh, world, m; rays that only meet the shell: the middle of their samples.
+    """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
     Args:
         hand: posed, in the rays' view.
-        first_hit: depth of the mesh at every pixel, m; infinite beside it.
+        skin: at every pixel.
         pixel: of the rays.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
     """
-    depth, middle = first_hit[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
+    depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     depth = torch.where(depth.isfinite(), depth, middle)
     return ray_origin(hand.camera) + depth[:, None] * ray_directions(hand.camera, pixel)
 

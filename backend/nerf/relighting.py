@@ -21,12 +21,12 @@ from .volume import Composite
 
 _OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
 """The fields of `LightFeatures` that differ from ray to ray; the last two may be missing."""
-EDGE_M = 0.003
-"""Rays whose depth differs by more are of another surface: their light does not count at a pixel."""
 MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""
 # Of the rays that meet a pixel's surface; with less, they are none.
 _LEAST_SHARE = 0.01
+# Of a pixel and of the four beside it: soft edges.
+_OF_PIXEL, _OF_NEXT = 0.5, 0.125
 
 
 class LitImage(NamedTuple):
@@ -49,6 +49,18 @@ class LitImage(NamedTuple):
     share: Tensor
     alpha: Tensor
     depth: Tensor
+
+
+class SkinDepth(NamedTuple):
+    """The skin in an image of P pixels.
+
+    Attributes:
+        depth: [P] m; infinite beside the hand.
+        edge_m: [] rays whose depth differs by more are of another surface.
+    """
+
+    depth: Tensor
+    edge_m: Tensor
 
 
 class EnlargedRays(NamedTuple):
@@ -78,7 +90,7 @@ def lit_image(
     points: SurfacePoints,
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
-    mesh_depth: Float[Tensor, " F"],
+    skin: SkinDepth,
     enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
@@ -89,7 +101,7 @@ def lit_image(
         points: where the rays meet the skin.
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
-        mesh_depth: of every pixel of the full-size image, as `first_hit` gives it.
+        skin: in the full-size image.
         enlarged: as `enlarged_rays`.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
@@ -100,7 +112,7 @@ def lit_image(
         coefficients=coefficients,
         normal=normal,
         view=normalize(ray_directions(full, covered), dim=-1),
-        share=shares_of_rays(points.position, pixel, camera, covered, mesh_depth[covered]),
+        share=shares_of_rays(points.position, pixel, camera, covered, skin),
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
@@ -188,7 +200,7 @@ def shares_of_rays(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     at: Int[Tensor, " P"],
-    mesh_depth: Float[Tensor, " P"],
+    skin: SkinDepth,
 ) -> Float[Tensor, "P 4"]:
     """How much each ray around a pixel of the full-size image tells of the light there; they add up to 1.
 
@@ -200,18 +212,37 @@ def shares_of_rays(
         pixel: of the rays, in the low-resolution image.
         camera: of that image.
         at: pixels that at least one ray is beside.
-        mesh_depth: of the mesh at these pixels, m; infinite beside it.
+        skin: in the full-size image.
     """
     around, share = neighbours(at, camera.size_px)
     depth = position @ camera.world2cam[2, :3] + camera.world2cam[2, 3]
     width, height = camera.size_px
     depth_of = depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)[around]
     share = share * depth_of.isfinite()
-    gap = (mesh_depth[:, None] - depth_of) / EDGE_M
+    result = _guided(share, depth_of, skin.depth[at], skin.edge_m)
+    beside = skin.depth[_beside(at, (2 * width, 2 * height))]
+    at_edge = ((beside - skin.depth[at]).abs().nan_to_num() > skin.edge_m).any(0).nonzero()[:, 0]
+    softened = [_guided(share[at_edge], depth_of[at_edge], one[at_edge], skin.edge_m) for one in beside]
+    return result.index_put((at_edge,), _OF_PIXEL * result[at_edge] + _OF_NEXT * torch.stack(softened).sum(0))
+
+
+def _guided(
+    share: Float[Tensor, "P 4"], depth_of_rays: Float[Tensor, "P 4"], depth: Float[Tensor, " P"], edge_m: Tensor
+) -> Float[Tensor, "P 4"]:
+    """The shares of the rays at a depth, or of all if none is there."""
+    gap = (depth[:, None] - depth_of_rays) / edge_m
     guided = share * torch.exp(-gap.square().nan_to_num(torch.inf))
-    total = guided.sum(1, keepdim=True)
-    chosen = torch.where(total > _LEAST_SHARE, guided, share)
+    chosen = torch.where(guided.sum(1, keepdim=True) > _LEAST_SHARE, guided, share)
     return chosen / chosen.sum(1, keepdim=True)
+
+
+def _beside(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> Int[Tensor, "4 P"]:
+    """The pixels to the left, right, above and below, within the image."""
+    width, height = size_px
+    x, y = at % width, torch.div(at, width, rounding_mode="floor")
+    rows = [y, y, (y - 1).clamp(min=0), (y + 1).clamp(max=height - 1)]
+    columns = [(x - 1).clamp(min=0), (x + 1).clamp(max=width - 1), x, x]
+    return torch.stack([row * width + column for row, column in zip(rows, columns, strict=True)])
 
 
 def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]:

@@ -26,6 +26,7 @@ from ..nerf.lit_rays import (
     light_shadows,
     occluding_triangles,
     ray_positions,
+    skin_depth,
     sky_shadows,
     split_points,
     surface_points,
@@ -121,7 +122,7 @@ def render_lit_hand(
     device = rays.t.device
     on_stage("light")
     view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
-    position = ray_positions(hand, backend.first_hit(hand), rays.pixel, rays.t, rays.dt)
+    position = ray_positions(hand, skin_depth(backend, hand), rays.pixel, rays.t, rays.dt)
     points = surface_points(field, rays.composite, position, view)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
@@ -130,6 +131,7 @@ def render_lit_hand(
     with autocast(device, precision):
         low = field.decode(rays.composite, view, open_to)
     on_stage("superres")
-    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, backend.first_hit(at_full_size(hand)))
+    skin = skin_depth(backend, at_full_size(hand))
+    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)

@@ -23,7 +23,15 @@ from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
-from ..nerf.lit_rays import NO_OCCLUDERS, light_shadows, occluding_triangles, ray_positions, sky_shadows, split_points
+from ..nerf.lit_rays import (
+    NO_OCCLUDERS,
+    light_shadows,
+    occluding_triangles,
+    ray_positions,
+    skin_depth,
+    sky_shadows,
+    split_points,
+)
 from ..nerf.rays import HandInView
 from ..nerf.sampler import SamplerConfig
 from ..records.errors import LiveHandError
@@ -157,7 +165,7 @@ class LitTrainingViews(TrainingViews):
         skies = [SkySamples.of(light.sky, self.device) for light in lights]
         sky_flux = torch.stack([sky.flux for sky in skies])
         hand = HandInView(view.mesh, self.topology, view.camera)
-        position = ray_positions(hand, self.backend.first_hit(hand), view.rays.pixel, view.rays.t, view.rays.dt)
+        position = ray_positions(hand, skin_depth(self.backend, hand), view.rays.pixel, view.rays.t, view.rays.dt)
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
         shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)

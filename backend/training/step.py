@@ -14,7 +14,7 @@ from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
 from ..nerf.lighting import openness
 from ..nerf.lit_field import LitField
-from ..nerf.lit_rays import surface_points
+from ..nerf.lit_rays import skin_depth, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
@@ -189,8 +189,8 @@ def _render_lit(
     pixel, size_px = view.rays.pixel, view.camera.size_px
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)
-    mesh_depth = views.backend.first_hit(at_full_size(hand))
-    image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, mesh_depth)
+    skin = skin_depth(views.backend, at_full_size(hand))
+    image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
     colours = light.encoded(relit(image, features, pixel, size_px))
     return Rendered(maps, torch.cat([colours, image.alpha[None]]))
 

@@ -9,7 +9,14 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, LightFeatures, SurfacePoints
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
-from livehand.backend.nerf.relighting import covered_pixels, lit_image, neighbours, relit_rays, shares_of_rays
+from livehand.backend.nerf.relighting import (
+    SkinDepth,
+    covered_pixels,
+    lit_image,
+    neighbours,
+    relit_rays,
+    shares_of_rays,
+)
 from livehand.backend.nerf.superres import SuperResConfig, build_superres, enlarge
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
@@ -53,7 +60,8 @@ def untrained(seed=0):
 
 
 ALL = torch.arange(SIZE[0] * SIZE[1])
-BESIDE = torch.full((4 * len(ALL),), torch.inf)  # depth of a mesh that is nowhere
+EDGE = torch.tensor(0.003)
+BESIDE = SkinDepth(torch.full((4 * len(ALL),), torch.inf), EDGE)  # nowhere
 
 
 def test_an_even_patch_has_the_colour_of_its_rays(backend):
@@ -153,7 +161,7 @@ def test_without_a_mesh_the_rays_share_as_in_bilinear_enlargement():
     pixel = torch.tensor([12, 13, 21, 22])
     camera, _, points = some_rays(pixel)
     at = covered_pixels(pixel, SIZE)
-    share = shares_of_rays(points.position, pixel, camera, at, BESIDE[at])
+    share = shares_of_rays(points.position, pixel, camera, at, BESIDE)
     values = torch.zeros(len(ALL), 2)
     values[pixel] = torch.tensor([[1.0, 1], [1, 2], [1, 4], [1, 8]])
     around, _ = neighbours(at, SIZE)
@@ -171,8 +179,9 @@ def test_light_stays_on_its_surface():
     position = points.view * (depth / (points.view @ camera.world2cam[2, :3]))[:, None]
     at = torch.arange(4 * len(ALL))
     is_finger_there = at % (2 * SIZE[0]) < 9  # a column farther than the rays say
-    share = shares_of_rays(position, ALL, camera, at, torch.where(is_finger_there, 0.5, 0.6))
+    share = shares_of_rays(position, ALL, camera, at, SkinDepth(torch.where(is_finger_there, 0.5, 0.6), EDGE))
     around, _ = neighbours(at, SIZE)
-    of_finger = (share * is_finger[around]).sum(1)
-    torch.testing.assert_close(of_finger, is_finger_there.float(), atol=1e-3, rtol=0)
+    of_finger = (share * is_finger[around]).sum(1).reshape(-1, 2 * SIZE[0])
+    expected = torch.tensor([1.0] * 8 + [7 / 8] + [0.0] * 9)  # a soft edge: an eighth is of the pixel beside it
+    torch.testing.assert_close(of_finger, expected.expand_as(of_finger), atol=1e-3, rtol=0)
     torch.testing.assert_close(share.sum(1), torch.ones(len(at)))
