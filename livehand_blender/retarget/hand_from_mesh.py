@@ -65,19 +65,21 @@ def hand_model_from_mesh(
 
 
 def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.types.Object:
-    """The armature's mesh with the most vertices in the fingers' groups.
+    """The armature's mesh that has vertices in the most of the joints' groups; of equals, more in the fingers' groups.
 
     Raises:
         LiveHandError: there is none.
     """
     fingers = set(joint_map.bones[1:])
-    counts = {mesh.name: _vertex_count(mesh, fingers) for mesh in skinned_meshes(armature)}
+    counts = {mesh.name: _group_and_vertex_count(mesh, fingers) for mesh in skinned_meshes(armature)}
     best = max(counts, key=lambda name: counts[name], default=None)
-    if best is None or not counts[best]:
+    if best is None or not any(counts[best]):
         raise LiveHandError(f"a mesh must be skinned to the fingers' bones of '{armature.name}', none is")
     return bpy.data.objects[best]
 
 
-def _vertex_count(mesh: bpy.types.Object, names: set[str]) -> int:
+def _group_and_vertex_count(mesh: bpy.types.Object, names: set[str]) -> tuple[int, int]:
+    """How many of the named vertex groups have vertices, and how many vertices they have."""
     groups = {group.index for group in mesh.vertex_groups if group.name in names}
-    return sum(any(element.group in groups for element in vertex.groups) for vertex in mesh.data.vertices)
+    own = [{element.group for element in vertex.groups} & groups for vertex in mesh.data.vertices]
+    return len(set().union(*own)), sum(map(bool, own))

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from ...geometry.mesh_tables import connected_components
 from ...hand.atlas import unwrap
 from ...hand.cap import capped
-from ...hand.model import PARENTS
+from ...hand.model import JOINT_NAMES, PARENTS
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ..source_skeleton import JointMap, SourceSkeleton
@@ -27,6 +28,9 @@ from .skinned_surface import SkinnedSurface
 from .template_frame import hand_length_m, world2template
 
 FEWEST_VERTICES, MOST_VERTICES = 100, 20_000
+_LEAST_WEIGHT = 0.1  # of a joint, in the vertex that it moves most
+_LEAST_REACH = 0.75  # of the hand's length, from the wrist to the farthest vertex
+_MOST_REACH = 1.5  # of the hand's length, for loose pieces
 _STUMP = 0.18  # of the hand's length, as in the built-in hand
 _ELBOW = 0.4  # of the hand's length: a bone above the wrist that begins farther away shows the direction of the forearm
 
@@ -71,6 +75,7 @@ def make_hand_model(
     frame = world2template(joints, joint_map.side)
     weights, share = joint_weights(surface.weights, joint_of)
     cut = cut_hand(surface, weights, share, _wrist(heads, skeleton, joint_map))
+    _check_parts(weights[cut.source], surface.vertices_m[cut.source], joints)
     _check_count(len(cut.source))
     vertices = _moved(surface.vertices_m[cut.source], frame)
     arrays, cap = _arrays(vertices, cut.faces, weights[cut.source], _moved(joints, frame))
@@ -118,7 +123,7 @@ def _wrist(heads: np.ndarray, skeleton: SourceSkeleton, joint_map: JointMap) -> 
     towards = heads[above] - position if above >= 0 else position - knuckle
     if towards @ (position - knuckle) <= 0:  # the bone is a root beside the hand, not an elbow
         towards = position - knuckle
-    return Wrist(position, towards / np.linalg.norm(towards), _STUMP * length)
+    return Wrist(position, towards / np.linalg.norm(towards), _STUMP * length, _MOST_REACH * length)
 
 
 def _arrays(
@@ -142,6 +147,22 @@ def _arrays(
     return arrays, closed[len(faces) :]
 
 
+def _check_parts(weights: np.ndarray, vertices: np.ndarray, joints: np.ndarray) -> None:
+    """Raise `LiveHandError` if a joint moves no vertex of the hand, or the hand is a fragment."""
+    still = [name for name, most in zip(JOINT_NAMES, weights.max(0), strict=True) if most < _LEAST_WEIGHT]
+    if still:
+        raise LiveHandError(
+            f"every joint must move a part of the mesh, got none for {', '.join(still)}; if the hand is several meshes, "
+            "join them (Object > Join), else correct the bones or the weights"
+        )
+    reach, length = float(np.linalg.norm(vertices - joints[0], axis=1).max()), hand_length_m(joints)
+    if reach < _LEAST_REACH * length:
+        raise LiveHandError(
+            f"a hand {1e3 * length:.0f} mm long by its bones must have a mesh of that length, got one that ends "
+            f"{1e3 * reach:.0f} mm from the wrist; choose the hand's whole mesh, or its own bones"
+        )
+
+
 def _check_count(count: int) -> None:
     if not FEWEST_VERTICES <= count <= MOST_VERTICES:
         remedy = "subdivide the mesh once" if count < FEWEST_VERTICES else "decimate it (Blender's Decimate modifier)"
@@ -151,10 +172,14 @@ def _check_count(count: int) -> None:
 
 
 def _check_outward(vertices: np.ndarray, closed: np.ndarray) -> None:
+    """Raise `LiveHandError` unless each piece encloses a positive volume."""
     a, b, c = (vertices[closed[:, corner]] - vertices.mean(0) for corner in range(3))
-    if (np.cross(a, b) * c).sum() <= 0:
+    piece = connected_components(closed, len(vertices))[closed[:, 0]]
+    volumes = np.bincount(piece, (np.cross(a, b) * c).sum(1))[np.unique(piece)]
+    if (volumes <= 0).any():
         raise LiveHandError(
-            "the hand's faces must point outward, they point inward; recalculate its normals (Mesh > Normals)"
+            f"the hand's faces must point outward, they point inward in {int((volumes <= 0).sum())} of "
+            f"{len(volumes)} pieces; recalculate its normals (Mesh > Normals)"
         )
 
 
