@@ -152,8 +152,8 @@ def _check_parts(weights: np.ndarray, vertices: np.ndarray, joints: np.ndarray) 
     still = [name for name, most in zip(JOINT_NAMES, weights.max(0), strict=True) if most < _LEAST_WEIGHT]
     if still:
         raise LiveHandError(
-            f"every joint must move a part of the mesh, got none for {', '.join(still)}; if the hand is several meshes, "
-            "join them (Object > Join), else correct the bones or the weights"
+            f"every joint must move a part of the mesh, got none for {', '.join(still)}; if the hand is in several "
+            "meshes, join them (Object > Join), else correct the bones or the weights"
         )
     reach, length = float(np.linalg.norm(vertices - joints[0], axis=1).max()), hand_length_m(joints)
     if reach < _LEAST_REACH * length:

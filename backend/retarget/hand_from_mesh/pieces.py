@@ -1,4 +1,4 @@
-"""Chooses which loose pieces of a mesh are parts of a hand: characters are often shells, one for each finger segment."""
+"""Chooses which loose pieces of a mesh are a hand's: characters are often made of shells, one for a finger segment."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _is_near(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _winding(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """[P] how often a surface winds around each point: 1 inside (-1 if it faces inward), 0 outside, between them where it is open."""
+    """[P] how often a surface winds around each point: 1 inside, -1 if it faces inward; 0 outside."""
     corners = triangles[None] - points[:, None, None]  # [P, F, 3, 3]
     a, b, c = np.moveaxis(corners, 2, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=-1) for corner in (a, b, c))

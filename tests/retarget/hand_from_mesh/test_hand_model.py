@@ -207,7 +207,7 @@ def test_a_joint_that_moves_nothing_is_refused_by_name(gone, said):
 def test_a_mesh_shorter_than_its_bones_is_refused():
     surface, skeleton, joint_map = rig()
     shrunk = skeleton.heads[0] + 0.5 * (surface.vertices_m - skeleton.heads[0])
-    with pytest.raises(LiveHandError, match="ends .* mm from the wrist"):
+    with pytest.raises(LiveHandError, match=r"ends .* mm from the wrist"):
         make_hand_model(replace(surface, vertices_m=shrunk), skeleton, joint_map)
 
 
