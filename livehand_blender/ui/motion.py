@@ -81,15 +81,15 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         count = key_motion(context.scene, hand, motion, placement)
         return f"{count} frames of {file.info.format}", doubt
 
-    def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, None]:
+    def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """As `_key_poses`, for an armature in a file."""
         paths = self._paths()
         if len(paths) > 1:
             raise LiveHandError(f"a rig's motion must be one file, got {len(paths)}; import them one by one")
         side, unit = (None if value == "AUTO" else value for value in (self.side, self.unit))
         file = RigFile(paths[0], side, unit, self.fps or None)
-        count, name = bake_file(context, hand, file, self._placement())
-        return f"{count} frames of {name}", None
+        keyed = bake_file(context, hand, file, self._placement())
+        return f"{keyed.count} frames of {keyed.armature}", keyed.doubt
 
     def _placement(self) -> Placement:
         return Placement(
