@@ -18,6 +18,8 @@ from .source_skeleton import JointMap, SourceSkeleton, joints_without_bones, sho
 
 _LAYERS = ("def", "", "org")  # Rigify's deform bones first: they follow all controls and constraints
 
+_SHORTEST_TIP, _LONGEST_TIP = 0.1, 2.5  # of a finger's last bone, relative to the one before
+
 
 @dataclass(frozen=True)
 class JointGuess:
@@ -210,5 +212,14 @@ def _side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
 def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[FingerBones], side: Side) -> JointGuess:
     bones = [wrist, *(bone for finger in fingers for bone in finger.joints)]
     names = tuple(None if bone is None else skeleton.names[bone] for bone in bones)
-    tips = tuple(None if finger.tip is None else skeleton.names[finger.tip] for finger in fingers)
-    return JointGuess(side, names, tips)
+    ends = [finger.tip if _ends_finger(skeleton, finger) else None for finger in fingers]
+    return JointGuess(side, names, tuple(None if tip is None else skeleton.names[tip] for tip in ends))
+
+
+def _ends_finger(skeleton: SourceSkeleton, finger: FingerBones) -> bool:
+    """Whether the bone that is named a tip lies where one can: some rigs leave theirs at the palm."""
+    before, last, tip = finger.joints[1], finger.joints[2], finger.tip
+    if before is None or last is None or tip is None:
+        return tip is not None
+    length, own = (np.linalg.norm(skeleton.heads[b] - skeleton.heads[a]) for a, b in ((before, last), (last, tip)))
+    return bool(_SHORTEST_TIP * length < own < _LONGEST_TIP * length)

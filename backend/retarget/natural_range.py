@@ -11,6 +11,7 @@ from ..hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS, HandModel
 from ..motion.landmarks.articulation import FREE, LIMITS
 from ..motion.landmarks.skeleton import HandSkeleton
 from ..motion.motion import HandMotion
+from .rest_alignment import RestAlignment
 
 _HINGE_RAD = np.deg2rad(30.0)  # of the angles that are not free: sideways and about the bone
 _UNNATURAL_RAD = np.deg2rad(20.0)  # beyond the limits, which are wide
@@ -31,9 +32,10 @@ def excess_rad(model: HandModel, theta: np.ndarray) -> np.ndarray:
     return np.maximum(_LIMITS_RAD[..., 0] - angles, angles - _LIMITS_RAD[..., 1]).max(-1).clip(min=0)
 
 
-def is_natural(model: HandModel, rotations: np.ndarray) -> bool:
-    """Whether a hand can have the pose of which the joints' rotations in the world are [16, 3, 3]."""
-    return not _is_beyond(excess_rad(model, local_theta(rotations[None]))).any()
+def rest_pose(alignment: RestAlignment) -> HandMotion:
+    """The pose that our hand has where the other rig is at rest, as a motion of one frame without a place."""
+    theta = local_theta(alignment.rotations[None])
+    return HandMotion(theta, alignment.shape.beta, np.zeros((1, 3)), None, alignment.model.side)
 
 
 def local_theta(rotations: np.ndarray) -> np.ndarray:

@@ -96,6 +96,15 @@ def align(
     return RestAlignment(model, shape, rotations, wrist, skeleton.frames[drivers], rig_nodes[_JOINTS])
 
 
+def completed_joints(alignment: RestAlignment) -> np.ndarray:
+    """[16, 3] m: the rig's joints; those that it lacks continue its fingers as the aligned hand's do."""
+    joints, own = alignment.heads.copy(), alignment.joints
+    for joint in range(1, 16):
+        if np.isnan(joints[joint, 0]):
+            joints[joint] = joints[PARENTS[joint]] + own[joint] - own[PARENTS[joint]]
+    return joints
+
+
 def place_hand(hand: HandAtRest, rig_nodes: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The rotations [16, 3, 3] of the joints, and the wrist's place [3] m, with which a hand has the pose of another.
 

@@ -19,7 +19,7 @@ _PALM_PAIRS = [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
 _PAIRS = np.array([*_BONES, *_PALM_PAIRS, *_TIP_BONES])
 _TIP_WEIGHT = 0.3
 _WEIGHTS = np.r_[np.ones(len(_BONES) + len(_PALM_PAIRS)), np.full(len(_TIP_BONES), _TIP_WEIGHT)]
-_PRIOR = 0.02  # one unit of beta costs as much as an error of this share of the mean length
+_PRIOR = 0.03  # one unit of beta costs as much as an error of this share of the mean length
 MOST_BETA = 4.0
 """Bound of a fitted shape's betas."""
 _STEPS = 12

@@ -24,7 +24,7 @@ from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from ...backend.retarget.doubts import motion_doubts
-from ...backend.retarget.natural_range import is_natural
+from ...backend.retarget.natural_range import rest_pose, unnatural_joints
 from ...backend.retarget.rest_alignment import RestAlignment, align
 from ...backend.retarget.retarget import retarget
 from ..rig.armature import rest_frames
@@ -55,7 +55,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
         )
     check_editable(context, hand)
     alignment = align_hand(hand, source, fits_shape)
-    if not is_natural(alignment.model, alignment.rotations):
+    if unnatural_joints(alignment.model, rest_pose(alignment)):
         alignment = _natural_alignment(context, source, alignment)
     doubt = _doubt(context, source, alignment)
     if is_following(hand.armature):
@@ -74,7 +74,7 @@ def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment:
     evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
     posed = posed_skeleton(evaluated, source.joint_map)
     present = align(posed, source.joint_map, alignment.model, alignment.shape)
-    return present if is_natural(present.model, present.rotations) else alignment
+    return alignment if unnatural_joints(present.model, rest_pose(present)) else present
 
 
 def _doubt(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> str | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...backend.hand.model_file import load_hand_model
 from ...backend.records.errors import LiveHandError
+from ...backend.retarget.doubts import rest_doubts
 from ...backend.retarget.hand_from_mesh.hand_model import check_name, make_hand_model, save_hand_model
 from ...backend.retarget.source_skeleton import JointMap
 from ..capture.look import look_path
@@ -60,6 +61,8 @@ def hand_model_from_mesh(
         "faces": len(model.f),
         "length_mm": round(1e3 * float(np.ptp(model.v_template[:, 0])), 1),
         "pieces_left_out": hand.cut.other_pieces,
+        "joints_without_bones": list(joint_map.missing),
+        "doubt": rest_doubts(hand.alignment),
         "subdivision_moves_mm": round(1e3 * scale * float(rest.smoothed_m[hand.cut.source].max()), 2),
     }
 
@@ -70,7 +73,7 @@ def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.type
     Raises:
         LiveHandError: there is none.
     """
-    fingers = set(joint_map.bones[1:])
+    fingers = {bone for bone in joint_map.bones[1:] if bone}
     counts = {mesh.name: _group_and_vertex_count(mesh, fingers) for mesh in skinned_meshes(armature)}
     best = max(counts, key=lambda name: counts[name], default=None)
     if best is None or not any(counts[best]):

@@ -384,3 +384,10 @@ def test_too_little_of_a_hand_has_no_map():
     kept = [name if "Index" in name or name.endswith("Hand") else None for name in names]
     with pytest.raises(LiveHandError, match="first joints of two fingers beside the thumb must have a bone"):
         guess_joints(skeleton(hand_bones(kept))).joint_map()
+
+
+def test_a_bone_named_a_tip_that_does_not_end_its_finger_is_no_tip():
+    names, tips, _ = CONVENTIONS["Quest"]
+    bones = hand_bones(names, tips)
+    moved = [(n, p, (0.0, 0.0, 0.0) if n == tips[1] else head) for n, p, head in bones]
+    assert guess_joints(skeleton(moved)).tips == (tips[0], None, *tips[2:])

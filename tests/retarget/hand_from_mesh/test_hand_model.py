@@ -12,6 +12,7 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.measurements import fit_beta
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
+from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.retarget.hand_from_mesh.hand_model import make_hand_model, save_hand_model
@@ -218,3 +219,33 @@ def test_one_piece_turned_inside_out_is_refused():
     faces[piece == piece[-1]] = faces[piece == piece[-1]][:, ::-1]
     with pytest.raises(LiveHandError, match="inward in 1 of 16 pieces"):
         make_hand_model(replace(surface, faces=faces), skeleton, joint_map)
+
+
+@pytest.mark.parametrize("gone", [("pinky3",), ("ring1", "ring2", "ring3"), ("index3", "thumb3")], ids=str)
+def test_a_rig_that_lacks_joints_makes_a_hand(hand, gone, tmp_path):
+    """The bone above moves their part of the mesh; the joints continue the finger and move nothing."""
+    surface, skeleton, joint_map = rig()
+    bones = tuple(None if name in gone else name for name in JOINT_NAMES)
+    weights = surface.weights.copy()
+    for name in gone:
+        joint = JOINT_NAMES.index(name)
+        weights[:, PARENTS[joint]] += weights[:, joint] if joint % 3 != 1 else 0
+        weights[:, joint] = 0
+    kept = (weights.sum(1) > 0)[surface.faces].all(1)
+    surface = replace(surface, weights=weights, faces=surface.faces[kept], polygons=np.arange(kept.sum()))
+    made = make_hand_model(surface, skeleton, JointMap("right", bones))
+    save_hand_model(made, tmp_path / "mine.npz", {})
+    model = load_hand_model(tmp_path / "mine.npz")
+    lacking = [JOINT_NAMES.index(name) for name in gone]
+    assert not model.lbs_weights[:, lacking].any()
+    np.testing.assert_allclose(model.joints, hand.joints, atol=0.004)
+    nodes = HandSkeleton.of(model).rest
+    assert np.linalg.norm(np.diff(nodes[1:].reshape(5, 4, 3), axis=1), axis=-1).min() > 0.01
+
+
+def test_bones_in_a_pose_that_no_hand_can_have_are_refused():
+    surface, skeleton, joint_map = rig()
+    bones = list(JOINT_NAMES)
+    bones[13], bones[14] = "thumb2", "thumb1"
+    with pytest.raises(LiveHandError, match=r"thumb1.* beyond what a hand can; correct which bone"):
+        make_hand_model(surface, skeleton, replace(joint_map, bones=tuple(bones)))
