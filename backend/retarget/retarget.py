@@ -78,9 +78,7 @@ def _by_places(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignm
     return _motion(source, alignment, rotations, wrists)
 
 
-def _motion(
-    source: SourceMotion, alignment: RestAlignment, rotations: np.ndarray, wrists: np.ndarray
-) -> HandMotion:
+def _motion(source: SourceMotion, alignment: RestAlignment, rotations: np.ndarray, wrists: np.ndarray) -> HandMotion:
     beta = alignment.shape.beta
     transl = wrists - rest_wrists(alignment.model, beta)
     return HandMotion(local_theta(rotations), beta, transl, source.fps, source.side)

@@ -13,6 +13,7 @@ from ..records.side import Side
 
 _KNUCKLES = (1, 4, 7, 10)
 
+
 @dataclass(frozen=True)
 class SourceSkeleton:
     """B bones of an armature in their rest pose, in the world, with Blender's axes, m.

@@ -29,15 +29,30 @@ def hand_model_from_mesh(
     path: Path,
     scale: float = 1.0,
     provenance: Mapping[str, Any] | None = None,
+    overwrites: bool = False,
+    has_look: bool = True,
 ) -> dict[str, Any]:
-    """Write `path` (.npz) and the .blend beside it; returns facts about the hand model.
+    """Write `path` (.npz) and the .blend beside it, or neither; returns facts about the hand model.
+
+    Args:
+        context: with the scene of the mesh.
+        mesh: skinned.
+        armature: its bones.
+        joint_map: which bones are the hand's joints.
+        path: of the hand model.
+        scale: factor from the scene's lengths to metres.
+        provenance: further facts for the file.
+        overwrites: replace another hand's files.
+        has_look: write the .blend.
 
     Raises:
-        LiveHandError: the mesh is not a hand that can be rendered, or a file cannot be written.
+        LiveHandError: the mesh is not a hand that can be rendered, a file exists already, or one cannot be written.
     """
     check_name(path, joint_map.side)
+    _check_free(path, overwrites, has_look)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(context, mesh, armature, skeleton)
+    waiting = path.with_name(f"{path.stem}.waiting.npz")  # until its look is written, too
     try:
         hand = make_hand_model(rest.surface, skeleton, joint_map, scale)
         origin = {
@@ -48,14 +63,17 @@ def hand_model_from_mesh(
             "side": joint_map.side,
             "bones": list(joint_map.bones),
         }
-        save_hand_model(hand, path, {**origin, **(provenance or {})})
-        model = load_hand_model(path)
-        save_look(look_path(path), mesh, rest, hand, model.sha256)
+        save_hand_model(hand, waiting, {**origin, **(provenance or {})})
+        model = load_hand_model(waiting, joint_map.side)
+        missing = save_look(look_path(path), mesh, rest, hand, model.sha256) if has_look else []
+        waiting.replace(path)
     finally:
         bpy.data.meshes.remove(rest.data)
+        waiting.unlink(missing_ok=True)
     return {
         "hand": str(path),
-        "look": str(look_path(path)),
+        "look": str(look_path(path)) if has_look else None,
+        "pictures_missing": missing,
         "side": model.side,
         "vertices": len(model.v_template),
         "faces": len(model.f),
@@ -65,6 +83,23 @@ def hand_model_from_mesh(
         "doubt": rest_doubts(hand.alignment),
         "subdivision_moves_mm": round(1e3 * scale * float(rest.smoothed_m[hand.cut.source].max()), 2),
     }
+
+
+def _check_free(path: Path, overwrites: bool, has_look: bool) -> None:
+    """Raise `LiveHandError` if a file of somebody else's would be replaced."""
+    look = look_path(path)
+    is_own_source = bool(bpy.data.filepath) and look.resolve() == Path(bpy.data.filepath).resolve()
+    is_others_blend = look.exists() and not path.exists()
+    if has_look and (is_own_source or is_others_blend):
+        raise LiveHandError(
+            f"{look.name} beside the hand model must be free for the hand's materials, it is a file of yours; give the "
+            "model another name"
+        )
+    for taken in (path, *([look] if has_look else [])):
+        if taken.exists() and not overwrites:
+            raise LiveHandError(
+                f"{taken} exists already, and avatars may have been trained for it; give another name, or --overwrite"
+            )
 
 
 def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.types.Object:

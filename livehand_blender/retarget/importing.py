@@ -23,7 +23,7 @@ from ...backend.retarget.shape_fit import HandShape, fit_shape
 from .skeleton import read_skeleton
 from .source import SourceRig, sample_source
 
-RIG_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
+RIG_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".vrm")
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
 Importer = Callable[[Path], object]
@@ -35,7 +35,7 @@ class RigFile:
     """An animated rig in a file, and how to read it.
 
     Attributes:
-        path: `.bvh`, `.fbx`, `.glb` or `.gltf`.
+        path: `.bvh`, `.fbx`, `.glb`, `.gltf` or `.vrm`, which is a glTF.
         side: which of its hands to read; None: our hand's side, or the only one.
         unit: of its lengths, a key of `UNITS_M`; None: the one that gives the hand a hand's usual size.
         fps: of its frames; None: as the file says.
@@ -154,7 +154,7 @@ def import_rig(path: Path, importer_of: Callable[[str], Importer | None] = _impo
     Raises:
         LiveHandError: it is not enabled, or it failed.
     """
-    suffix = ".gltf" if path.suffix.lower() == ".glb" else path.suffix.lower()
+    suffix = ".gltf" if path.suffix.lower() in (".glb", ".vrm") else path.suffix.lower()
     if suffix == ".bvh" and path.read_bytes()[:64].split()[:1] != [b"HIERARCHY"]:
         raise LiveHandError(f"{path.name} must be a BVH file, which starts with HIERARCHY; choose another")
     run = importer_of(suffix)
