@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from ..records.side import Side
 
 METACARPAL, INTERPHALANGEAL, TIP = 0.5, 2.5, 9.0
-"""Positions along a finger besides 1, 2, 3: of a bone in the palm, of the thumb's last joint where it is named IP, and of a
-bone that begins at the fingertip."""
+"""Positions along a finger besides 1, 2, 3: of a bone in the palm, of the thumb's last joint where it is named IP, and
+of a bone that begins at the fingertip."""
 
 _SIDES: dict[str, Side] = {"right": "right", "r": "right", "left": "left", "l": "left"}
 _FINGERS = {

@@ -9,6 +9,7 @@ same and every joint has the palm's rotation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -168,7 +169,7 @@ def _with_gaps_filled(nodes: np.ndarray, template: np.ndarray) -> np.ndarray:
         rows = slice(4 * finger + 1, 4 * finger + 5)
         along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(template[rows], axis=0), axis=1))]
         known = np.flatnonzero(np.isfinite(nodes[rows]).all(1))
-        for start, end in zip(known, known[1:], strict=False):
+        for start, end in pairwise(known):
             for row in range(start + 1, end):
                 share = (along[row] - along[start]) / (along[end] - along[start])
                 nodes[rows][row] = (1 - share) * nodes[rows][start] + share * nodes[rows][end]

@@ -1,7 +1,7 @@
 """Retargets another rig's motion to theta and transl of a hand model: its bones point where the rig's do.
 
-The rest poses tell how each bone is turned about itself. A rest pose that is no hand's (fingers that point anywhere, as in
-files of trackers) tells nothing; then the joints' places in each frame do.
+The rest poses tell how each bone is turned about itself. A rest pose that is no hand's (fingers that point anywhere, as
+in files of trackers) tells nothing; then the joints' places in each frame do.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from ..records.errors import LiveHandError
 from ..records.side import Side
 from .natural_range import local_theta, more_natural
 from .rest_alignment import HandAtRest, RestAlignment, place_hand
+from .source_skeleton import unit
+
+_MIN_STRAIGHTNESS = 0.3  # the median cosine between a finger's last bones, if the last one's tail is where it points
 
 
 @dataclass(frozen=True)
@@ -72,10 +75,21 @@ def retarget(source: SourceMotion, alignment: RestAlignment) -> HandMotion:
 
 def _by_places(source: SourceMotion, nodes: np.ndarray, ends: np.ndarray, alignment: RestAlignment) -> HandMotion:
     """The motion from the joints' places alone."""
+    nodes = _with_tips(nodes, ends)
     hand = HandAtRest.of(alignment.model, alignment.shape)
     placed = [place_hand(hand, *pose) for pose in zip(nodes, ends, strict=True)]
     rotations, wrists = (np.array(values) for values in zip(*placed, strict=True))
     return _motion(source, alignment, rotations, wrists)
+
+
+def _with_tips(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Nodes [T, 21, 3] with the last bones' ends [T, 5, 3] as missing tips, where they mostly continue the fingers."""
+    nodes = nodes.copy()
+    for finger in np.flatnonzero(np.isnan(nodes[0, 4::4, 0])):
+        before, last = nodes[:, 4 * finger + 2], nodes[:, 4 * finger + 3]
+        if np.median((unit(ends[:, finger] - last) * unit(last - before)).sum(-1)) > _MIN_STRAIGHTNESS:
+            nodes[:, 4 * finger + 4] = ends[:, finger]
+    return nodes
 
 
 def _motion(source: SourceMotion, alignment: RestAlignment, rotations: np.ndarray, wrists: np.ndarray) -> HandMotion:

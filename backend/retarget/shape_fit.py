@@ -10,8 +10,8 @@ from ..hand.model import MIRROR_POINT, HandModel
 from ..motion.landmarks.skeleton import HandSkeleton
 
 # The 21 nodes are the wrist, and three joints and the tip of each finger, in MANO's order.
-# Pairs of nodes at a fixed distance: the fingers' bones, all pairs in the palm, which includes the thumb's root, and the
-# bones to the tips. Where a rig's tips are differs, so they count little.
+# Pairs of nodes at a fixed distance: the fingers' bones, all pairs in the palm, which includes the thumb's root, and
+# the bones to the tips. Where a rig's tips are differs, so they count little.
 _PALM = (0, 1, 5, 9, 13, 17)
 _BONES = [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2)]
 _TIP_BONES = [(4 * finger + 3, 4 * finger + 4) for finger in range(5)]

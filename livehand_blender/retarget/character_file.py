@@ -31,7 +31,8 @@ def open_character(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in _KINDS:
         raise LiveHandError(
-            f"a character must be a .blend, .glb, .gltf, .vrm or .fbx, got {path.name}; export it in one of these formats"
+            f"a character must be a .blend, .glb, .gltf, .vrm or .fbx, got {path.name}; export it in one of "
+            "these formats"
         )
     if suffix != ".blend":
         bpy.ops.wm.read_homefile(use_empty=True)

@@ -87,7 +87,7 @@ def read_rig_file(
         armature, guess = _best_hand(path, scene, file.side, model.side)
         skeleton, joint_map = read_skeleton(armature), guess.joint_map()
         size = fit_shape(model.for_side(joint_map.side), source_nodes(skeleton, joint_map)).scale
-        scale_m = UNITS_M[file.unit or _likely_unit(size)]
+        scale_m = UNITS_M[file.unit or likely_unit(size)]
         skeleton = replace(skeleton, heads=skeleton.heads * scale_m, tails=skeleton.tails * scale_m)
         source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature)).scaled(scale_m)
         alignment = align(skeleton, joint_map, model, shape)
@@ -95,7 +95,7 @@ def read_rig_file(
         return RigFileMotion(motion, alignment.shape, armature.name, motion_doubts(alignment, motion))
 
 
-def _likely_unit(size: float) -> str:
+def likely_unit(size: float) -> str:
     """The unit in which a rig that is `size` times our hand, read in metres, has a hand's usual size."""
     common = [unit for unit in _COMMON_UNITS if SMALLEST_SIZE <= size * UNITS_M[unit] <= LARGEST_SIZE]
     return min(common or UNITS_M, key=lambda unit: abs(np.log(size * UNITS_M[unit])))
@@ -189,8 +189,8 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     if not best[1].is_hand:
         raise LiveHandError(
             f"{path.name} must hold a {side or own} hand, there is none in this file: no bones are named like fingers, "
-            "and none has five chains of bones below it; give a file with fingers, or import it with Blender and choose "
-            "the bones under Other Rig"
+            "and none has five chains of bones below it; give a file with fingers, or import it with Blender and "
+            "choose the bones under Other Rig"
         )
     return best
 

@@ -1,4 +1,4 @@
-"""The pictures of a character's materials: missing ones are looked for beside the file, or replaced by a plain colour."""
+"""The pictures of a character's materials: missing ones are looked for beside the file, or give way to plain colours."""
 
 from __future__ import annotations
 

@@ -448,7 +448,7 @@ def test_another_hands_files_are_not_replaced(coarse, tmp_path):
     path.write_text("another hand")
     with pytest.raises(LiveHandError, match=r"mine\.npz exists already.*--overwrite"):
         hand_model_from_mesh(*asked, path)
-    with pytest.raises(LiveHandError, match="0.1 to 0.3 m"):
+    with pytest.raises(LiveHandError, match=r"0\.1 to 0\.3 m"):
         hand_model_from_mesh(*asked, path, scale=50.0, overwrites=True)
     assert (look.read_text(), path.read_text()) == ("a user's", "another hand")
     look.unlink()

@@ -158,7 +158,7 @@ def test_a_rest_pose_that_is_no_hands_is_not_taken_for_one(hand, side):
     """Fingers that point anywhere at rest: the joints' places in each frame tell how bones are turned."""
     rest_theta = np.random.default_rng(0).normal(size=(16, 3))
     rest_theta[0] = 0
-    rest, posed, turn, shift = ours_elsewhere(side, 1, rest_theta)
+    rest, posed, turn, _ = ours_elsewhere(side, 1, rest_theta)
     thetas = np.array([gesture(name, side) for name in ("rest", "fist", "pinch", "point", "spread")])
     nodes = rest_nodes(hand.for_side(side), np.zeros(10))
     wanted = in_world(thetas, turn)
