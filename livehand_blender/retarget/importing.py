@@ -20,10 +20,10 @@ from ...backend.retarget.joint_guess import JointGuess, guess_joints
 from ...backend.retarget.rest_alignment import align, source_nodes
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
+from ...backend.retarget.source_skeleton import JointMap
 from .skeleton import read_skeleton
 from .source import SourceRig, sample_source
 
-RIG_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf", ".vrm")
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
 Importer = Callable[[Path], object]
@@ -55,12 +55,14 @@ class RigFileMotion:
         motion: in Blender's world.
         shape: of the motion; its scale is for the object.
         armature: name of the armature in the file.
+        joint_map: which of its bones were read.
         doubt: what speaks against the motion; None: nothing.
     """
 
     motion: HandMotion
     shape: HandShape
     armature: str
+    joint_map: JointMap
     doubt: str | None
 
 
@@ -92,7 +94,7 @@ def read_rig_file(
         source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature)).scaled(scale_m)
         alignment = align(skeleton, joint_map, model, shape)
         motion = retarget(source, alignment)
-        return RigFileMotion(motion, alignment.shape, armature.name, motion_doubts(alignment, motion))
+        return RigFileMotion(motion, alignment.shape, armature.name, joint_map, motion_doubts(alignment, motion))
 
 
 def likely_unit(size: float) -> str:

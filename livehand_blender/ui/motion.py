@@ -16,9 +16,10 @@ from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.records.errors import LiveHandError
+from ...backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
-from ..retarget.importing import RIG_SUFFIXES, RigFile
+from ..retarget.importing import RigFile
 from ..rig.hand import RiggedHand
 from . import motion_files
 from .mixins import FrameRange, HandTab, OnHand, reports_errors

@@ -1,15 +1,20 @@
 """Import Motion reads BVH, FBX and glTF: known poses, and nothing of the file is left behind."""
 
+import json
+
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.commands import render_motion
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.shape_fit import rest_nodes
+from livehand.livehand_blender.cli import main
 from livehand.livehand_blender.retarget.importing import UNITS_M, all_data, import_rig, likely_unit
+from livehand.livehand_blender.retarget.rig_motion import read_upright
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
@@ -247,3 +252,31 @@ def test_the_import_prints_nothing(hand, model, tmp_path, capfd):
     path = write_bvh(tmp_path / "m.bvh", model.side, some_thetas(model.side), np.zeros((4, 3)), 24)
     run(path)
     assert [line for line in capfd.readouterr().out.splitlines() if not line.startswith("Info:")] == []
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_program_inspects_and_renders_a_rigs_file(tmp_path, side, capsys, monkeypatch):
+    thetas = some_thetas(side)
+    path = write_bvh(tmp_path / "m.bvh", side, thetas, np.ones((4, 3)), 24)
+    assert main(["inspect", str(path), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (facts["kind"], facts["hand"], facts["frames"], facts["fps"]) == ("animated rig", side, 4, 24)
+    assert facts["bones"].startswith(f"{side.title()}Hand, {side.title()}HandIndex1")
+    assert facts["scale_of_hand"] == pytest.approx(1, rel=0.01)
+    assert "check" not in facts
+    motion = read_upright(path, load_default_hand())
+    np.testing.assert_allclose(motion.theta[:, 1:], thetas[:, 1:], atol=2e-4)
+    model = load_default_hand().for_side(side)
+    np.testing.assert_allclose(motion.transl + rest_nodes(model, np.zeros(10))[0], 0, atol=1e-4)
+    frames = []
+    monkeypatch.setattr(render_motion, "run", lambda args, read: frames.append(read(path, model)) or {"summary": ""})
+    assert main(["render", str(path), "-o", str(tmp_path / "out"), "--avatar", "deep"]) == 0
+    np.testing.assert_array_equal(frames[0].theta, motion.theta)
+
+
+def test_a_vrm_is_a_gltf(other_rigs, tmp_path):
+    made = other_rigs.make_rigged_hand()
+    path = other_rigs.write_glb(made, tmp_path / "h.glb").rename(tmp_path / "h.vrm")
+    bpy.ops.wm.read_homefile(use_empty=True)
+    import_rig(path)
+    assert [thing.name for thing in bpy.context.scene.objects if thing.type == "ARMATURE"]
