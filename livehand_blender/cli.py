@@ -1,7 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand`, `capture` and `inspect` of a rig's file need Blender as a module, and `benchmark` uses it for
-Cycles; they import it when they run.
+Only `render`, `make-hand`, `capture` and `inspect` of a rig's file need Blender as a module, and `benchmark` uses it
+for Cycles; they import it when they run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The pictures of a character's materials: missing ones are looked for beside the file, or give way to plain colours."""
+"""The pictures of a character's materials: missing ones are looked for beside the file, or become plain colours."""
 
 from __future__ import annotations
 

@@ -143,13 +143,13 @@ def test_the_unit_is_the_one_that_gives_a_hands_size(size, unit):
     assert UNITS_M[likely_unit(size / UNITS_M[unit])] == UNITS_M[unit]
 
 
-def test_a_bare_hand_with_anatomical_names_and_a_rest_pose_that_is_no_hands(hand, model, tmp_path, per_m=10.0):
+def test_a_bare_hand_with_anatomical_names_and_a_rest_pose_that_is_no_hands(hand, model, tmp_path):
     """The fingers point anywhere at rest, and the unit is the decimetre."""
     rest_theta = np.random.default_rng(0).normal(size=(16, 3))
     rest_theta[0] = 0
     thetas = some_thetas(model.side)
     wrists = np.zeros((4, 3))
-    path = write_bvh(tmp_path / "m.bvh", model.side, thetas, wrists, 24, anatomical_name, rest_theta, per_m)
+    path = write_bvh(tmp_path / "m.bvh", model.side, thetas, wrists, 24, anatomical_name, rest_theta, 10.0)
     assert run(path, side=model.side, match_fps=False) == {"FINISHED"}
     off = [np.linalg.norm(pose_at(hand, frame).theta[1:] - thetas[frame - 1, 1:], axis=1) for frame in range(1, 5)]
     assert np.rad2deg(np.max(off, 0)[:12].max()) < 8
