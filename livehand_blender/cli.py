@@ -1,7 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand` and `capture` need Blender as a module, and `benchmark` uses it for Cycles; they import it
-when they run.
+Only `render`, `make-hand`, `capture` and `inspect` of a rig's file need Blender as a module, and `benchmark` uses it
+for Cycles; they import it when they run.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,10 +21,12 @@ from ..backend.captures.importers.transforms_command import COMMAND as IMPORT_TR
 from ..backend.captures.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
+from ..backend.commands.inspect import report
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
+from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..backend.runtime.command import Command, run_commands
 from ..backend.runtime.stdout import blender_silenced
 from ..backend.training.command import COMMAND as TRAIN
@@ -31,6 +34,7 @@ from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
 from .render import command as render
 from .retarget import command as make_hand
+from .retarget import rig_motion
 
 ABOUT = "Photoreal frames of hands posed in Blender."
 
@@ -49,9 +53,20 @@ def _add_render_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _render(args: argparse.Namespace) -> Mapping[str, Any]:
     """Render .blend files with Blender, or a pose file without it."""
-    if args.shots[0].suffix.lower() in POSE_FILES:
+    suffix = args.shots[0].suffix.lower()
+    if suffix in POSE_FILES:
         return render_poses.run(args)
+    if suffix in RIG_SUFFIXES:
+        read = partial(rig_motion.read_upright, side=args.side)
+        return _in_blender(partial(render_poses.run, read=read))(args)
     return _in_blender(partial(render.run, in_blender=_registered))(args)
+
+
+def _inspect(args: argparse.Namespace) -> Mapping[str, Any]:
+    """Inspect an animated rig with Blender's importers, any other file without Blender."""
+    if args.file.is_file() and args.file.suffix.lower() in RIG_SUFFIXES:
+        return _silent_in_blender(lambda args: report(rig_motion.rig_facts(args.file)))(args)
+    return INSPECT.run(args)
 
 
 def _in_blender(run: Run) -> Run:
@@ -109,7 +124,7 @@ COMMANDS: dict[str, Command] = {
         EVALUATE,
         BENCHMARK,
         SHEET,
-        INSPECT,
+        replace(INSPECT, run=_inspect),
         THUMBNAIL,
         IMPORT_INTERHAND,
         IMPORT_TRANSFORMS,

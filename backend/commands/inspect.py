@@ -20,7 +20,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    facts = inspect(args.file)
+    return report(inspect(args.file))
+
+
+def report(facts: dict) -> dict:
+    """The facts with their summary, a line for each."""
     width = max(map(len, facts))
     return {**facts, "summary": "\n".join(f"{key:{width}s}  {value}" for key, value in facts.items())}
 

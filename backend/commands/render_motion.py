@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,8 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] | None = None) -> dict[str, Any]:
     """Render the poses of the one file in `args.shots`, with the other arguments of `livehand render`.
+
+    Args:
+        args: of the command.
+        read: reads the file's motion as `posed_upright` does; None: `posed_upright`.
 
     Raises:
         LiveHandError: the file cannot be read, lacks the frames, or is not the only one.
@@ -59,7 +64,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..rendering.renderer import Renderer
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
-    motion = posed_upright(path, hand, args.side, find_basis(args.mano, args.hand))
+    if read is None:
+        motion = posed_upright(path, hand, args.side, find_basis(args.mano, args.hand))
+    else:
+        motion = read(path, hand)
     frames = frame_indices(motion, args.frames)
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)

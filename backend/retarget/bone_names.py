@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from ..records.side import Side
 
-METACARPAL, TIP = 0.5, 9.0
-"""Positions along a finger besides 1, 2, 3: of a bone in the palm, and of a bone that begins at the fingertip."""
+METACARPAL, INTERPHALANGEAL, TIP = 0.5, 2.5, 9.0
+"""Positions along a finger besides 1, 2, 3: of a bone in the palm, of the thumb's last joint where it is named IP, and
+of a bone that begins at the fingertip."""
 
 _SIDES: dict[str, Side] = {"right": "right", "r": "right", "left": "left", "l": "left"}
 _FINGERS = {
@@ -27,6 +28,12 @@ _PARTS = {
     "meta": METACARPAL,
     "carpal": METACARPAL,
     "palm": METACARPAL,
+    "cmc": METACARPAL,
+    "mcp": 1.0,
+    "knuckle": 1.0,
+    "pip": 2.0,
+    "ip": INTERPHALANGEAL,
+    "dip": 3.0,
     "proximal": 1.0,
     "prox": 1.0,
     "intermediate": 2.0,

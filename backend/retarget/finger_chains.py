@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-# A chain whose first bone begins nearer to the wrist than this share of its own length begins with a metacarpal: a
-# knuckle lies about two bone lengths away.
-_METACARPAL_DISTANCE = 0.7
+# Millimetres from the wrist to a finger's first joint, and from joint to joint, of the built-in hand: only their ratios
+# count. A metacarpal begins at the wrist and is as long as the palm, a bone at the tip begins two lengths too far.
+_FINGER_MM, _THUMB_MM = (91.0, 40.0, 23.0), (32.0, 46.0, 32.0)
+_SHORTEST = 1e-6  # of the longest length: bones in one place are no joints
 
 
 class FingerBones(NamedTuple):
@@ -19,7 +20,7 @@ class FingerBones(NamedTuple):
 
 
 def finger_of_chain(chain: list[int], heads: np.ndarray, wrist: int | None, is_thumb: bool) -> FingerBones:
-    """The finger of a chain of bones, from geometry alone.
+    """The finger of a chain of bones, from geometry alone: the three that lie where the joints of a finger do.
 
     Args:
         chain: indices of bones, from the palm outwards.
@@ -27,11 +28,17 @@ def finger_of_chain(chain: list[int], heads: np.ndarray, wrist: int | None, is_t
         wrist: index of the wrist's bone; None if unknown.
         is_thumb: the thumb's first joint is at its metacarpal.
     """
-    if len(chain) > 3 and not is_thumb and wrist is not None:
-        first = np.linalg.norm(heads[chain[1]] - heads[chain[0]])
-        if np.linalg.norm(heads[chain[0]] - heads[wrist]) < _METACARPAL_DISTANCE * first:
-            chain = chain[1:]
-    if len(chain) > 4:
-        chain = chain[-4:]
-    padded = [*chain, None, None, None, None]
+    starts, first = range(max(1, len(chain) - 2)), 0
+    if wrist is None:
+        first = starts[-2:][0]  # a tip, no metacarpal
+    elif len(starts) > 1:
+        first = min(starts, key=lambda start: _unlikeness([wrist, *chain[start : start + 3]], heads, is_thumb))
+    padded = [*chain[first:], None, None, None, None]
     return FingerBones((padded[0], padded[1], padded[2]), padded[3])
+
+
+def _unlikeness(bones: list[int], heads: np.ndarray, is_thumb: bool) -> float:
+    """How much the ratios of the lengths between wrist and joints differ from a finger's."""
+    lengths = np.linalg.norm(np.diff(heads[bones], axis=0), axis=1)
+    usual = np.array(_THUMB_MM if is_thumb else _FINGER_MM)[: len(lengths)]
+    return float(np.std(np.log(np.maximum(lengths, _SHORTEST * lengths.max(initial=1e-12)) / usual)))

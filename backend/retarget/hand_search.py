@@ -12,6 +12,7 @@ from .source_skeleton import SourceSkeleton, unit
 
 # Fingers bent, or a thumb out of the palm's plane, by less than this do not show the palm: sine, share of the length.
 _LEAST_BEND, _LEAST_OFFSET = 0.03, 0.03
+_KNUCKLES = [1, 4, 10, 7]  # from the index to the little finger
 
 
 @dataclass(frozen=True)
@@ -41,17 +42,22 @@ def find_hands(skeleton: SourceSkeleton) -> list[FoundHand]:
 
 
 def side_of(heads: np.ndarray) -> Side | None:
-    """The side of joints [16, 3] in MANO's order: from the bend of the fingers, else from the thumb's position."""
-    wrist, knuckles = heads[0], heads[[1, 4, 7, 10]]
-    along = unit(knuckles.mean(0) - wrist)
-    across = heads[1] - heads[7]
+    """The side of joints [16, 3] in MANO's order: from the bend of the fingers, else from the thumb's position.
+
+    Joints that are not known are NaN; of the wrist and two knuckles all must be.
+    """
+    wrist, knuckles = heads[0], heads[_KNUCKLES]
+    knuckles = knuckles[np.isfinite(knuckles).all(1)]
+    middle = knuckles.mean(0) - wrist
+    along = unit(middle)
+    across = knuckles[0] - knuckles[-1]
     towards_thumb = unit(across - (across @ along) * along)
     palmar = np.cross(towards_thumb, along)  # out of the palm of a right hand
-    bend = sum(_bend(heads[first : first + 3], along) for first in (1, 4, 7, 10)) / 4
-    lean = bend @ palmar
+    bends = np.array([_bend(heads[first : first + 3], along) for first in _KNUCKLES])
+    lean = float(np.where(np.isfinite(bends), bends, 0).mean(0) @ palmar)
     if abs(lean) < _LEAST_BEND:
-        reach = np.linalg.norm(knuckles.mean(0) - wrist)
-        offset = (heads[13:16].mean(0) - wrist) @ palmar / reach
+        thumb = heads[13:16][np.isfinite(heads[13:16]).all(1)]
+        offset = float((thumb.mean(0) - wrist) @ palmar / np.linalg.norm(middle)) if len(thumb) else 0.0
         lean = offset if abs(offset) > _LEAST_OFFSET else 0.0
     return None if lean == 0 else "right" if lean > 0 else "left"
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from ..hand.model import JOINT_NAMES, MANO_FINGERS
+from ..hand.model import MANO_FINGERS
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
-from .bone_names import METACARPAL, TIP, BoneName, parse_bone_name
+from .bone_names import INTERPHALANGEAL, METACARPAL, TIP, BoneName, parse_bone_name
 from .finger_chains import FingerBones, finger_of_chain
 from .hand_search import FoundHand, find_hands, side_of
-from .source_skeleton import JointMap, SourceSkeleton
+from .source_skeleton import JointMap, SourceSkeleton, joints_without_bones, shows_palm
 
 _LAYERS = ("def", "", "org")  # Rigify's deform bones first: they follow all controls and constraints
+
+_SHORTEST_TIP, _LONGEST_TIP = 0.1, 2.5  # of a finger's last bone, relative to the one before
 
 
 @dataclass(frozen=True)
@@ -35,20 +38,26 @@ class JointGuess:
     @property
     def missing(self) -> tuple[str, ...]:
         """Names of the joints for which no bone was found."""
-        return tuple(joint for joint, bone in zip(JOINT_NAMES, self.bones, strict=True) if bone is None)
+        return joints_without_bones(self.bones)
+
+    @property
+    def is_hand(self) -> bool:
+        """Whether enough was found for a joint map."""
+        return shows_palm(self.bones)
 
     def joint_map(self) -> JointMap:
-        """The joint map of a complete guess.
+        """The joint map; joints that were not found have no bone.
 
         Raises:
-            LiveHandError: a joint has no bone.
+            LiveHandError: no hand was found, or not enough of it.
         """
-        if self.missing:
+        if len(self.missing) >= 15:
             raise LiveHandError(
-                f"every joint of the {self.side} hand must have a bone, none was found for {', '.join(self.missing)}; "
-                "choose them by hand"
+                f"the armature must have a bone for the {self.side} hand's joints, there is no such hand: no bones are "
+                "named like fingers, and none has five chains of bones below it; choose another armature or file, or "
+                "name the bones yourself"
             )
-        return JointMap(self.side, tuple(bone or "" for bone in self.bones), self.tips)
+        return JointMap(self.side, self.bones, self.tips)
 
 
 def guess_joints(skeleton: SourceSkeleton, side: Side | None = None) -> JointGuess:
@@ -70,8 +79,17 @@ def _guess(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
         return by_names
     shapes = [hand for hand in find_hands(skeleton) if _side_at(skeleton, hand) in (side, None)]
     by_shape = [_guess_of(skeleton, hand.wrist, hand.fingers, side) for hand in shapes]
-    found = [guess for guess in (by_names, *by_shape) if guess and len(guess.missing) < 15]
+    found = [guess for guess in (by_names, *by_shape) if guess and len(guess.missing) < 15 and _agrees(guess)]
     return min(found, key=lambda guess: len(guess.missing), default=by_names)
+
+
+def _agrees(guess: JointGuess) -> bool:
+    """Whether no bone's name says that it is of another finger, or no joint."""
+    for joint, bone in enumerate(guess.bones[1:]):
+        name = parse_bone_name(bone) if bone else None
+        if name and name.finger and (name.finger != MANO_FINGERS[joint // 3] or name.position == TIP):
+            return False
+    return True
 
 
 def _by_names(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
@@ -99,10 +117,10 @@ def _sides(skeleton: SourceSkeleton, names: list[BoneName | None]) -> list[Side 
 
 def _may_be(skeleton: SourceSkeleton, guess: JointGuess, side: Side) -> bool:
     """Whether a hand whose names have no side may be of this side."""
-    if guess.missing:
+    if not guess.is_hand:
         return len(guess.missing) < 15 and side == "right"
-    bones = [skeleton.index(bone) for bone in guess.bones if bone]
-    return side_of(skeleton.heads[bones]) in (side, None)
+    heads = np.array([skeleton.heads[skeleton.index(bone)] if bone else np.full(3, np.nan) for bone in guess.bones])
+    return side_of(heads) in (side, None)
 
 
 def _named_hand(skeleton: SourceSkeleton, names: dict[int, BoneName], side: Side) -> JointGuess:
@@ -135,17 +153,30 @@ def _finger(skeleton: SourceSkeleton, names: dict[int, BoneName], wrist: int | N
     tip = best.pop(TIP, None)
     if not is_thumb:
         best.pop(METACARPAL, None)
-    if 0.0 in best and len(best) > 3:  # positions count from 0, which is in the palm
-        best.pop(0.0)
     chain = [best[position] for position in sorted(best)]
-    if len(chain) > 3 or (is_thumb and METACARPAL in best):
-        found = finger_of_chain(chain, skeleton.heads, wrist, is_thumb)
-        return found if tip is None else found._replace(tip=tip)
-    return FingerBones(_at_positions(best), tip)
+    if len(chain) < 2:  # names that tell the finger only
+        chain = _one_chain(skeleton, [*chain, *(bone for bone in names if names[bone].position is None)])
+    elif any(bone in skeleton.ancestors(above) for above, bone in pairwise(chain)):
+        chain = _one_chain(skeleton, chain)
+    elif len(chain) <= 3 and not (is_thumb and METACARPAL in best):
+        return FingerBones(_at_positions(best), tip)
+    found = finger_of_chain(chain, skeleton.heads, wrist, is_thumb)
+    return found if tip is None else found._replace(tip=tip)
+
+
+def _one_chain(skeleton: SourceSkeleton, bones: list[int]) -> list[int]:
+    """Bones in the order of the hierarchy, as far as each is above the next."""
+    chain: list[int] = []
+    for bone in sorted(bones, key=lambda bone: len(skeleton.ancestors(bone))):
+        if not chain or chain[-1] in skeleton.ancestors(bone):
+            chain.append(bone)
+    return chain
 
 
 def _at_positions(best: dict[float, int]) -> tuple[int | None, int | None, int | None]:
     """At most three bones at their own positions, so that gaps are kept."""
+    if INTERPHALANGEAL in best:  # the thumb's last joint, after MCP
+        return best.get(METACARPAL), best.get(1.0), best[INTERPHALANGEAL]
     first = 0.0 if 0.0 in best else 1.0
     bones = [best.get(first + k) for k in range(3)]
     return bones[0], bones[1], bones[2]
@@ -181,5 +212,14 @@ def _side_at(skeleton: SourceSkeleton, hand: FoundHand) -> Side | None:
 def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[FingerBones], side: Side) -> JointGuess:
     bones = [wrist, *(bone for finger in fingers for bone in finger.joints)]
     names = tuple(None if bone is None else skeleton.names[bone] for bone in bones)
-    tips = tuple(None if finger.tip is None else skeleton.names[finger.tip] for finger in fingers)
-    return JointGuess(side, names, tips)
+    ends = [finger.tip if _ends_finger(skeleton, finger) else None for finger in fingers]
+    return JointGuess(side, names, tuple(None if tip is None else skeleton.names[tip] for tip in ends))
+
+
+def _ends_finger(skeleton: SourceSkeleton, finger: FingerBones) -> bool:
+    """Whether the bone that is named a tip lies where one can: some rigs leave theirs at the palm."""
+    before, last, tip = finger.joints[1], finger.joints[2], finger.tip
+    if before is None or last is None or tip is None:
+        return tip is not None
+    length, own = (np.linalg.norm(skeleton.heads[b] - skeleton.heads[a]) for a, b in ((before, last), (last, tip)))
+    return bool(_SHORTEST_TIP * length < own < _LONGEST_TIP * length)

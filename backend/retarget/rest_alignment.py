@@ -9,18 +9,20 @@ same and every joint has the palm's rotation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, rotation_between
-from ..hand.model import MIRROR_POINT, HandModel
+from ..hand.model import MIRROR_POINT, PARENTS, HandModel
 from ..motion.landmarks.skeleton import HandSkeleton
 from ..records.errors import LiveHandError
 from .shape_fit import HandShape, fit_shape, rest_nodes
 from .source_skeleton import JointMap, SourceSkeleton, unit
 
-_PALM = [0, 1, 5, 9, 13]  # the wrist and four knuckles among the 21 nodes
-_JOINTS = [0, *(4 * finger + k for finger in range(5) for k in (1, 2, 3))]  # all but the tips
+_PALM = np.array([0, 1, 5, 9, 13])  # the wrist and four knuckles among the 21 nodes
+_JOINTS = np.array([0, *(4 * finger + k for finger in range(5) for k in (1, 2, 3))])  # all but the tips
 _SAME_POSITION = 0.002  # share of the distance from the wrist to the middle knuckle: 0.2 mm in an adult hand
 # The bend of a finger gives its flexion axis if larger than the second angle, and does not if below the first.
 _STRAIGHT, _BENT = np.deg2rad([6.0, 20.0])
@@ -39,8 +41,8 @@ class RestAlignment:
         shape: of the hand model.
         rotations: [16, 3, 3] per joint, from the template's frame to the world, when the rig is at rest.
         wrist: [3] m, position of the hand model's wrist in the world then.
-        frames: [16, 3, 3] of the rig's bones at rest, in the world.
-        heads: [16, 3] m, of the rig's bones.
+        frames: [16, 3, 3] at rest, in the world, of the bones that the joints move with.
+        heads: [16, 3] m, of the rig's bones; NaN for joints without one.
     """
 
     model: HandModel
@@ -49,6 +51,28 @@ class RestAlignment:
     wrist: np.ndarray
     frames: np.ndarray
     heads: np.ndarray
+
+    @property
+    def joints(self) -> np.ndarray:
+        """[16, 3] m: the hand model's joints in the world when the rig is at rest."""
+        nodes = self.shape.scale * rest_nodes(self.model, self.shape.beta)[_JOINTS]
+        joints = [self.wrist]
+        for joint in range(1, 16):
+            above = PARENTS[joint]
+            joints.append(joints[above] + self.rotations[above] @ (nodes[joint] - nodes[above]))
+        return np.array(joints)
+
+
+class HandAtRest(NamedTuple):
+    """A shape of a hand model at rest: nodes [21, 3] m, and the knuckles' flexion axes [3], None for the thumb."""
+
+    nodes: np.ndarray
+    axes: list[np.ndarray | None]
+
+    @classmethod
+    def of(cls, model: HandModel, shape: HandShape) -> HandAtRest:
+        """In the template's frame, at the shape's scale."""
+        return cls(shape.scale * rest_nodes(model, shape.beta), _flexion_axes(model))
 
 
 def align(
@@ -66,41 +90,90 @@ def align(
         LiveHandError: a bone is missing, or two joints coincide.
     """
     model = model.for_side(joint_map.side)
-    bones = [skeleton.index(bone) for bone in joint_map.bones]
     rig_nodes = source_nodes(skeleton, joint_map)
     shape = shape or _same_shape(model, rig_nodes) or fit_shape(model, rig_nodes)
-    model_nodes = shape.scale * rest_nodes(model, shape.beta)
-    palm = _rotation_between(model_nodes[_PALM], rig_nodes[_PALM])
-    wrist = rig_nodes[_PALM].mean(0) + palm @ (model_nodes[0] - model_nodes[_PALM].mean(0))
-    joints = _rotation_between(model_nodes[_JOINTS], rig_nodes[_JOINTS])
-    if _coincide(model_nodes[_JOINTS], rig_nodes[_JOINTS], joints):
-        rotations, wrist = [joints] * 16, rig_nodes[0]
-    else:
-        rig_bones, axes = _directions(skeleton, bones, rig_nodes), _flexion_axes(model)
-        fingers = (_finger_rotations(palm, _bones(model_nodes, k), rig_bones[k], axes[k]) for k in range(5))
-        rotations = [palm, *(rotation for finger in fingers for rotation in finger)]
-    return RestAlignment(model, shape, np.array(rotations), wrist, skeleton.frames[bones], skeleton.heads[bones])
+    rotations, wrist = place_hand(HandAtRest.of(model, shape), rig_nodes, source_ends(skeleton, joint_map))
+    drivers = [skeleton.index(bone) for bone in joint_map.drivers]
+    return RestAlignment(model, shape, rotations, wrist, skeleton.frames[drivers], rig_nodes[_JOINTS])
+
+
+def completed_joints(alignment: RestAlignment) -> np.ndarray:
+    """[16, 3] m: the rig's joints; those that it lacks continue its fingers as the aligned hand's do."""
+    joints, own = alignment.heads.copy(), alignment.joints
+    for joint in range(1, 16):
+        if np.isnan(joints[joint, 0]):
+            joints[joint] = joints[PARENTS[joint]] + own[joint] - own[PARENTS[joint]]
+    return joints
+
+
+def place_hand(hand: HandAtRest, rig_nodes: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rotations [16, 3, 3] of the joints, and the wrist's place [3] m, with which a hand has the pose of another.
+
+    Args:
+        hand: at rest.
+        rig_nodes: [21, 3] m the other's nodes, NaN for those that it lacks.
+        ends: [5, 3] m where the fingers' last bones end; used for fingers without a tip.
+    """
+    rig_nodes = _with_gaps_filled(rig_nodes, hand.nodes)
+    known = np.isfinite(rig_nodes).all(1)
+    palm_nodes, joint_nodes = _PALM[known[_PALM]], _JOINTS[known[_JOINTS]]
+    palm = _rotation_between(hand.nodes[palm_nodes], rig_nodes[palm_nodes])
+    wrist = rig_nodes[palm_nodes].mean(0) + palm @ (hand.nodes[0] - hand.nodes[palm_nodes].mean(0))
+    joints = _rotation_between(hand.nodes[joint_nodes], rig_nodes[joint_nodes])
+    if _coincide(hand.nodes[joint_nodes], rig_nodes[joint_nodes], joints):
+        return np.array([joints] * 16), rig_nodes[0]
+    directions = _directions(rig_nodes, ends)
+    rotations = [palm]
+    for finger in range(5):
+        rotations += _finger_rotations(palm, _bones(hand.nodes, finger), directions[finger], hand.axes[finger])
+    return np.array(rotations), wrist
+
+
+def source_ends(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
+    """[5, 3] m: the tails of the last bones that each finger has; NaN for a finger without bones."""
+    ends = np.full((5, 3), np.nan)
+    for finger in range(5):
+        bones = [bone for bone in joint_map.bones[3 * finger + 1 : 3 * finger + 4] if bone]
+        if bones:
+            ends[finger] = skeleton.tails[skeleton.index(bones[-1])]
+    return ends
 
 
 def source_nodes(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray:
-    """[21, 3] m the wrist, and each finger's three joints and tip; NaN for a tip without a bone.
+    """[21, 3] m the wrist, and each finger's three joints and tip; NaN for those without a bone.
 
     Raises:
         LiveHandError: a bone is missing, or joints of one finger coincide.
     """
-    heads = [skeleton.heads[skeleton.index(bone)] for bone in joint_map.bones]
+    heads = [_head(skeleton, bone) for bone in joint_map.bones]
     nodes = [heads[0]]
     for finger in range(5):
-        tip = joint_map.tips[finger]
-        end = np.full(3, np.nan) if tip is None else skeleton.heads[skeleton.index(tip)]
-        nodes += [*heads[3 * finger + 1 : 3 * finger + 4], end]
-        steps = np.linalg.norm(np.diff([heads[0], *nodes[-4:]], axis=0), axis=1)
-        if (steps < _SMALLEST_M).any():
+        nodes += [*heads[3 * finger + 1 : 3 * finger + 4], _head(skeleton, joint_map.tips[finger])]
+        known = [node for node in (heads[0], *nodes[-4:]) if np.isfinite(node).all()]
+        if len(known) > 1 and (np.linalg.norm(np.diff(known, axis=0), axis=1) < _SMALLEST_M).any():
             raise LiveHandError(
-                f"joints must lie apart, got '{joint_map.bones[3 * finger + 1]}' or the next bone in the place of "
+                f"joints must lie apart, got '{joint_map.drivers[3 * finger + 1]}' or the next bone in the place of "
                 "another; choose other bones"
             )
     return np.array(nodes)
+
+
+def _head(skeleton: SourceSkeleton, bone: str | None) -> np.ndarray:
+    return skeleton.heads[skeleton.index(bone)] if bone else np.full(3, np.nan)
+
+
+def _with_gaps_filled(nodes: np.ndarray, template: np.ndarray) -> np.ndarray:
+    """Nodes [21, 3] with those that lie between two known ones of a finger set on the line between them."""
+    nodes = nodes.copy()
+    for finger in range(5):
+        rows = slice(4 * finger + 1, 4 * finger + 5)
+        along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(template[rows], axis=0), axis=1))]
+        known = np.flatnonzero(np.isfinite(nodes[rows]).all(1))
+        for start, end in pairwise(known):
+            for row in range(start + 1, end):
+                share = (along[row] - along[start]) / (along[end] - along[start])
+                nodes[rows][row] = (1 - share) * nodes[rows][start] + share * nodes[rows][end]
+    return nodes
 
 
 def _rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -110,27 +183,34 @@ def _rotation_between(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 def _same_shape(model: HandModel, rig_nodes: np.ndarray) -> HandShape | None:
     """The mean shape, if its joints coincide with the rig's at some scale; tips differ between rigs and are ignored."""
-    own, other = rest_nodes(model, np.zeros(10))[_JOINTS], rig_nodes[_JOINTS]
+    rows = _JOINTS[np.isfinite(rig_nodes[_JOINTS]).all(1)]
+    own, other = rest_nodes(model, np.zeros(10))[rows], rig_nodes[rows]
     scale = float(np.linalg.norm(other - other.mean(0)) / np.linalg.norm(own - own.mean(0)))
     is_same = _coincide(scale * own, other, _rotation_between(own, other))
     return HandShape(np.zeros(10), scale) if is_same else None
 
 
 def _coincide(model_nodes: np.ndarray, rig_nodes: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether all 16 joints, rigidly moved, lie on the rig's."""
+    """Whether the joints [N, 3], of which the first is the wrist, rigidly moved lie on the rig's."""
     own, other = model_nodes - model_nodes.mean(0), rig_nodes - rig_nodes.mean(0)
     error = np.linalg.norm(own @ rotation.T - other, axis=1).max()
-    return bool(error < _SAME_POSITION * np.linalg.norm(rig_nodes[4] - rig_nodes[0]))
+    return bool(error < _SAME_POSITION * np.median(np.linalg.norm(rig_nodes[1:] - rig_nodes[0], axis=1)))
 
 
-def _directions(skeleton: SourceSkeleton, bones: list[int], nodes: np.ndarray) -> np.ndarray:
-    """[5, 3, 3] unit directions of every finger's three bones; without a tip, of the last bone or the one before."""
+def _directions(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """[5, 3, 3] unit directions of every finger's three bones, NaN where there is none.
+
+    Without a tip, the last bone's is that of its tail (ends [5, 3]) if it continues the finger, else that of the bone
+    before.
+    """
     directions = np.array([_bones(nodes, finger) for finger in range(5)])
-    for finger in np.flatnonzero(np.isnan(directions[:, 2, 0])):
-        last = bones[3 * finger + 3]
-        tail = unit(skeleton.tails[last] - skeleton.heads[last])
-        straight = directions[finger, 1]
-        directions[finger, 2] = tail if tail @ straight > _MIN_STRAIGHTNESS else straight
+    for finger in range(5):
+        open_bones = np.flatnonzero(np.isnan(directions[finger, :, 0]))
+        last = open_bones[0] if len(open_bones) else 0
+        if last and np.isfinite(nodes[4 * finger + 1 + last]).all():
+            tail = unit(ends[finger] - nodes[4 * finger + 1 + last])
+            straight = directions[finger, last - 1]
+            directions[finger, last] = tail if tail @ straight > _MIN_STRAIGHTNESS else straight
     return directions
 
 
@@ -150,14 +230,17 @@ def _finger_rotations(
 ) -> list[np.ndarray]:
     """Three [3, 3] that rotate the model's bones [3, 3] of a finger at rest onto the directions [3, 3] of the rig's.
 
-    Without a flexion axis [3], as for the thumb, which rotates at its root as well, the roll is not corrected.
+    A bone whose direction is NaN stays at rest. Without a flexion axis [3], as for the thumb, which rotates at its root
+    as well, the roll is not corrected.
     """
     rotations, parent = [], palm
     for model_bone, rig_bone in zip(model_bones, rig_bones, strict=True):
-        parent = _shortest_rotation(parent @ model_bone, rig_bone) @ parent
+        if np.isfinite(rig_bone).all():
+            parent = _shortest_rotation(parent @ model_bone, rig_bone) @ parent
         rotations.append(parent)
-    if axis is None:
+    if axis is None or not np.isfinite(rig_bones[:2]).all():
         return rotations
+    rig_bones = np.where(np.isfinite(rig_bones), rig_bones, rig_bones[1])
     knuckle = rotations[0]
     roll = _angle_about(rig_bones[0], knuckle @ _bend_axis(model_bones, axis), _bend_axis(rig_bones, knuckle @ axis))
     return [axis_angle_to_matrix(roll * bone) @ rotation for bone, rotation in zip(rig_bones, rotations, strict=True)]

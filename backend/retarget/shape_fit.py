@@ -1,4 +1,4 @@
-"""Fits beta and scale of a hand model to the bone lengths of another rig, by least squares."""
+"""Fits beta and scale of a hand model to the lengths of another rig's bones and palm, by bounded least squares."""
 
 from __future__ import annotations
 
@@ -10,16 +10,21 @@ from ..hand.model import MIRROR_POINT, HandModel
 from ..motion.landmarks.skeleton import HandSkeleton
 
 # The 21 nodes are the wrist, and three joints and the tip of each finger, in MANO's order.
-# Pairs of nodes at a fixed distance: every finger's bones, and all pairs in the palm, which includes the thumb's root.
+# Pairs of nodes at a fixed distance: the fingers' bones, all pairs in the palm, which includes the thumb's root, and
+# the bones to the tips. Where a rig's tips are differs, so they count little.
 _PALM = (0, 1, 5, 9, 13, 17)
-_PAIRS = np.array(
-    [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2, 3)]
-    + [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
-)
-_PRIOR = 0.004  # one unit of beta costs as much as an error of this share of the mean length
-_MOST_BETA = 4.0
+_BONES = [(4 * finger + k, 4 * finger + k + 1) for finger in range(5) for k in (1, 2)]
+_TIP_BONES = [(4 * finger + 3, 4 * finger + 4) for finger in range(5)]
+_PALM_PAIRS = [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
+_PAIRS = np.array([*_BONES, *_PALM_PAIRS, *_TIP_BONES])
+_TIP_WEIGHT = 0.3
+_WEIGHTS = np.r_[np.ones(len(_BONES) + len(_PALM_PAIRS)), np.full(len(_TIP_BONES), _TIP_WEIGHT)]
+_PRIOR = 0.03  # one unit of beta costs as much as an error of this share of the mean length
+MOST_BETA = 4.0
+"""Bound of a fitted shape's betas."""
 _STEPS = 12
 _STEP_BETA = 1e-4  # of the finite differences
+_SWEEPS = 30  # of the bounded solve, over all betas
 
 
 class HandShape(NamedTuple):
@@ -37,15 +42,19 @@ def rest_nodes(model: HandModel, beta: np.ndarray) -> np.ndarray:
 
 
 def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
-    """Fit a shape to another hand's nodes [21, 3] m in any rest pose, NaN for unknown tips (Gauss-Newton)."""
+    """Fit a shape to another hand's nodes [21, 3] m in any rest pose, NaN for unknown tips (Gauss-Newton).
+
+    The prior keeps a hand that is unlike any of the model's shapes natural.
+    """
     skeleton = HandSkeleton.of(model)
     wanted = _lengths(nodes)
     known = np.isfinite(wanted)
-    wanted = wanted[known]
+    wanted, weights = wanted[known], _WEIGHTS[known]
 
     def lengths(beta: np.ndarray) -> np.ndarray:
-        return _lengths(skeleton.rest + skeleton.shape @ beta)[known]
+        return (_lengths(skeleton.rest + skeleton.shape @ beta)[known]) * weights
 
+    wanted = wanted * weights
     beta, scale = np.zeros(10), _scale(lengths(np.zeros(10)), wanted)
     prior = _PRIOR * lengths(beta).mean()
     for _ in range(_STEPS):
@@ -54,10 +63,19 @@ def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
         # The scale is free, so the part of each column that changes the size only is projected out.
         jacobian -= np.outer(now, now @ jacobian) / (now @ now)
         residual = wanted / scale - now
-        beta = np.linalg.solve(jacobian.T @ jacobian + prior**2 * np.eye(10), jacobian.T @ (residual + jacobian @ beta))
-        beta = np.clip(beta, -_MOST_BETA, _MOST_BETA)
+        normal = jacobian.T @ jacobian + prior**2 * np.eye(10)
+        beta = _bounded_solution(normal, jacobian.T @ (residual + jacobian @ beta), beta)
         scale = _scale(lengths(beta), wanted)
     return HandShape(beta, scale)
+
+
+def _bounded_solution(matrix: np.ndarray, right: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """The x within +-`MOST_BETA` that minimises x.matrix.x / 2 - right.x (Gauss-Seidel with projection)."""
+    x = np.clip(start, -MOST_BETA, MOST_BETA)
+    for _ in range(_SWEEPS):
+        for k in range(len(x)):
+            x[k] = np.clip(x[k] + (right[k] - matrix[k] @ x) / matrix[k, k], -MOST_BETA, MOST_BETA)
+    return x
 
 
 def _lengths(nodes: np.ndarray) -> np.ndarray:

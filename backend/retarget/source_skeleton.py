@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..hand.model import JOINT_NAMES
+from ..hand.model import JOINT_NAMES, PARENTS
 from ..records.errors import LiveHandError
 from ..records.side import Side
+
+_KNUCKLES = (1, 4, 7, 10)
 
 
 @dataclass(frozen=True)
@@ -57,13 +60,14 @@ class JointMap:
 
     Attributes:
         side: of the hand.
-        bones: 16 names in MANO's order of joints; each bone has its head at the joint.
+        bones: 16 names in MANO's order of joints; each bone has its head at the joint. None for a joint that the rig
+            lacks, but for the wrist and the knuckles of at least two fingers: it stays at rest.
         tips: five names of bones that begin at the fingertips, in MANO's order of fingers (index, middle, pinky, ring,
             thumb); None if the rig has none.
     """
 
     side: Side
-    bones: tuple[str, ...]
+    bones: tuple[str | None, ...]
     tips: tuple[str | None, ...] = field(default=(None,) * 5)
 
     def __post_init__(self):
@@ -71,13 +75,38 @@ class JointMap:
             raise LiveHandError(
                 f"a joint map must name 16 bones and 5 tips, got {len(self.bones)} and {len(self.tips)}"
             )
-        missing = [joint for joint, bone in zip(JOINT_NAMES, self.bones, strict=True) if not bone]
-        if missing:
-            raise LiveHandError(f"every joint must have a bone; none is chosen for {', '.join(missing)}")
+        if not shows_palm(self.bones):
+            raise LiveHandError(
+                "the wrist and the first joints of two fingers beside the thumb must have a bone; none is chosen for "
+                f"{', '.join(self.missing)}"
+            )
         used = [bone for bone in (*self.bones, *self.tips) if bone]
         twice = sorted({bone for bone in used if used.count(bone) > 1})
         if twice:
             raise LiveHandError(f"a bone must be one joint only; chosen more than once: {', '.join(twice)}")
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the joints without a bone."""
+        return joints_without_bones(self.bones)
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """The 16 bones that the joints move with: their own, or those of the joints above."""
+        names = [self.bones[0] or ""]
+        for joint in range(1, 16):
+            names.append(self.bones[joint] or names[PARENTS[joint]])
+        return tuple(names)
+
+
+def joints_without_bones(bones: Sequence[str | None]) -> tuple[str, ...]:
+    """The names of the joints whose bone [16] is None or empty."""
+    return tuple(joint for joint, bone in zip(JOINT_NAMES, bones, strict=True) if not bone)
+
+
+def shows_palm(bones: Sequence[str | None]) -> bool:
+    """Whether enough of the bones [16] are known to place the palm: the wrist and two knuckles."""
+    return bool(bones[0]) and sum(bool(bones[knuckle]) for knuckle in _KNUCKLES) >= 2
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

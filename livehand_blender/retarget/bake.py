@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import bpy
 
 from ...backend.records.errors import LiveHandError
+from ...backend.retarget.doubts import motion_doubts
 from ...backend.retarget.retarget import retarget
 from ..motion.keying import Placement, key_motion, motion_for_hand
 from ..rig.hand import RiggedHand
@@ -15,10 +17,24 @@ from .importing import RigFile, read_rig_file
 from .source import SourceRig, align_hand, current_shape, sample_source, set_shape
 
 
+class KeyedFrames(NamedTuple):
+    """What was keyed.
+
+    Attributes:
+        count: of the frames.
+        armature: name of the source.
+        doubt: what speaks against the result; None: nothing.
+    """
+
+    count: int
+    armature: str
+    doubt: str | None
+
+
 def bake(
     context: bpy.types.Context, hand: RiggedHand, source: SourceRig, frames: Sequence[int], fits_shape: bool = True
-) -> int:
-    """Key a hand with the source's motion; returns the number of frames that were keyed.
+) -> KeyedFrames:
+    """Key a hand with the source's motion.
 
     A source of the other side is mirrored in the world's plane x = 0.
 
@@ -36,14 +52,15 @@ def bake(
         raise LiveHandError("the last frame must not lie before the first")
     alignment = align_hand(hand, source, fits_shape)
     motion = retarget(sample_source(context, source, frames), alignment)
+    doubt = motion_doubts(alignment, motion)
     if fits_shape:
         set_shape(context, hand, alignment.shape)
     placement = Placement("z_up", frames[0], matches_fps=False, mirrors=True, sets_shape=fits_shape)
-    return key_motion(context.scene, hand, motion, placement)
+    return KeyedFrames(key_motion(context.scene, hand, motion, placement), source.armature.name, doubt)
 
 
-def bake_file(context: bpy.types.Context, hand: RiggedHand, file: RigFile, placement: Placement) -> tuple[int, str]:
-    """Key a hand with the motion of a rig in a file; returns how many frames were keyed, and the armature's name.
+def bake_file(context: bpy.types.Context, hand: RiggedHand, file: RigFile, placement: Placement) -> KeyedFrames:
+    """Key a hand with the motion of a rig in a file.
 
     Raises:
         LiveHandError: the file cannot be read, contains no hand, or contains the other hand, which may not be
@@ -55,4 +72,4 @@ def bake_file(context: bpy.types.Context, hand: RiggedHand, file: RigFile, place
     motion_for_hand(motion, hand, placement.mirrors)  # before the shape is changed
     if placement.sets_shape:
         set_shape(context, hand, found.shape)
-    return key_motion(context.scene, hand, motion, placement), found.armature
+    return KeyedFrames(key_motion(context.scene, hand, motion, placement), found.armature, found.doubt)

@@ -14,9 +14,10 @@ from ...backend.records.side import Side
 from ...backend.retarget.joint_guess import guess_joints
 from ...backend.retarget.source_skeleton import JointMap
 from .importing import import_rig
+from .pictures import find_pictures
 from .skeleton import read_skeleton
 
-_KINDS = (".blend", ".glb", ".gltf", ".fbx")
+_KINDS = (".blend", ".glb", ".gltf", ".vrm", ".fbx")
 
 
 def open_character(path: Path) -> None:
@@ -26,11 +27,12 @@ def open_character(path: Path) -> None:
         LiveHandError: the file does not exist, is of another kind, or Blender cannot read it.
     """
     if not path.is_file():
-        raise LiveHandError(f"no character at {path}; give a .blend, .glb, .gltf or .fbx")
+        raise LiveHandError(f"no character at {path}; give a .blend, .glb, .gltf, .vrm or .fbx")
     suffix = path.suffix.lower()
     if suffix not in _KINDS:
         raise LiveHandError(
-            f"a character must be a .blend, .glb, .gltf or .fbx, got {path.name}; export it in one of these formats"
+            f"a character must be a .blend, .glb, .gltf, .vrm or .fbx, got {path.name}; export it in one of "
+            "these formats"
         )
     if suffix != ".blend":
         bpy.ops.wm.read_homefile(use_empty=True)
@@ -40,6 +42,7 @@ def open_character(path: Path) -> None:
             bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
         except RuntimeError as error:
             raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
+    find_pictures(path.resolve().parent)
     bpy.context.view_layer.update()
 
 
@@ -78,10 +81,11 @@ def read_joint_map(armature: bpy.types.Object, side: Side | None, bones: Path | 
     Args:
         armature: that has the bones.
         side: which hand; None: the one that the file names, or the one with more bones.
-        bones: JSON, {"side": "right", "wrist": "Bone", "index1": "Bone.001", ...}; None: guess.
+        bones: JSON, {"side": "right", "wrist": "Bone", "index1": "Bone.001", ...}; None: guess. Joints that it leaves
+            out have no bone.
 
     Raises:
-        LiveHandError: a joint has no bone.
+        LiveHandError: there is no hand, or too little of one.
     """
     if bones is not None:
         return _read_map(bones, side)
@@ -101,7 +105,7 @@ def _read_map(path: Path, side: Side | None) -> JointMap:
     side = side or named.get("side", "right")
     if side not in get_args(Side):
         raise LiveHandError(f"{path}: side must be right or left, got {side!r}")
-    return JointMap(side, tuple(named.get(joint, "") for joint in JOINT_NAMES))  # type: ignore[arg-type]
+    return JointMap(side, tuple(named.get(joint) for joint in JOINT_NAMES))
 
 
 def _only(found: list[bpy.types.Object], kind: str, option: str, name: str | None) -> bpy.types.Object:

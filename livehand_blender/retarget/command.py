@@ -9,7 +9,7 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("character", type=Path, help="a skinned hand or character: .blend, .glb, .gltf or .fbx")
+    parser.add_argument("character", type=Path, help="a skinned hand or character: .blend, .glb, .gltf, .vrm or .fbx")
     parser.add_argument(
         "-o",
         "--output",
@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--side", choices=("right", "left"), help="which hand (default: the one with more bones)")
     parser.add_argument("--bones", type=Path, metavar="JSON", help="which bone is which joint (default: guess)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor from the file's lengths to metres")
+    parser.add_argument("--overwrite", action="store_true", help="replace the files of a hand of that name")
+    parser.add_argument("--no-look", action="store_true", help="write no .blend with the materials")
 
 
 def run(args: argparse.Namespace) -> dict:
@@ -42,4 +44,5 @@ def run(args: argparse.Namespace) -> dict:
         "source": args.character.name,
         "source_sha256": hashlib.sha256(args.character.read_bytes()).hexdigest(),
     }
-    return hand_model_from_mesh(bpy.context, mesh, armature, joint_map, args.output, args.scale, source)
+    wishes = {"overwrites": args.overwrite, "has_look": not args.no_look}
+    return hand_model_from_mesh(bpy.context, mesh, armature, joint_map, args.output, args.scale, source, **wishes)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -22,20 +23,26 @@ from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
-from ...backend.retarget.rest_alignment import RestAlignment
+from ...backend.retarget.doubts import motion_doubts
+from ...backend.retarget.natural_range import rest_pose, unnatural_joints
+from ...backend.retarget.rest_alignment import RestAlignment, align
+from ...backend.retarget.retarget import retarget
 from ..rig.armature import rest_frames
 from ..rig.drivers import drive_by_properties
 from ..rig.hand import RiggedHand
 from ..rig.pose import read_pose, write_theta, write_transl
-from .source import SourceRig, align_hand, set_shape
+from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
 _SOURCE, _FITTED, _FOLLOWING = "SRC", "FIT", "FOL"
 _LENGTH_M = 0.01
 
 
-def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits_shape: bool = True) -> None:
+def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits_shape: bool = True) -> str | None:
     """Make a hand follow another armature, instead of the one that it followed before.
+
+    A rest pose that no hand can have is replaced by the present pose. Returns what speaks against the result; None:
+    nothing.
 
     Raises:
         LiveHandError: the source is a hand of the other side, the hand's armature cannot be edited, or a bone is
@@ -48,6 +55,9 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
         )
     check_editable(context, hand)
     alignment = align_hand(hand, source, fits_shape)
+    if unnatural_joints(alignment.model, rest_pose(alignment)):
+        alignment = _natural_alignment(context, source, alignment)
+    doubt = _doubt(context, source, alignment)
     if is_following(hand.armature):
         _remove(context, hand)
     if fits_shape:
@@ -56,6 +66,21 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     _constrain(hand, source)
     hand.properties.follow = 1.0
     hand.armature.update_tag()
+    return doubt
+
+
+def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> RestAlignment:
+    """The alignment with the source's present pose, if a hand can have that; else the given one."""
+    evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
+    posed = posed_skeleton(evaluated, source.joint_map)
+    present = align(posed, source.joint_map, alignment.model, alignment.shape)
+    return alignment if unnatural_joints(present.model, rest_pose(present)) else present
+
+
+def _doubt(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> str | None:
+    """What speaks against following in the present frame."""
+    present = sample_source(context, source, [context.scene.frame_current])
+    return motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
 
 
 def is_following(armature: bpy.types.Object) -> bool:
@@ -159,12 +184,12 @@ def _add_bone(bones, name: str, parent: str | None, head: np.ndarray, frame: np.
 def _constrain(hand: RiggedHand, source: SourceRig) -> None:
     side, armature = hand.side, hand.armature
     bones = armature.pose.bones
-    for joint, name in enumerate(source.joint_map.bones):
+    for joint, name in enumerate(source.joint_map.drivers):
         following = _name(_FOLLOWING, joint, side)
         _copy(bones[_name(_SOURCE, joint, side)], "COPY_ROTATION", source.armature, name, "WORLD")
         _copy(bones[following], "COPY_ROTATION", armature, _name(_FITTED, joint, side), "POSE")
         _follow_first(hand, joint, _copy(hand.bone(joint), "COPY_ROTATION", armature, following, "LOCAL"), FOLLOW)
-    _copy(bones[_name(_SOURCE, 0, side)], "COPY_LOCATION", source.armature, source.joint_map.bones[0], "WORLD")
+    _copy(bones[_name(_SOURCE, 0, side)], "COPY_LOCATION", source.armature, source.joint_map.drivers[0], "WORLD")
     constraint = _copy(hand.bone(0), "COPY_LOCATION", armature, _name(_FITTED, 0, side), "POSE")
     _follow_first(hand, 0, constraint, FOLLOW_PLACE)
 

@@ -15,15 +15,17 @@ from ...backend.hand.model import HandModel
 from ...backend.motion.motion import HandMotion
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
+from ...backend.retarget.doubts import LARGEST_SIZE, SMALLEST_SIZE, motion_doubts
 from ...backend.retarget.joint_guess import JointGuess, guess_joints
 from ...backend.retarget.rest_alignment import align, source_nodes
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
+from ...backend.retarget.source_skeleton import JointMap
 from .skeleton import read_skeleton
 from .source import SourceRig, sample_source
 
-RIG_SUFFIXES = (".bvh", ".fbx", ".glb", ".gltf")
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
+_COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
 Importer = Callable[[Path], object]
 _ADD_ONS = {".bvh": "BioVision Motion Capture (BVH) format", ".fbx": "FBX format", ".gltf": "glTF 2.0 format"}
 
@@ -33,7 +35,7 @@ class RigFile:
     """An animated rig in a file, and how to read it.
 
     Attributes:
-        path: `.bvh`, `.fbx`, `.glb` or `.gltf`.
+        path: `.bvh`, `.fbx`, `.glb`, `.gltf` or `.vrm`, which is a glTF.
         side: which of its hands to read; None: our hand's side, or the only one.
         unit: of its lengths, a key of `UNITS_M`; None: the one that gives the hand a hand's usual size.
         fps: of its frames; None: as the file says.
@@ -53,11 +55,15 @@ class RigFileMotion:
         motion: in Blender's world.
         shape: of the motion; its scale is for the object.
         armature: name of the armature in the file.
+        joint_map: which of its bones were read.
+        doubt: what speaks against the motion; None: nothing.
     """
 
     motion: HandMotion
     shape: HandShape
     armature: str
+    joint_map: JointMap
+    doubt: str | None
 
 
 def read_rig_file(
@@ -83,13 +89,18 @@ def read_rig_file(
         armature, guess = _best_hand(path, scene, file.side, model.side)
         skeleton, joint_map = read_skeleton(armature), guess.joint_map()
         size = fit_shape(model.for_side(joint_map.side), source_nodes(skeleton, joint_map)).scale
-        unit = file.unit or min(UNITS_M, key=lambda name: abs(np.log(size * UNITS_M[name])))
-        scale_m = UNITS_M[unit]
+        scale_m = UNITS_M[file.unit or likely_unit(size)]
         skeleton = replace(skeleton, heads=skeleton.heads * scale_m, tails=skeleton.tails * scale_m)
-        source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature))
-        source = replace(source, wrists=source.wrists * scale_m)
+        source = sample_source(bpy.context, SourceRig(armature, joint_map), _frames(armature)).scaled(scale_m)
         alignment = align(skeleton, joint_map, model, shape)
-        return RigFileMotion(retarget(source, alignment), alignment.shape, armature.name)
+        motion = retarget(source, alignment)
+        return RigFileMotion(motion, alignment.shape, armature.name, joint_map, motion_doubts(alignment, motion))
+
+
+def likely_unit(size: float) -> str:
+    """The unit in which a rig that is `size` times our hand, read in metres, has a hand's usual size."""
+    common = [unit for unit in _COMMON_UNITS if SMALLEST_SIZE <= size * UNITS_M[unit] <= LARGEST_SIZE]
+    return min(common or UNITS_M, key=lambda unit: abs(np.log(size * UNITS_M[unit])))
 
 
 @contextlib.contextmanager
@@ -145,7 +156,7 @@ def import_rig(path: Path, importer_of: Callable[[str], Importer | None] = _impo
     Raises:
         LiveHandError: it is not enabled, or it failed.
     """
-    suffix = ".gltf" if path.suffix.lower() == ".glb" else path.suffix.lower()
+    suffix = ".gltf" if path.suffix.lower() in (".glb", ".vrm") else path.suffix.lower()
     if suffix == ".bvh" and path.read_bytes()[:64].split()[:1] != [b"HIERARCHY"]:
         raise LiveHandError(f"{path.name} must be a BVH file, which starts with HIERARCHY; choose another")
     run = importer_of(suffix)
@@ -177,11 +188,11 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
         guesses = [guess_joints(skeleton, side)] if side else [guess_joints(skeleton, own), guess_joints(skeleton)]
         found += [(armature, guess) for guess in guesses]
     best = min(found, key=lambda pair: len(pair[1].missing))
-    missing = best[1].missing
-    if missing:
+    if not best[1].is_hand:
         raise LiveHandError(
-            f"{path.name} must hold a whole {side or own} hand, no bones were found for {', '.join(missing)}; "
-            "import it with Blender and choose the bones under Other Rig"
+            f"{path.name} must hold a {side or own} hand, there is none in this file: no bones are named like fingers, "
+            "and none has five chains of bones below it; give a file with fingers, or import it with Blender and "
+            "choose the bones under Other Rig"
         )
     return best
 

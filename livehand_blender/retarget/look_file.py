@@ -7,7 +7,7 @@ a shape key.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bmesh
@@ -16,6 +16,7 @@ import bpy
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.hand_model import MeshHand
 from ..capture.look import MODEL_KEY
+from .pictures import images_of, is_missing, plain_colours
 from .rest_mesh import RestMesh
 
 _SUBDIVISION = (
@@ -23,8 +24,10 @@ _SUBDIVISION = (
 )  # fmt: skip
 
 
-def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> None:
+def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> list[str]:
     """Write the .blend with packed images; the open file is unchanged.
+
+    Images whose file is missing are replaced by their materials' colours. Returns the files that are missing.
 
     Args:
         path: of the .blend.
@@ -41,10 +44,13 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHa
     scene = bpy.data.scenes.new("Hand")  # so that the hand is visible when the file is opened
     scene.collection.objects.link(look)
     partial = path.with_name(f"{path.stem}.partial.blend")
+    images = images_of(look.data.materials)
+    missing = {image for image in images if is_missing(image)}
     try:
-        with _packed(_images_of(look.data.materials)):
+        with plain_colours(look.data.materials, missing), _packed(images - missing):
             bpy.data.libraries.write(str(partial), {scene}, path_remap="ABSOLUTE", compress=True)
         partial.replace(path)
+        return sorted(image.filepath for image in missing)
     except (OSError, RuntimeError) as error:
         raise LiveHandError(f"{path} must be writable ({error})") from error
     finally:
@@ -122,20 +128,6 @@ def _subdivide_like(look: bpy.types.Object, source: bpy.types.Object) -> None:
     modifier = look.modifiers.new("Subdivision", "SUBSURF")
     for name in _SUBDIVISION:
         setattr(modifier, name, getattr(found, name))
-
-
-def _images_of(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
-    """All images that the materials' nodes use, in node groups too."""
-    trees = [material.node_tree for material in materials if material is not None and material.node_tree]
-    seen, images = set(), set()
-    while trees:
-        tree = trees.pop()
-        if tree in seen:
-            continue
-        seen.add(tree)
-        images |= {node.image for node in tree.nodes if getattr(node, "image", None)}
-        trees += [node.node_tree for node in tree.nodes if getattr(node, "node_tree", None)]
-    return images
 
 
 @contextlib.contextmanager

@@ -12,10 +12,10 @@ import bpy
 import numpy as np
 
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.rest_alignment import RestAlignment, align
+from ...backend.retarget.rest_alignment import RestAlignment, align, source_ends, source_nodes
 from ...backend.retarget.retarget import SourceMotion
 from ...backend.retarget.shape_fit import HandShape
-from ...backend.retarget.source_skeleton import JointMap
+from ...backend.retarget.source_skeleton import JointMap, SourceSkeleton
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
 from .skeleton import read_skeleton
@@ -70,16 +70,32 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
         LiveHandError: a bone is missing, or a pose is not finite.
     """
     scene = context.scene
-    rotations, wrists = [], []
+    rotations, nodes, ends = [], [], []
     with current_frame_restored(scene):
         for frame in frames:
             scene.frame_set(frame)
             evaluated = source.armature.evaluated_get(context.evaluated_depsgraph_get())
-            bones = [_pose_bone(evaluated, name).matrix for name in source.joint_map.bones]
-            posed = np.array(evaluated.matrix_world, np.float64) @ np.array(bones, np.float64)
-            rotations.append(_nearest_rotations(posed[:, :3, :3]))
-            wrists.append(posed[0, :3, 3])
-    return SourceMotion(np.array(rotations), np.array(wrists), frame_rate(scene), source.joint_map.side)
+            posed = posed_skeleton(evaluated, source.joint_map)
+            rotations.append(posed.frames[[posed.index(name) for name in source.joint_map.drivers]])
+            nodes.append(source_nodes(posed, source.joint_map))
+            ends.append(source_ends(posed, source.joint_map))
+    places = np.array(nodes)
+    rate, side = frame_rate(scene), source.joint_map.side
+    return SourceMotion(np.array(rotations), places[:, 0], rate, side, places, np.array(ends))
+
+
+def posed_skeleton(evaluated: bpy.types.Object, joint_map: JointMap) -> SourceSkeleton:
+    """The mapped bones of an evaluated armature in the world, without their hierarchy.
+
+    Raises:
+        LiveHandError: a bone is missing.
+    """
+    names = tuple(name for name in (*joint_map.bones, *joint_map.tips) if name)
+    bones = [_pose_bone(evaluated, name) for name in names]
+    world = np.array(evaluated.matrix_world, np.float64)
+    posed = world @ np.array([bone.matrix for bone in bones], np.float64)
+    tails = np.array([bone.tail for bone in bones], np.float64) @ world[:3, :3].T + world[:3, 3]
+    return SourceSkeleton(names, (-1,) * len(names), posed[:, :3, 3], tails, _nearest_rotations(posed[:, :3, :3]))
 
 
 def _pose_bone(armature: bpy.types.Object, name: str) -> bpy.types.PoseBone:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
@@ -56,7 +56,12 @@ class LIVEHAND_OT_make_hand_model(bpy.types.Operator, ExportHelper):
         bones = Path(bpy.path.abspath(self.bones)) if self.bones else None
         joint_map = read_joint_map(armature, None if self.side == "auto" else self.side, bones)
         path = Path(bpy.path.abspath(self.filepath))
-        made = hand_model_from_mesh(context, mesh, armature, joint_map, path, self.scale)
+        # The file browser has asked before it replaces a file.
+        made = hand_model_from_mesh(context, mesh, armature, joint_map, path, self.scale, overwrites=True)
+        missing = [PureWindowsPath(name).name for name in made["pictures_missing"]]
+        for doubt in (made["doubt"], missing and f"plain colours replace missing pictures: {', '.join(missing)}"):
+            if doubt:
+                self.report({"WARNING"}, f"Check the hand: {doubt}")
         self.report({"INFO"}, f"Wrote {path.name} ({made['vertices']} vertices) and {Path(made['look']).name}")
 
 

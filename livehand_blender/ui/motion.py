@@ -16,9 +16,10 @@ from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.records.errors import LiveHandError
+from ...backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
-from ..retarget.importing import RIG_SUFFIXES, RigFile
+from ..retarget.importing import RigFile
 from ..rig.hand import RiggedHand
 from . import motion_files
 from .mixins import FrameRange, HandTab, OnHand, reports_errors
@@ -81,15 +82,15 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         count = key_motion(context.scene, hand, motion, placement)
         return f"{count} frames of {file.info.format}", doubt
 
-    def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, None]:
+    def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """As `_key_poses`, for an armature in a file."""
         paths = self._paths()
         if len(paths) > 1:
             raise LiveHandError(f"a rig's motion must be one file, got {len(paths)}; import them one by one")
         side, unit = (None if value == "AUTO" else value for value in (self.side, self.unit))
         file = RigFile(paths[0], side, unit, self.fps or None)
-        count, name = bake_file(context, hand, file, self._placement())
-        return f"{count} frames of {name}", None
+        keyed = bake_file(context, hand, file, self._placement())
+        return f"{keyed.count} frames of {keyed.armature}", keyed.doubt
 
     def _placement(self) -> Placement:
         return Placement(

@@ -7,8 +7,11 @@ from bpy.props import BoolProperty
 
 from ...backend.hand.bones import FINGERS as SHOWN_FINGERS
 from ...backend.hand.model import JOINT_NAMES, MANO_FINGERS
-from ...backend.retarget.joint_guess import guess_joints
-from ...backend.retarget.source_skeleton import JointMap
+from ...backend.records.errors import LiveHandError
+from ...backend.retarget.doubts import rest_doubts
+from ...backend.retarget.joint_guess import JointGuess, guess_joints
+from ...backend.retarget.rest_alignment import align
+from ...backend.retarget.source_skeleton import JointMap, SourceSkeleton
 from ..retarget.bake import bake
 from ..retarget.follow import check_editable, follow, is_following, stop_following
 from ..retarget.skeleton import read_skeleton
@@ -48,13 +51,14 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
         """Fill in the fields."""
         properties = polled_hand(context).livehand
         rig = properties.other_rig
-        guess = guess_joints(read_skeleton(rig.armature), _side(properties))
+        skeleton = read_skeleton(rig.armature)
+        guess = guess_joints(skeleton, _side(properties))
         for joint, bone in zip(JOINT_NAMES, guess.bones, strict=True):
             setattr(rig, joint, bone or "")
         for finger, bone in zip(MANO_FINGERS, guess.tips, strict=True):
             setattr(rig, tip_property(finger), bone or "")
-        if guess.missing:
-            self.report({"WARNING"}, f"No bones of a {guess.side} hand were found for {', '.join(guess.missing)}")
+        if doubt := _doubt(skeleton, guess, polled_hand(context)):
+            self.report({"WARNING"}, f"Check the bones of the {guess.side} hand: {doubt}")
         else:
             self.report({"INFO"}, f"Found the {guess.side} hand of {rig.armature.name}")
         return {"FINISHED"}
@@ -70,7 +74,9 @@ class LIVEHAND_OT_follow_rig(_OnRig, bpy.types.Operator):
     def execute(self, context):
         """Add the constraints."""
         hand = RiggedHand.active(context)
-        follow(context, hand, _source(hand), hand.properties.other_rig.fits_shape)
+        doubt = follow(context, hand, _source(hand), hand.properties.other_rig.fits_shape)
+        if doubt:
+            self.report({"WARNING"}, f"Check the hand: {doubt}")
 
 
 class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
@@ -90,10 +96,12 @@ class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
         frames = self.frames(context.scene)
         if is_following(hand.armature):
             check_editable(context, hand)  # before anything is keyed
-        count = bake(context, hand, _source(hand), frames, hand.properties.other_rig.fits_shape)
+        keyed = bake(context, hand, _source(hand), frames, hand.properties.other_rig.fits_shape)
         if is_following(hand.armature):
             stop_following(context, hand, keeps_pose=False)
-        self.report({"INFO"}, f"Keyed {count} frames")
+        if keyed.doubt:
+            self.report({"WARNING"}, f"Check the motion: {keyed.doubt}")
+        self.report({"INFO"}, f"Keyed {keyed.count} frames")
 
 
 class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):
@@ -183,6 +191,15 @@ def _side(properties: bpy.types.PropertyGroup):
     return properties.side if properties.other_rig.side == "OWN" else properties.other_rig.side
 
 
+def _doubt(skeleton: SourceSkeleton, guess: JointGuess, armature: bpy.types.Object) -> str | None:
+    """What speaks against the guessed bones; None: nothing."""
+    try:
+        alignment = align(skeleton, guess.joint_map(), RiggedHand.of(armature).model)
+    except LiveHandError as error:
+        return str(error)
+    return rest_doubts(alignment)
+
+
 def _source(hand: RiggedHand) -> SourceRig:
     """The rig that is chosen in the panel.
 
@@ -190,6 +207,6 @@ def _source(hand: RiggedHand) -> SourceRig:
         LiveHandError: a joint has no bone, or two have the same one.
     """
     rig = hand.properties.other_rig
-    bones = tuple(getattr(rig, joint) for joint in JOINT_NAMES)
+    bones = tuple(getattr(rig, joint) or None for joint in JOINT_NAMES)
     tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
     return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips))

@@ -29,6 +29,7 @@ from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
 from livehand.livehand_blender.retarget.follow import follow
 from livehand.livehand_blender.retarget.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
+from livehand.livehand_blender.retarget.pictures import find_pictures, is_missing
 from livehand.livehand_blender.retarget.rest_mesh import read_rest_mesh
 from livehand.livehand_blender.retarget.skeleton import read_skeleton
 from livehand.livehand_blender.retarget.source import SourceRig
@@ -402,6 +403,61 @@ def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
     assert 4 < sum(crease.value == 1 for crease in creases) < 100
 
 
+def test_missing_pictures_are_replaced_by_the_materials_colour(coarse, tmp_path):
+    hand = coarse.make_rigged_hand()
+    (material,) = hand.mesh.data.materials
+    (texture,) = [node for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    texture.image = image = _picture_elsewhere("Z:\\artist\\skin\\paint.png")
+    material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.1, 0.2, 0.3, 1)
+    path = tmp_path / "mine.npz"
+    made = hand_model_from_mesh(bpy.context, hand.mesh, hand.armature, hand.joint_map, path)
+    assert made["pictures_missing"] == [image.filepath]
+    assert texture.image == image
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mine.blend", "mine.npz"]
+    capture_scene()
+    surface = OwnSurface.of_look(load_hand_model(path), path.with_suffix(".blend"))
+    nodes = surface.object.data.materials[0].node_tree.nodes
+    (stand_in,) = [node.image for node in nodes if node.type == "TEX_IMAGE"]
+    np.testing.assert_allclose(stand_in.pixels[:], [0.1, 0.2, 0.3, 1], atol=1e-6)
+
+
+def test_missing_pictures_are_found_beside_the_file_whatever_their_path(tmp_path):
+    (tmp_path / "textures").mkdir()
+    Image.fromarray(np.full((2, 2, 3), 9, np.uint8)).save(tmp_path / "textures" / "Paint.PNG")
+    lost, gone = (_picture_elsewhere(f"C:\\Users\\artist\\{name}") for name in ("paint.png", "other.png"))
+    find_pictures(tmp_path)
+    assert Path(lost.filepath) == tmp_path / "textures" / "Paint.PNG"
+    assert not is_missing(lost)
+    assert is_missing(gone)
+
+
+def _picture_elsewhere(path):
+    image = bpy.data.images.new("Paint", 2, 2)
+    image.source, image.filepath = "FILE", path
+    return image
+
+
+def test_another_hands_files_are_not_replaced(coarse, tmp_path):
+    hand = coarse.make_rigged_hand()
+    asked = bpy.context, hand.mesh, hand.armature, hand.joint_map
+    look, path = tmp_path / "mine.blend", tmp_path / "mine.npz"
+    look.write_text("a user's")
+    with pytest.raises(LiveHandError, match=r"mine\.blend beside the hand model must be free"):
+        hand_model_from_mesh(*asked, path, overwrites=True)
+    assert (look.read_text(), path.exists()) == ("a user's", False)
+    path.write_text("another hand")
+    with pytest.raises(LiveHandError, match=r"mine\.npz exists already.*--overwrite"):
+        hand_model_from_mesh(*asked, path)
+    with pytest.raises(LiveHandError, match=r"0\.1 to 0\.3 m"):
+        hand_model_from_mesh(*asked, path, scale=50.0, overwrites=True)
+    assert (look.read_text(), path.read_text()) == ("a user's", "another hand")
+    look.unlink()
+    made = hand_model_from_mesh(*asked, path, overwrites=True, has_look=False)
+    assert made["look"] is None
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.npz"]
+    assert load_hand_model(path).side == "right"
+
+
 def grow_into_a_character(hand, forearm):
     """Extend the mesh along the forearm, add a body beside it, and split some faces off at their edges."""
     mesh = hand.mesh.data
@@ -450,11 +506,11 @@ def _left_map(hand, folder):
     ("arguments", "said"),
     [
         (["none.glb"], "no character at"),
-        (["mine.npz"], "must be a .blend, .glb, .gltf or .fbx"),
+        (["mine.npz"], "must be a .blend, .glb, .gltf, .vrm or .fbx"),
         (["right.glb", "--armature", "Nobody"], "the armature 'Nobody'"),
         (["right.glb", "--mesh", "Nothing"], "mesh of 'Elsewhere' 'Nothing'"),
         (["right.glb", "--scale", "100"], "0.1 to 0.3 m"),
-        (["right.glb", "--side", "left"], "left hand must have a bone"),
+        (["right.glb", "--side", "left"], "left hand's joints, there is no such hand"),
         (["right.glb", "--bones", "mine.npz"], "must be JSON"),
     ],
 )

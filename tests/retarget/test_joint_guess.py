@@ -234,8 +234,7 @@ def test_a_finger_that_is_missing_is_named(gone):
     guess = guess_joints(skeleton([bone for bone in hand_bones(kept, tips) if gone not in bone[0].lower()]))
     assert guess.missing == tuple(f"{gone}{k}" for k in (1, 2, 3))
     assert guess.bones == tuple(kept)
-    with pytest.raises(LiveHandError, match=f"none was found for {gone}1, {gone}2, {gone}3"):
-        guess.joint_map()
+    assert guess.joint_map().missing == guess.missing
 
 
 def test_a_joint_that_is_missing_leaves_its_own_gap():
@@ -283,7 +282,7 @@ def test_two_nameless_hands_are_distinguished():
 def test_no_hand_at_all():
     guess = guess_joints(skeleton([("root", None, (0, 0, 0)), ("LeftHand", "root", (1, 0, 0))]))
     assert len(guess.missing) >= 15
-    with pytest.raises(LiveHandError, match="must have a bone"):
+    with pytest.raises(LiveHandError, match="there is no such hand"):
         guess.joint_map()
 
 
@@ -310,3 +309,85 @@ def test_numbered_fingers_begin_at_the_thumb():
     guess = guess_joints(skeleton(hand_bones(names)))
     assert guess.bones == tuple(names)
     assert guess.missing == ("index3",)
+
+
+ANATOMY = {
+    "bare hand": ("WRIST", "{f}_{p}", ("MCP", "PIP", "DIP"), ("CMC", "MCP", "IP"), "{f}_TIP"),
+    "right hand": ("RightWrist", "Right{f}{p}", ("MCP", "PIP", "DIP"), ("CMC", "MCP", "IP"), None),
+    "fingers": ("wrist", "{f}_finger_{p}", ("mcp", "pip", "dip"), ("cmc", "mcp", "ip"), None),
+    "three alike": ("hand", "{f}{p}", ("Mcp", "Pip", "Dip"), ("Mcp", "Pip", "Dip"), None),
+}
+
+
+@pytest.mark.parametrize("convention", ANATOMY)
+@pytest.mark.parametrize("fingers", [TITLES, ("INDEX", "MIDDLE", "LITTLE", "RING", "THUMB")])
+def test_anatomical_names(convention, fingers):
+    hand, joint, long, thumb, tip = ANATOMY[convention]
+    names, tips, palms = parts(hand, joint, long, thumb, fingers, tip)
+    guess = guess_joints(skeleton(hand_bones(names, tips, metacarpals=palms)), "right")
+    assert guess.bones == tuple(names)
+    assert guess.tips == tuple(tips)
+
+
+def test_a_thumb_named_from_its_second_joint_lacks_the_first():
+    names, tips, _ = parts("WRIST", "{f}_{p}", ("MCP", "PIP", "DIP"), ("CMC", "MCP", "IP"), tip="{f}_TIP")
+    bones = [bone if bone[1] != "Thumb_CMC" else (bone[0], "WRIST", bone[2]) for bone in hand_bones(names, tips)]
+    guess = guess_joints(skeleton([bone for bone in bones if bone[0] != "Thumb_CMC"]), "right")
+    assert guess.missing == ("thumb1",)
+    assert guess.bones[14:] == ("Thumb_MCP", "Thumb_IP")
+
+
+def test_names_of_fingers_overrule_their_shape():
+    """The little finger stands nearest to the thumb, and parts have words that nobody knows."""
+    swap = {"Index": "Pinky", "Pinky": "Index", "Middle": "Ring", "Ring": "Middle", "Thumb": "Thumb"}
+    shuffled = tuple(swap[title] for title in TITLES)
+    names, *_ = parts("RightHand", "Right{f}{p}", ("Alpha", "Beta", "Gamma"), ("Alpha", "Beta", "Gamma"), shuffled)
+    guess = guess_joints(skeleton(hand_bones(names)), "right")
+    joints = {finger: slice(3 * k + 1, 3 * k + 4) for k, finger in enumerate(FINGERS)}
+    for title in TITLES:
+        wanted = tuple(f"Right{title}{part}" for part in ("Alpha", "Beta", "Gamma"))
+        assert guess.bones[joints[title.lower()]] == wanted
+
+
+def test_bones_numbered_against_their_hierarchy_keep_its_order():
+    """The thumb's metacarpal is called after the palm, and the count begins behind it."""
+    names, tips, palms = names_by("Hand_R", "{f}_{z}_R", tip="{f}_Tip_R", palm="{f}_Palm_R")
+    names[13:] = "Thumb_Palm_R", "Thumb_0_R", "Thumb_1_R"
+    guess = guess_joints(skeleton(hand_bones(names, tips, metacarpals=palms)))
+    assert guess.bones == tuple(names)
+    assert guess.tips == tuple(tips)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.35, 0.5])
+def test_a_metacarpal_that_is_numbered_first_is_none_of_the_joints(share):
+    """Wherever in the palm the metacarpals begin, and though only two fingers have them."""
+    names = ["hand_r", *(f"{f}{k + (f in ('ring', 'pinky'))}_r" for f in FINGERS for k in (1, 2, 3))]
+    bones = hand_bones(names, metacarpals=[None, None, "pinky1_r", "ring1_r"])
+    joints, _ = places()
+    first = {"pinky1_r": joints[7], "ring1_r": joints[10]}
+    bones = [(n, p, (1 - share) * joints[0] + share * first[n] if n in first else head) for n, p, head in bones]
+    assert guess_joints(skeleton(bones)).bones == tuple(names)
+
+
+def test_a_rig_with_three_fingers_or_without_last_joints_has_a_map():
+    names, *_ = CONVENTIONS["Mixamo"]
+    for gone in (("Ring", "Pinky"), ("Pinky3", "Ring3"), ("Thumb1",)):
+        kept = [None if any(word in name for word in gone) else name for name in names]
+        guess = guess_joints(skeleton(hand_bones(kept)))
+        assert guess.bones == tuple(kept)
+        assert guess.joint_map().missing == guess.missing
+        assert all(guess.joint_map().drivers)
+
+
+def test_too_little_of_a_hand_has_no_map():
+    names, *_ = CONVENTIONS["Mixamo"]
+    kept = [name if "Index" in name or name.endswith("Hand") else None for name in names]
+    with pytest.raises(LiveHandError, match="first joints of two fingers beside the thumb must have a bone"):
+        guess_joints(skeleton(hand_bones(kept))).joint_map()
+
+
+def test_a_bone_named_a_tip_that_does_not_end_its_finger_is_no_tip():
+    names, tips, _ = CONVENTIONS["Quest"]
+    bones = hand_bones(names, tips)
+    moved = [(n, p, (0.0, 0.0, 0.0) if n == tips[1] else head) for n, p, head in bones]
+    assert guess_joints(skeleton(moved)).tips == (tips[0], None, *tips[2:])

@@ -13,6 +13,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.motion import mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.retarget.doubts import motion_doubts, rest_doubts
 from livehand.backend.retarget.rest_alignment import align
 from livehand.backend.retarget.retarget import SourceMotion, retarget
 from livehand.backend.retarget.shape_fit import HandShape, fit_shape, rest_nodes
@@ -150,6 +151,72 @@ def test_bones_point_where_theirs_do_whatever_both_hands_are(hand):
             own = np.diff(points[4 * finger + 1 : 4 * finger + 5], axis=0)
             cosines = (theirs * own).sum(1) / np.linalg.norm(theirs, axis=1) / np.linalg.norm(own, axis=1)
             np.testing.assert_allclose(cosines, 1, atol=1e-9)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_rest_pose_that_is_no_hands_is_not_taken_for_one(hand, side):
+    """Fingers that point anywhere at rest: the joints' places in each frame tell how bones are turned."""
+    rest_theta = np.random.default_rng(0).normal(size=(16, 3))
+    rest_theta[0] = 0
+    rest, posed, turn, _ = ours_elsewhere(side, 1, rest_theta)
+    thetas = np.array([gesture(name, side) for name in ("rest", "fist", "pinch", "point", "spread")])
+    nodes = rest_nodes(hand.for_side(side), np.zeros(10))
+    wanted = in_world(thetas, turn)
+    places = np.array([forward(nodes, theta)[1] for theta in wanted]) - nodes[0] + rest.heads[0]
+    source = replace(posed(thetas), nodes=places, ends=np.full((5, 5, 3), np.nan))
+    alignment = align(rest, joint_map(side), hand, MEAN)
+    motion = retarget(source, alignment)
+    found = np.array([forward(nodes, theta)[1] for theta in motion.theta]) + motion.transl[:, None]
+    np.testing.assert_allclose(found, places, atol=1e-6)
+    off = apart_deg(motion.theta, wanted)
+    assert off[:, :13].max() < 7
+    assert off[:, 13:].max() < 25
+    assert motion_doubts(alignment, motion) is None
+    assert "beyond what a hand can" in motion_doubts(alignment, retarget(replace(source, nodes=None), alignment))
+
+
+def without(names, skeleton_, map_):
+    """A rig and its map without some joints."""
+    bones = tuple(None if name in names else name for name in map_.bones)
+    return skeleton_, JointMap(map_.side, bones, tuple(None if tip in names else tip for tip in map_.tips))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(
+    "gone",
+    [("pinky3",), ("pinky3", "tip2"), ("ring1", "ring2", "ring3", "tip3"), ("index2",), ("thumb1",)],
+    ids=str,
+)
+def test_joints_that_the_rig_lacks_stay_at_rest(hand, side, gone):
+    rest, posed, turn, _ = ours_elsewhere(side, 1)
+    thetas = np.array([gesture(name, side) for name in ("fist", "pinch")])
+    rig, kept = without(gone, rest, joint_map(side))
+    alignment = align(rig, kept, hand)
+    motion = retarget(_driven(posed(thetas), kept), alignment)
+    lacking = [JOINT_NAMES.index(name) for name in gone if name in JOINT_NAMES]
+    np.testing.assert_allclose(alignment.shape.scale, 1, rtol=0.02)
+    np.testing.assert_allclose(np.ptp(motion.theta[:, lacking], axis=0), 0, atol=1e-6)
+    np.testing.assert_allclose(motion.theta[:, lacking], 0, atol=0.25)  # between two known joints, a finger is straight
+    near = {*lacking, *(PARENTS[joint] for joint in lacking if joint % 3 != 1)}
+    others = [joint for joint in range(16) if joint not in near and PARENTS[joint] not in lacking]
+    np.testing.assert_allclose(motion.theta[:, others], in_world(thetas, turn)[:, others], atol=0.02)
+    assert f"no bones for {', '.join(name for name in gone if name in JOINT_NAMES)}, which" in rest_doubts(alignment)
+
+
+def _driven(source, map_):
+    rows = [JOINT_NAMES.index(name) for name in map_.drivers]
+    return replace(source, frames=source.frames[:, rows])
+
+
+def test_bones_that_are_no_hands_are_doubted(hand):
+    rest, *_ = ours_elsewhere("right", 2)
+    assert rest_doubts(align(rest, joint_map("right"), hand)) is None
+    swapped = list(JOINT_NAMES)
+    swapped[1:4], swapped[13:] = JOINT_NAMES[13:], JOINT_NAMES[1:4]
+    said = rest_doubts(align(rest, JointMap("right", tuple(swapped)), hand))
+    assert "mm from the hand's on average" in said
+    large, *_ = ours_elsewhere("right", 2, scale=3.0)
+    assert rest_doubts(align(large, joint_map("right"), hand)) == "it is 3 times as large as a hand"
 
 
 def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not(hand):

@@ -19,9 +19,21 @@ def test_bones_are_found_by_name_and_parent():
         skeleton.index("c")
 
 
-def test_a_map_needs_every_joint():
-    with pytest.raises(LiveHandError, match="none is chosen for index2, thumb3"):
-        JointMap("right", (*NAMES[:2], "", *NAMES[3:15], ""))
+def test_a_map_needs_the_wrist_and_two_knuckles():
+    gone = (0, 1), (1, 4, 7)
+    for joints in gone:
+        bones = tuple(None if joint in joints else name for joint, name in enumerate(NAMES))
+        with pytest.raises(LiveHandError, match="wrist and the first joints of two fingers"):
+            JointMap("right", bones)
+
+
+def test_joints_without_a_bone_move_with_the_joint_above():
+    bones = tuple(None if joint in (3, 7, 8, 9) else name for joint, name in enumerate(NAMES))
+    joint_map = JointMap("right", bones)
+    assert joint_map.missing == ("index3", "pinky1", "pinky2", "pinky3")
+    assert joint_map.drivers[3] == "bone2"
+    assert joint_map.drivers[7:10] == ("bone0",) * 3
+    assert JointMap("right", NAMES).drivers == NAMES
 
 
 def test_a_map_needs_sixteen_bones():

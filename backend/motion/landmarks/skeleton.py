@@ -112,7 +112,11 @@ def node_jacobian(posed: PosedSkeleton) -> np.ndarray:
 
 
 def _finger_rows(model: HandModel, finger: int) -> np.ndarray:
-    """[4, V] regressor of a finger's three joints and its tip, which is one vertex."""
+    """[4, V] regressor of a finger's three joints and its tip, which is one vertex.
+
+    Where the last joint moves no vertices, as in a model of a rig without that joint, its bone ends as far behind it as
+    the joint before lies ahead.
+    """
     joints = slice(3 * finger + 1, 3 * finger + 4)
     last = 3 * finger + 3
     along = model.joints[last] - model.joints[last - 1]
@@ -120,6 +124,8 @@ def _finger_rows(model: HandModel, finger: int) -> np.ndarray:
     reach = np.where(is_end, (model.v_template - model.joints[last]) @ along, -np.inf)
     tip = np.zeros((1, len(model.v_template)))
     tip[0, np.argmax(reach)] = 1
+    if not is_end.any():
+        tip = 2 * model.J_regressor[[last]] - model.J_regressor[[last - 1]]
     return np.concatenate([model.J_regressor[joints], tip])
 
 

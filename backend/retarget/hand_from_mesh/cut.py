@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry.mesh_tables import connected_components, merged_vertices, pinched_vertices, repeated_half_edges
+from ...geometry.mesh_tables import merged_vertices, pinched_vertices, repeated_half_edges
 from ...hand.model import JOINT_NAMES
 from ...records.errors import LiveHandError
+from .pieces import MovedMesh, hand_pieces, main_parts
 from .skinned_surface import SkinnedSurface
 
 _MERGE_DISTANCE_M = 1e-5
@@ -43,15 +44,17 @@ class Wrist:
         position_m: [3] of the wrist joint.
         towards_elbow: [3] unit.
         stump_m: length of the forearm that is kept.
+        reach_m: loose pieces that extend farther from the wrist are no part of the hand.
     """
 
     position_m: np.ndarray
     towards_elbow: np.ndarray
     stump_m: float
+    reach_m: float = np.inf
 
 
 def cut_hand(surface: SkinnedSurface, joint_weights: np.ndarray, share: np.ndarray, wrist: Wrist) -> HandCut:
-    """Keep the polygons that the hand's bones move and a stump of the forearm, in the connected piece with the fingers.
+    """Keep the polygons that the hand's bones move and a stump of the forearm, in the pieces that make up the hand.
 
     Args:
         surface: the whole mesh.
@@ -68,10 +71,12 @@ def cut_hand(surface: SkinnedSurface, joint_weights: np.ndarray, share: np.ndarr
     is_kept = ((share > _FULL_SHARE) | (distance < wrist.stump_m))[first]
     is_valid = _valid_faces(faces)
     kept = _whole_polygons(is_valid & is_kept[faces].all(1), surface.polygons, is_valid)
-    fingers = joint_weights[:, 1:].sum(1) * share
-    kept, others = _piece_with_fingers(faces, kept, fingers, share)
+    mesh = MovedMesh(surface.vertices_m, faces, joint_weights[:, 1:].sum(1) * share, share)
+    _check_fingers(mesh, kept)
+    is_in_reach = np.linalg.norm(surface.vertices_m - wrist.position_m, axis=1) < wrist.reach_m
+    kept, others = hand_pieces(mesh, kept, is_in_reach)
     if not is_kept.all():
-        kept = _without_pinches(faces, kept, surface.polygons, fingers, share)
+        kept = _without_pinches(mesh, kept, surface.polygons)
     _check_surface(faces[kept], joint_weights)
     return _compacted(first, faces, kept, surface.polygons, others)
 
@@ -90,33 +95,22 @@ def _whole_polygons(kept: np.ndarray, polygons: np.ndarray, is_valid: np.ndarray
     return kept & ~np.isin(polygons, polygons[is_valid & ~kept])
 
 
-def _piece_with_fingers(
-    faces: np.ndarray, kept: np.ndarray, fingers: np.ndarray, share: np.ndarray
-) -> tuple[np.ndarray, int]:
-    """The faces connected with most of the fingers, and the number of other pieces that the hand's bones move."""
-    if not kept.any():
+def _check_fingers(mesh: MovedMesh, kept: np.ndarray) -> None:
+    used = np.unique(mesh.faces[kept])
+    if not len(used) or mesh.share[used].max() <= _FULL_SHARE:
         raise LiveHandError("the mesh must have faces that the hand's bones move, got none; choose the hand's own mesh")
-    piece = connected_components(faces[kept], len(fingers))
-    used = np.unique(faces[kept])
-    weight = np.bincount(piece[used], fingers[used], len(fingers))
-    moved = np.bincount(piece[used], share[used] > _FULL_SHARE, len(fingers))
-    best = int(weight.argmax())
-    if weight[best] <= 0:
+    if mesh.fingers[used].max() <= 0:
         raise LiveHandError("the mesh must have vertices that the fingers' bones move, got none; choose another mesh")
-    return kept & (piece[faces[:, 0]] == best), int((moved > 0).sum() - 1)
 
 
-def _without_pinches(
-    faces: np.ndarray, kept: np.ndarray, polygons: np.ndarray, fingers: np.ndarray, share: np.ndarray
-) -> np.ndarray:
+def _without_pinches(mesh: MovedMesh, kept: np.ndarray, polygons: np.ndarray) -> np.ndarray:
     """The kept faces without those at which the boundary touches itself."""
     for _ in range(_SMOOTHING_ROUNDS):
-        pinched = pinched_vertices(faces[kept])
+        pinched = pinched_vertices(mesh.faces[kept])
         if not len(pinched):
             return kept
-        is_pinched = kept & np.isin(faces, pinched).any(1)
-        kept = kept & ~np.isin(polygons, polygons[is_pinched])
-        kept, _ = _piece_with_fingers(faces, kept, fingers, share)
+        is_pinched = kept & np.isin(mesh.faces, pinched).any(1)
+        kept = main_parts(mesh, kept & ~np.isin(polygons, polygons[is_pinched]))
     return kept
 
 

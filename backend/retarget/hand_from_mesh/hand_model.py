@@ -14,11 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from ...geometry.mesh_tables import connected_components
 from ...hand.atlas import unwrap
 from ...hand.cap import capped
-from ...hand.model import PARENTS
+from ...hand.model import JOINT_NAMES, PARENTS
+from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
 from ...records.side import Side
+from ..natural_range import rest_pose, unnatural_joints
+from ..rest_alignment import RestAlignment, align, completed_joints
 from ..source_skeleton import JointMap, SourceSkeleton
 from .cut import HandCut, Wrist, cut_hand
 from .joint_weights import joint_weights, joints_of_bones
@@ -27,6 +31,9 @@ from .skinned_surface import SkinnedSurface
 from .template_frame import hand_length_m, world2template
 
 FEWEST_VERTICES, MOST_VERTICES = 100, 20_000
+_LEAST_WEIGHT = 0.1  # of a joint, in the vertex that it moves most
+_LEAST_REACH = 0.75  # of the hand's length, from the wrist to the farthest vertex
+_MOST_REACH = 1.5  # of the hand's length, for loose pieces
 _STUMP = 0.18  # of the hand's length, as in the built-in hand
 _ELBOW = 0.4  # of the hand's length: a bone above the wrist that begins farther away shows the direction of the forearm
 
@@ -41,6 +48,7 @@ class MeshHand:
         cut: the vertices and polygons of the source that it has.
         cap: [C, 3] its last faces, which close its open edges.
         world2template: [4, 4] from the world in which the source stands.
+        alignment: of the built-in hand with the source's bones.
     """
 
     side: Side
@@ -48,6 +56,7 @@ class MeshHand:
     cut: HandCut
     cap: np.ndarray
     world2template: np.ndarray
+    alignment: RestAlignment
 
 
 def make_hand_model(
@@ -67,14 +76,18 @@ def make_hand_model(
     surface = replace(surface, vertices_m=surface.vertices_m * scale)
     joint_of = joints_of_bones(skeleton, joint_map)
     heads = skeleton.heads * scale
-    joints = heads[[skeleton.index(name) for name in joint_map.bones]]
+    alignment = align(skeleton, joint_map, load_default_hand())
+    joints = completed_joints(alignment) * scale
     frame = world2template(joints, joint_map.side)
+    _check_pose(alignment)
     weights, share = joint_weights(surface.weights, joint_of)
-    cut = cut_hand(surface, weights, share, _wrist(heads, skeleton, joint_map))
+    wrist = _wrist(heads, joints, skeleton, skeleton.index(joint_map.drivers[0]))
+    cut = cut_hand(surface, weights, share, wrist)
+    _check_parts(weights[cut.source], surface.vertices_m[cut.source], joints, joint_map.missing)
     _check_count(len(cut.source))
     vertices = _moved(surface.vertices_m[cut.source], frame)
     arrays, cap = _arrays(vertices, cut.faces, weights[cut.source], _moved(joints, frame))
-    return MeshHand(joint_map.side, arrays, cut, cap, frame @ np.diag([scale, scale, scale, 1.0]))
+    return MeshHand(joint_map.side, arrays, cut, cap, frame @ np.diag([scale, scale, scale, 1.0]), alignment)
 
 
 def save_hand_model(hand: MeshHand, path: Path, provenance: Mapping[str, Any]) -> None:
@@ -107,18 +120,16 @@ def check_name(path: Path, side: Side) -> None:
         )
 
 
-def _wrist(heads: np.ndarray, skeleton: SourceSkeleton, joint_map: JointMap) -> Wrist:
+def _wrist(heads: np.ndarray, joints: np.ndarray, skeleton: SourceSkeleton, bone: int) -> Wrist:
     """The wrist joint, and the direction of the forearm from the bones above it."""
-    bone = skeleton.index(joint_map.bones[0])
-    length = hand_length_m(heads[[skeleton.index(name) for name in joint_map.bones]])
+    length = hand_length_m(joints)
     position, above = heads[bone], skeleton.parents[bone]
     while above >= 0 and np.linalg.norm(heads[above] - position) < _ELBOW * length:
         above = skeleton.parents[above]
-    knuckle = heads[skeleton.index(joint_map.bones[4])]
-    towards = heads[above] - position if above >= 0 else position - knuckle
-    if towards @ (position - knuckle) <= 0:  # the bone is a root beside the hand, not an elbow
-        towards = position - knuckle
-    return Wrist(position, towards / np.linalg.norm(towards), _STUMP * length)
+    towards = heads[above] - position if above >= 0 else position - joints[4]
+    if towards @ (position - joints[4]) <= 0:  # the bone is a root beside the hand, not an elbow
+        towards = position - joints[4]
+    return Wrist(position, towards / np.linalg.norm(towards), _STUMP * length, _MOST_REACH * length)
 
 
 def _arrays(
@@ -142,6 +153,33 @@ def _arrays(
     return arrays, closed[len(faces) :]
 
 
+def _check_pose(alignment: RestAlignment) -> None:
+    """Raise `LiveHandError` if the bones at rest are in a pose that no hand can have."""
+    said = unnatural_joints(alignment.model, rest_pose(alignment))
+    if said:
+        raise LiveHandError(
+            f"a hand must rest in a pose that a hand can have, got one in which {said}; correct which bone is which "
+            "joint, or the rest pose"
+        )
+
+
+def _check_parts(weights: np.ndarray, vertices: np.ndarray, joints: np.ndarray, missing: tuple[str, ...]) -> None:
+    """Raise `LiveHandError` if a joint that has a bone moves no vertex of the hand, or the hand is a fragment."""
+    moved = dict(zip(JOINT_NAMES, weights.max(0) >= _LEAST_WEIGHT, strict=True))
+    still = [name for name, is_moved in moved.items() if not is_moved and name not in missing]
+    if still:
+        raise LiveHandError(
+            f"every joint must move a part of the mesh, got none for {', '.join(still)}; if the hand is in several "
+            "meshes, join them (Object > Join), else correct the bones or the weights"
+        )
+    reach, length = float(np.linalg.norm(vertices - joints[0], axis=1).max()), hand_length_m(joints)
+    if reach < _LEAST_REACH * length:
+        raise LiveHandError(
+            f"a hand {1e3 * length:.0f} mm long by its bones must have a mesh of that length, got one that ends "
+            f"{1e3 * reach:.0f} mm from the wrist; choose the hand's whole mesh, or its own bones"
+        )
+
+
 def _check_count(count: int) -> None:
     if not FEWEST_VERTICES <= count <= MOST_VERTICES:
         remedy = "subdivide the mesh once" if count < FEWEST_VERTICES else "decimate it (Blender's Decimate modifier)"
@@ -151,10 +189,14 @@ def _check_count(count: int) -> None:
 
 
 def _check_outward(vertices: np.ndarray, closed: np.ndarray) -> None:
+    """Raise `LiveHandError` unless each piece encloses a positive volume."""
     a, b, c = (vertices[closed[:, corner]] - vertices.mean(0) for corner in range(3))
-    if (np.cross(a, b) * c).sum() <= 0:
+    piece = connected_components(closed, len(vertices))[closed[:, 0]]
+    volumes = np.bincount(piece, (np.cross(a, b) * c).sum(1))[np.unique(piece)]
+    if (volumes <= 0).any():
         raise LiveHandError(
-            "the hand's faces must point outward, they point inward; recalculate its normals (Mesh > Normals)"
+            f"the hand's faces must point outward, they point inward in {int((volumes <= 0).sum())} of "
+            f"{len(volumes)} pieces; recalculate its normals (Mesh > Normals)"
         )
 
 

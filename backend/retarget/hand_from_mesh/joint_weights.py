@@ -22,9 +22,10 @@ def joints_of_bones(skeleton: SourceSkeleton, joint_map: JointMap) -> np.ndarray
         LiveHandError: the map names a bone that the skeleton lacks.
     """
     joint_of = np.full(len(skeleton.names), NO_JOINT)
-    bones = [skeleton.index(name) for name in joint_map.bones]
+    joints = [joint for joint, name in enumerate(joint_map.bones) if name]
+    bones = [skeleton.index(joint_map.drivers[joint]) for joint in joints]
     joint_of[_wrists(skeleton, bones)] = 0
-    joint_of[bones] = np.arange(len(bones))
+    joint_of[bones] = joints
     for bone, parent in enumerate(skeleton.parents):  # parents come first
         if joint_of[bone] == NO_JOINT and parent >= 0:
             joint_of[bone] = joint_of[parent]

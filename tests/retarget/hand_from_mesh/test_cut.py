@@ -115,6 +115,17 @@ def test_body_and_nails_are_left_out(character):
     assert cut.other_pieces == 1  # the nail; the leg is no part of the hand
 
 
+def test_a_prop_out_of_reach_is_left_out_and_a_finger_of_its_own_is_not(character):
+    sword = tube(np.linspace(-0.5, -0.12, 20), radius=0.01)
+    finger = tube(np.linspace(-0.16, -0.12, 8), radius=0.008)
+    whole = with_more(with_more(character, *sword, joint=0, share=1.0), *finger, joint=9, share=1.0)
+    cut = cut_hand(*whole, replace(WRIST, reach_m=0.2))
+    assert cut.other_pieces == 1
+    kept = whole[0].vertices_m[cut.source, 0]
+    assert kept.min() == pytest.approx(-0.17)
+    assert len(cut.source) == len(cut_hand(*character, WRIST).source) + len(finger[0])
+
+
 def test_seams_are_welded(character):
     surface, weights, share = character
     split, own = split_along_seams(surface)

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.geometry.mesh_tables import connected_components, open_half_edges
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.atlas import unwrap
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.measurements import fit_beta
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
+from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.retarget.hand_from_mesh.hand_model import make_hand_model, save_hand_model
@@ -158,3 +160,92 @@ def test_regressor_rows_are_exact_and_local(hand):
         assert np.linalg.norm(hand.v_template[row != 0] - joint, axis=1).max() < 0.03
     with pytest.raises(LiveHandError, match="in one plane"):
         joint_regressor(hand.v_template * [1, 0, 1], hand.joints + np.array([0, 0.01, 0]))
+
+
+def loose_pieces(surface, skeleton, joint_map, gap=0.8):
+    """The same hand in one shell for each joint, smaller than its part of the skin, so that no two shells touch."""
+    joint = surface.weights.argmax(1)
+    vertices, faces, weights = [], [], []
+    for k in range(16):
+        own = surface.faces[(joint[surface.faces] == k).all(1)]
+        used, compact = np.unique(own, return_inverse=True)
+        places = surface.vertices_m[used]
+        faces.append(compact.reshape(-1, 3) + sum(map(len, vertices)))
+        vertices.append(places.mean(0) + gap * (places - places.mean(0)))
+        weights.append(surface.weights[used])
+    faces = np.concatenate(faces)
+    made = SkinnedSurface(np.concatenate(vertices), faces, np.arange(len(faces)), np.concatenate(weights))
+    return made, skeleton, joint_map
+
+
+def test_a_hand_in_loose_pieces_is_whole(tmp_path):
+    surface, skeleton, joint_map = loose_pieces(*rig())
+    made = make_hand_model(surface, skeleton, joint_map)
+    assert made.cut.other_pieces == 0
+    assert len(made.cut.source) == len(surface.vertices_m)
+    assert (made.arrays["weights"].max(0) > 0.9).all()
+    save_hand_model(made, tmp_path / "mine.npz", {})
+    model = load_hand_model(tmp_path / "mine.npz")
+    assert connected_components(model.f, len(model.v_template)).max() > 0
+    assert len(open_half_edges(model.f)) == 0
+
+
+@pytest.mark.parametrize(
+    ("gone", "said"), [(["index3"], "none for index3; if"), (["wrist", "pinky1"], "none for wrist, pinky1; if")]
+)
+def test_a_joint_that_moves_nothing_is_refused_by_name(gone, said):
+    surface, skeleton, joint_map = loose_pieces(*rig())
+    joints = [JOINT_NAMES.index(name) for name in gone]
+    faces = surface.faces[~np.isin(surface.weights.argmax(1), joints)[surface.faces].any(1)]
+    weights = surface.weights.copy()
+    weights[:, joints] = 0
+    with pytest.raises(LiveHandError, match=said):
+        make_hand_model(
+            replace(surface, faces=faces, polygons=np.arange(len(faces)), weights=weights), skeleton, joint_map
+        )
+
+
+def test_a_mesh_shorter_than_its_bones_is_refused():
+    surface, skeleton, joint_map = rig()
+    shrunk = skeleton.heads[0] + 0.5 * (surface.vertices_m - skeleton.heads[0])
+    with pytest.raises(LiveHandError, match=r"ends .* mm from the wrist"):
+        make_hand_model(replace(surface, vertices_m=shrunk), skeleton, joint_map)
+
+
+def test_one_piece_turned_inside_out_is_refused():
+    surface, skeleton, joint_map = loose_pieces(*rig())
+    faces = surface.faces.copy()
+    piece = connected_components(faces, len(surface.vertices_m))[faces[:, 0]]
+    faces[piece == piece[-1]] = faces[piece == piece[-1]][:, ::-1]
+    with pytest.raises(LiveHandError, match="inward in 1 of 16 pieces"):
+        make_hand_model(replace(surface, faces=faces), skeleton, joint_map)
+
+
+@pytest.mark.parametrize("gone", [("pinky3",), ("ring1", "ring2", "ring3"), ("index3", "thumb3")], ids=str)
+def test_a_rig_that_lacks_joints_makes_a_hand(hand, gone, tmp_path):
+    """The bone above moves their part of the mesh; the joints continue the finger and move nothing."""
+    surface, skeleton, _ = rig()
+    bones = tuple(None if name in gone else name for name in JOINT_NAMES)
+    weights = surface.weights.copy()
+    for name in gone:
+        joint = JOINT_NAMES.index(name)
+        weights[:, PARENTS[joint]] += weights[:, joint] if joint % 3 != 1 else 0
+        weights[:, joint] = 0
+    kept = (weights.sum(1) > 0)[surface.faces].all(1)
+    surface = replace(surface, weights=weights, faces=surface.faces[kept], polygons=np.arange(kept.sum()))
+    made = make_hand_model(surface, skeleton, JointMap("right", bones))
+    save_hand_model(made, tmp_path / "mine.npz", {})
+    model = load_hand_model(tmp_path / "mine.npz")
+    lacking = [JOINT_NAMES.index(name) for name in gone]
+    assert not model.lbs_weights[:, lacking].any()
+    np.testing.assert_allclose(model.joints, hand.joints, atol=0.004)
+    nodes = HandSkeleton.of(model).rest
+    assert np.linalg.norm(np.diff(nodes[1:].reshape(5, 4, 3), axis=1), axis=-1).min() > 0.01
+
+
+def test_bones_in_a_pose_that_no_hand_can_have_are_refused():
+    surface, skeleton, joint_map = rig()
+    bones = list(JOINT_NAMES)
+    bones[13], bones[14] = "thumb2", "thumb1"
+    with pytest.raises(LiveHandError, match=r"thumb1.* beyond what a hand can; correct which bone"):
+        make_hand_model(surface, skeleton, replace(joint_map, bones=tuple(bones)))

@@ -1,0 +1,51 @@
+"""What speaks against a result of retargeting, in words for a warning: a poor fit, joints without bones, odd poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..hand.model import JOINT_NAMES
+from ..motion.motion import HandMotion
+from .natural_range import unnatural_joints
+from .rest_alignment import RestAlignment
+from .shape_fit import MOST_BETA
+
+_MOST_ERROR_MM = 12.0
+SMALLEST_SIZE, LARGEST_SIZE = 0.7, 1.4  # of the built-in hand's
+_AT_BOUND = 0.99
+
+
+def fit_doubts(alignment: RestAlignment) -> list[str]:
+    """Signs that the bones are not a hand's joints, or those of a hand very unlike ours."""
+    found = []
+    errors_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale
+    known = np.isfinite(errors_mm)
+    if errors_mm[known].mean() > _MOST_ERROR_MM:
+        worst = JOINT_NAMES[int(np.where(known, errors_mm, 0).argmax())]
+        found.append(
+            f"its joints are {errors_mm[known].mean():.0f} mm from the hand's on average, {worst} is "
+            f"{errors_mm[known].max():.0f} mm"
+        )
+    if (np.abs(alignment.shape.beta) >= _AT_BOUND * MOST_BETA).any():
+        found.append("its proportions are beyond the range of the hand's shapes")
+    return found
+
+
+def rest_doubts(alignment: RestAlignment) -> str | None:
+    """All that speaks against the bones of an alignment; None: nothing."""
+    found = fit_doubts(alignment)
+    if not SMALLEST_SIZE <= alignment.shape.scale <= LARGEST_SIZE:
+        found.append(f"it is {alignment.shape.scale:.3g} times as large as a hand")
+    return "; ".join([*found, *_missing(alignment)]) or None
+
+
+def motion_doubts(alignment: RestAlignment, motion: HandMotion) -> str | None:
+    """All that speaks against a motion and its alignment; None: nothing."""
+    unnatural = unnatural_joints(alignment.model, motion)
+    found = [*([unnatural] if unnatural else []), *fit_doubts(alignment), *_missing(alignment)]
+    return "; ".join(found) or None
+
+
+def _missing(alignment: RestAlignment) -> list[str]:
+    names = [name for name, head in zip(JOINT_NAMES, alignment.heads, strict=True) if np.isnan(head[0])]
+    return [f"no bones for {', '.join(names)}, which stay at rest"] if names else []

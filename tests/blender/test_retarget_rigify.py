@@ -1,0 +1,79 @@
+"""Rigify, which comes with Blender: hands follow its metarig and the rig generated from it, on both sides."""
+
+import addon_utils
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.bones import bone_name
+from livehand.backend.retarget.doubts import rest_doubts
+from livehand.backend.retarget.joint_guess import guess_joints
+from livehand.backend.retarget.rest_alignment import align
+from livehand.livehand_blender.retarget.follow import follow
+from livehand.livehand_blender.retarget.skeleton import read_skeleton
+from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # Rigify's own
+ARMS = ("spine", "shoulder", "upper_arm", "forearm", "hand", "palm", "f_", "thumb")
+
+
+@pytest.fixture(scope="module")
+def _rigify(registered):
+    addon_utils.enable("rigify")
+    yield
+    addon_utils.disable("rigify")
+
+
+@pytest.fixture
+def metarig(_rigify):
+    """The arms and hands of the human metarig; the face would take a minute to generate."""
+    bpy.ops.object.armature_human_metarig_add()
+    armature = bpy.context.active_object
+    bpy.ops.object.mode_set(mode="EDIT")
+    for bone in list(armature.data.edit_bones):
+        if not bone.name.startswith(ARMS):
+            armature.data.edit_bones.remove(bone)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return armature
+
+
+@pytest.mark.parametrize("kind", ["metarig", "generated"])
+def test_a_hand_follows_rigify(metarig, model, kind):
+    """Guessed without doubt; when the fingers bend, ours point where Rigify's do."""
+    prefix = "DEF-" if kind == "generated" else ""
+    rig = metarig
+    if kind == "generated":
+        bpy.ops.pose.rigify_generate()
+        rig = bpy.context.active_object
+    initial = model.side[0].upper()
+    skeleton = read_skeleton(rig)
+    found = guess_joints(skeleton, model.side).joint_map()
+    assert found.bones[:2] == (f"{prefix}hand.{initial}", f"{prefix}f_index.01.{initial}")
+    assert found.bones[13:] == tuple(f"{prefix}thumb.0{k}.{initial}" for k in (1, 2, 3))
+    assert found.missing == ()
+    alignment = align(skeleton, found, model)
+    assert rest_doubts(alignment) is None
+    error_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale
+    assert error_mm.mean() < 7
+
+    bpy.ops.object.mode_set(mode="OBJECT")
+    hand = add_hand(bpy.context, model)
+    assert follow(bpy.context, RiggedHand.of(hand), SourceRig(rig, found)) is None
+    for name, angle in (("f_index.01", 0.6), ("f_index.02", 0.8), ("f_ring.02", 1.0), ("thumb.02", 0.3)):
+        bone = rig.pose.bones[f"{name}.{initial}"]
+        bone.rotation_mode = "XYZ"
+        bone.rotation_euler.x = angle
+    bpy.context.view_layer.update()
+    evaluated = [thing.evaluated_get(bpy.context.evaluated_depsgraph_get()) for thing in (rig, hand)]
+    for first in range(1, 16, 3):
+        for joint in (first, first + 1):
+            theirs = _along(evaluated[0], found.bones[joint], found.bones[joint + 1])
+            ours = _along(evaluated[1], bone_name(joint, model.side), bone_name(joint + 1, model.side))
+            assert theirs @ ours > 1 - 1e-4
+
+
+def _along(armature, start, end):
+    """The unit direction between the heads of two posed bones in the world."""
+    heads = [np.array(armature.matrix_world @ armature.pose.bones[name].head) for name in (start, end)]
+    return (heads[1] - heads[0]) / np.linalg.norm(heads[1] - heads[0])
