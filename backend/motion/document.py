@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
@@ -114,20 +116,44 @@ def _read_npy(path: Path) -> Any:
     return np.load(io.BytesIO(raw), allow_pickle=False)
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a table by their names in lower case; an empty cell is NaN."""
-    names, *rows = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    if not rows or any(len(row) != len(names) for row in rows):
-        raise LiveHandError("a table must have a header line and as many cells in every line below it")
-    columns = zip(names, zip(*rows, strict=True), strict=True)
-    return {name.strip().strip('"').lower(): _column(cells) for name, cells in columns}
+def _read_csv(path: Path) -> dict[str, np.ndarray] | np.ndarray:
+    """The columns of a table by their names, or all numbers of one without names; an empty cell is NaN."""
+    text = path.read_text(encoding="utf-8-sig")
+    separator = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
+    lines = csv.reader(text.splitlines(), delimiter=separator)
+    # Separators alone are a frame without a hand.
+    rows = [row for row in lines if len(row) > 1 or "".join(row).strip()] or [[]]
+    if any(len(row) != len(rows[0]) for row in rows):
+        raise LiveHandError("a table must have as many cells in every line")
+    names, *cells = rows
+    if all(_is_number(name) for name in names):
+        columns = [_column(column, separator) for column in zip(*rows, strict=True)]
+        return np.stack(columns, 1) if columns else np.zeros((0, 0))
+    if not cells:
+        raise LiveHandError("a table must have lines below its header, got none")
+    columns = zip(names, zip(*cells, strict=True), strict=True)
+    return {name.strip(): _column(column, separator) for name, column in columns}
 
 
-def _column(cells: Sequence[str]) -> np.ndarray:
+def _column(cells: Sequence[str], separator: str) -> np.ndarray:
     try:
-        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+        return np.array([_number(cell, separator) for cell in cells])
     except ValueError:
-        return np.array([cell.strip().strip('"') for cell in cells])
+        return np.array([cell.strip() for cell in cells])
+
+
+def _number(cell: str, separator: str) -> float:
+    """A cell's number; tables with other separators may have decimal commas."""
+    if not cell.strip() or cell.strip().lower() in ("none", "null"):
+        return np.nan
+    return float(cell if separator == "," else cell.replace(",", "."))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return math.isfinite(float(cell.replace(",", ".")))
+    except ValueError:
+        return False
 
 
 _READERS: dict[str, Callable[[Path], Any]] = {

@@ -12,6 +12,10 @@ from ..records.errors import LiveHandError
 from ..records.shot import HandPose
 from ..records.side import Side
 
+MOST_FRAMES = 300_000
+"""Of a motion; more than an hour at 60 frames per second."""
+FPS_RANGE = (0.01, 100_000.0)
+
 
 @dataclass(frozen=True)
 class HandMotion:
@@ -25,7 +29,8 @@ class HandMotion:
         side: which hand.
 
     Raises:
-        LiveHandError: there is no frame, shapes disagree, a number is not finite, or the rate is not positive.
+        LiveHandError: there is no frame or are too many, shapes disagree, a number is not finite, or the rate is not
+            a film's.
     """
 
     theta: np.ndarray
@@ -48,8 +53,12 @@ class HandMotion:
                 raise LiveHandError(
                     f"{name} must be finite, got NaN or infinity {_non_finite_frames(value, count)}; repair the file"
                 )
-        if self.fps is not None and not (np.isfinite(self.fps) and self.fps > 0):
-            raise LiveHandError(f"fps must be a positive number, got {self.fps}")
+        if count > MOST_FRAMES:
+            raise LiveHandError(f"a motion must have at most {MOST_FRAMES} frames, got {count}; cut it into takes")
+        if self.fps is not None and not FPS_RANGE[0] <= self.fps <= FPS_RANGE[1]:
+            raise LiveHandError(
+                f"fps must be a positive number, from {FPS_RANGE[0]:g} to {FPS_RANGE[1]:g}, got {self.fps}"
+            )
 
     def __len__(self) -> int:
         return len(self.theta)

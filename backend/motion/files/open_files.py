@@ -15,6 +15,7 @@ from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from ..formats.format import Format
 from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
+from ..landmarks.recording import EXAMPLE
 from ..pose_file import NoHandError, PoseFile, RawHand
 
 # The most specific first: the first format that matches reads the document.
@@ -65,7 +66,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     content = document.content
     got = f"keys {sorted(content)[:12]}" if isinstance(content, dict) else f"a {type(content).__name__}"
     names = ", ".join(known.name for known in FORMATS)
-    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}")
+    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}; {EXAMPLE}")
 
 
 def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
