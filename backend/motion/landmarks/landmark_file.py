@@ -156,8 +156,8 @@ def _by_shape(
     tracks: tuple[Track, ...], is_mediapipe: bool, has_metres: bool
 ) -> tuple[dict[Side, Track], tuple[str, ...]]:
     """The tracks by the side that their shape has, and how it was found."""
-    bends = [_bend(track.points) if has_metres else None for track in tracks]
-    labels = [_side_of_label(track, is_mediapipe) for track in tracks]
+    bends: list[Side | None] = [_bend(track.points) if has_metres else None for track in tracks]
+    labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
     if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
         bends = [None] * len(tracks)
     sides: list[Side] = [_likeliest(bend, label) for bend, label in zip(bends, labels, strict=True)]
