@@ -19,7 +19,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from ..files.json_file import parse_json
-from ..files.regular_file import MIB, check_regular
+from ..files.regular_file import MIB, check_regular, is_file
 from ..nerf.avatar import Avatar, AvatarConfig, build_field
 from ..nerf.field import FieldConfig
 from ..nerf.sampler import SamplerConfig
@@ -105,7 +105,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no avatar at {path}; give the path of an avatar's .safetensors file")
     check_regular(path, _MOST_BYTES)
     try:

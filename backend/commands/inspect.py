@@ -10,6 +10,7 @@ import numpy as np
 
 from ..files.json_file import parse_json
 from ..files.npz_file import read_npz
+from ..files.regular_file import is_file, is_folder
 from ..records.errors import LiveHandError
 from ..runtime.command import Command
 
@@ -30,11 +31,11 @@ def inspect(path: Path) -> dict:
     Raises:
         LiveHandError: the file is missing, damaged or of no known kind.
     """
-    if not path.exists():
+    if not (is_file(path) or is_folder(path)):
         raise LiveHandError(
             f"nothing to inspect at {path}; give the path of an avatar, hand model, pose file or capture"
         )
-    if path.is_dir():
+    if is_folder(path):
         return _capture_facts(path) if _is_capture(path) else _motion_facts(path)
     if path.suffix == ".safetensors":
         return _avatar_facts(path)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import zipfile
+from io import BufferedIOBase
 from math import prod
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def read_npz(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, np.ndarray]:
         ) from error
 
 
-def read_npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def read_npy_header(file: BufferedIOBase) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """The shape and type of the array whose `.npy` header begins here; the file is then at its first byte.
 
     Raises:

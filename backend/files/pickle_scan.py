@@ -7,15 +7,42 @@ and a large memo index allocates as many places.
 from __future__ import annotations
 
 import pickletools
+from typing import NamedTuple
 
 from ..records.errors import LiveHandError
 
-MOST_OPCODES = 2_000_000
+MOST_OPCODES = 1_000_000
 """Walked in a few seconds; a pickle of arrays has a few for each array."""
 DEEPEST = 50
 _MARK = -1
-_PUTS, _GETS = ("PUT", "BINPUT", "LONG_BINPUT"), ("GET", "BINGET", "LONG_BINGET")
-_TUPLES = ("TUPLE", "TUPLE1", "TUPLE2", "TUPLE3")
+_PUTS, _GETS = ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"), ("GET", "BINGET", "LONG_BINGET")
+
+
+class _Effect(NamedTuple):
+    """What an opcode does to the stack.
+
+    Attributes:
+        clears_mark: takes everything down to the last mark.
+        takes: how many values it takes, below the mark if it clears one.
+        gives: how many values it puts there.
+        deepens: how much deeper the result nests than what was taken; None if it is no tuple.
+    """
+
+    clears_mark: bool
+    takes: int
+    gives: int
+    deepens: int | None
+
+
+def _effect(opcode: pickletools.OpcodeInfo) -> _Effect:
+    before, after = list(opcode.stack_before), opcode.stack_after
+    clears_mark = pickletools.markobject in before
+    takes = before.index(pickletools.markobject) if clears_mark else len(before)
+    keeps = pickletools.pytuple in after or pickletools.anyobject in after
+    return _Effect(clears_mark, takes, len(after), 1 if "TUPLE" in opcode.name else 0 if keeps else None)
+
+
+_EFFECTS = {opcode.name: _effect(opcode) for opcode in pickletools.opcodes}
 
 
 def scan_pickle(raw: bytes) -> None:
@@ -31,7 +58,7 @@ def scan_pickle(raw: bytes) -> None:
         if number >= MOST_OPCODES:
             raise LiveHandError(f"a pickle must have at most {MOST_OPCODES} opcodes; save plain arrays as .npz instead")
         name = opcode.name
-        if name in _PUTS or name == "MEMOIZE":
+        if name in _PUTS:
             place = len(memo) if argument is None else int(argument)
             if not 0 <= place <= number:
                 raise LiveHandError(f"a pickle's memo must be filled in order, got index {place}; save it again")
@@ -43,30 +70,18 @@ def scan_pickle(raw: bytes) -> None:
         elif name == "MARK":
             stack.append(_MARK)
         else:
-            _step(stack, opcode)
+            _apply(_EFFECTS[name], stack)
 
 
-def _step(stack: list[int], opcode: pickletools.OpcodeInfo) -> None:
-    """What an opcode takes from the stack and puts there."""
-    taken = _taken(stack, opcode)
-    depth = max(taken, default=0)
-    if opcode.name in _TUPLES:
-        depth += 1
-        if depth > DEEPEST:
-            raise LiveHandError(
-                f"a pickle must nest tuples at most {DEEPEST} deep, got more; save plain arrays instead"
-            )
-    elif pickletools.pytuple not in opcode.stack_after and pickletools.anyobject not in opcode.stack_after:
-        depth = 0
-    stack.extend([depth] * len(opcode.stack_after))
-
-
-def _taken(stack: list[int], opcode: pickletools.OpcodeInfo) -> list[int]:
-    before = list(opcode.stack_before)
-    taken: list[int] = []
-    if pickletools.markobject in before:
+def _apply(effect: _Effect, stack: list[int]) -> None:
+    deepest = 0
+    if effect.clears_mark:
         while (depth := stack.pop()) != _MARK:
-            taken.append(depth)
-        before = before[: before.index(pickletools.markobject)]
-    taken += [stack.pop() for _ in before]
-    return taken
+            deepest = max(deepest, depth)
+    for _ in range(effect.takes):
+        deepest = max(deepest, stack.pop())
+    depth = 0 if effect.deepens is None else deepest + effect.deepens
+    if depth > DEEPEST:
+        raise LiveHandError(f"a pickle must nest tuples at most {DEEPEST} deep; save plain arrays as .npz instead")
+    for _ in range(effect.gives):
+        stack.append(depth)

@@ -31,6 +31,22 @@ def check_regular(path: Path, most_bytes: int | None = None) -> int:
     return status.st_size
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file, also for paths that no file can have."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder, also for paths that none can have."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def read_regular(path: Path, most_bytes: int) -> bytes:
     """The content of a file.
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..files.npz_file import read_npz
+from ..files.regular_file import is_file
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from .atlas import unwrap, with_cap_chart
@@ -82,7 +83,7 @@ def _load_extra(path: Path, key: str, size: int) -> np.ndarray:
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no hand model at {path}; give the path of a .npz or .pkl with MANO keys")
     if path.suffix == ".pkl":
         from .mano_pickle import read_mano_pickle

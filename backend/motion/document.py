@@ -15,7 +15,7 @@ import numpy as np
 
 from ..files.json_file import read_json
 from ..files.npz_file import MOST_BYTES, read_npy_header, read_npz
-from ..files.regular_file import MIB, read_regular
+from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
 from .plain_pickle import read_plain_pickle
 
@@ -69,7 +69,7 @@ def load_document(path: Path) -> Document:
         LiveHandError: the file is missing, has another suffix, is damaged or too large, or is a pickle that could run
             code.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no pose file at {path}; give the path of one of {', '.join(SUFFIXES)}")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

@@ -41,8 +41,9 @@ class HandMotion:
 
     def __post_init__(self):
         count = len(self.theta) if np.ndim(self.theta) else 0
-        if count == 0:
-            raise LiveHandError("a motion must have at least one frame, got none")
+        if not 0 < count <= MOST_FRAMES:
+            got = count or "none"
+            raise LiveHandError(f"a motion must have at least one frame and at most {MOST_FRAMES}, got {got}")
         shapes = {"theta": ((count, 16, 3),), "beta": ((10,), (count, 10)), "transl": ((count, 3),)}
         for name, allowed in shapes.items():
             value = np.asarray(getattr(self, name))
@@ -53,8 +54,6 @@ class HandMotion:
                 raise LiveHandError(
                     f"{name} must be finite, got NaN or infinity {_non_finite_frames(value, count)}; repair the file"
                 )
-        if count > MOST_FRAMES:
-            raise LiveHandError(f"a motion must have at most {MOST_FRAMES} frames, got {count}; cut it into takes")
         if self.fps is not None and not FPS_RANGE[0] <= self.fps <= FPS_RANGE[1]:
             raise LiveHandError(
                 f"fps must be a positive number, from {FPS_RANGE[0]:g} to {FPS_RANGE[1]:g}, got {self.fps}"

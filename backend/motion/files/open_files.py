@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files.regular_file import is_folder
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..document import SUFFIXES, load_document
@@ -53,7 +54,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     Raises:
         LiveHandError: the file is missing, damaged, of no known format, or has no hand.
     """
-    if path.is_dir():
+    if is_folder(path):
         return open_pose_files(pose_files_in(path))
     if is_neural_annot(path):
         return read_neural_annot(path, capture)
