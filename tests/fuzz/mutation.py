@@ -5,7 +5,17 @@ import json
 
 import numpy as np
 
-_WORDS = [b"", b"\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"-1", b"1e400", b"NaN", b"[" * 200]
+_WORDS = [
+    b"",
+    b"\0",
+    b"\xff\xff\xff\xff",
+    b"\xff\xff\xff\x7f",
+    b"\x00\x00\x00\x80",
+    b"-1",
+    b"1e400",
+    b"NaN",
+    b"[" * 200,
+]
 _VALUES = [
     *(None, True, 0, -1, 1, 2**31, 2**63, 10**400, 1e308, 1e-320, float("nan"), float("inf"), "", "x", "\0", "é" * 300),
     *("../../../../etc/passwd", "/dev/zero", "Left", [], {}, [[]], [None], {"x": 1}, [1, 2, 3], "9" * 5000),
