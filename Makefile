@@ -14,7 +14,7 @@ AVATAR ?=
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast test-cuda test-gui test-matrix check docs zip clean
+.PHONY: demo test test-fast fuzz test-cuda test-gui test-matrix check docs zip clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -23,6 +23,12 @@ demo: $(VENV)/demo.stamp
 
 test: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q --durations=10
+
+# Files changed at random, for every reader; `make test` does 30 seconds of it. Another FIRST gives other files.
+MINUTES ?= 10
+FIRST ?= $(shell date +%s)
+fuzz: $(VENV)/dev.stamp
+	$(VENV_PYTHON) tests/fuzz/run.py --seconds $$(( $(MINUTES) * 60 )) --first $(FIRST)
 
 # The daily loop, under a minute: no Blender, no training.
 test-fast: $(VENV)/dev.stamp

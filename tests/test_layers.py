@@ -28,7 +28,7 @@ BLENDER_MODULES = {
 # its own. The modules at the top of `livehand_blender`, which register and start everything, are a room of their own.
 ROWS = (
     ("backend.records",),
-    ("backend.runtime", "backend.geometry"),
+    ("backend.runtime", "backend.geometry", "backend.files"),
     ("backend.hand",),
     ("backend.nerf", "backend.captures", "backend.batch", "livehand_blender.rig"),
     ("backend.fast", "backend.motion", "livehand_blender.scene"),

@@ -18,6 +18,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from ..files.json_file import parse_json
+from ..files.regular_file import MIB, check_regular, is_file
 from ..nerf.avatar import Avatar, AvatarConfig, build_field
 from ..nerf.field import FieldConfig
 from ..nerf.sampler import SamplerConfig
@@ -30,6 +32,10 @@ from .metadata import HEADER_KEY, THUMBNAIL_KEY
 BAKED_VERSION, LIT_VERSION = 1, 2
 """Of avatars in the light of their capture, and of relightable ones."""
 _SKY_KEY = "sky"
+_HEADER_KEYS = {"name", "hand_name", "hand_sha256", "config", "provenance", "metrics"}
+_MOST_BYTES = 1024 * MIB
+_DTYPES = {"torch.float16", "torch.float32", "torch.uint8", "torch.int64"}
+_LARGEST_SHELL_M, _MOST_SAMPLES = 0.1, 1024
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
@@ -67,7 +73,11 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
+    missing = sorted(_HEADER_KEYS - header.keys())
+    if missing:
+        raise LiveHandError(f"{path} must have {', '.join(missing)} in its header, got none; train it again")
     config = _config_of(header["config"], path)
+    _check_networks(config, tensors, path)
     avatar = Avatar(
         name=header["name"],
         hand_name=header["hand_name"],
@@ -78,7 +88,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         provenance=header["provenance"],
         metrics=header["metrics"],
         thumbnail=tensors.pop(THUMBNAIL_KEY).numpy() if THUMBNAIL_KEY in tensors else None,
-        sky=Sky(tensors.pop(_SKY_KEY).float().numpy()) if _SKY_KEY in tensors else None,
+        sky=_sky(tensors.pop(_SKY_KEY), path) if _SKY_KEY in tensors else None,
     )
     try:
         for prefix, network in _networks(avatar).items():
@@ -95,8 +105,9 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no avatar at {path}; give the path of an avatar's .safetensors file")
+    check_regular(path, _MOST_BYTES)
     try:
         with safe_open(path, framework="pt") as archive:
             metadata = archive.metadata() or {}
@@ -107,6 +118,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         ) from error
     if HEADER_KEY not in metadata:
         raise LiveHandError(f"{path} must be a LiveHand avatar, got a .safetensors file of something else")
+    foreign = sorted({str(tensor.dtype) for tensor in tensors.values()} - _DTYPES)
+    if foreign:
+        raise LiveHandError(f"{path} must hold tensors of {', '.join(sorted(_DTYPES))}, got {', '.join(foreign)}")
     header = _parsed(metadata[HEADER_KEY])
     if header and header.get("format_version") not in (BAKED_VERSION, LIT_VERSION):
         raise LiveHandError(
@@ -123,8 +137,8 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
 def _parsed(text: str) -> dict[str, Any]:
     """The header; empty if its text is damaged."""
     try:
-        header = json.loads(text)
-    except ValueError:
+        header = parse_json(text.encode(), "the header")
+    except (LiveHandError, ValueError):
         return {}
     return header if isinstance(header, dict) else {}
 
@@ -154,10 +168,46 @@ def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
     try:
         planes = tuple(tuple(plane) for plane in values["field"]["planes"])
         superres: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values["superres"].items()}
-        return AvatarConfig(
+        config = AvatarConfig(
             FieldConfig(**{**values["field"], "planes": planes}),
             SuperResConfig(**superres),
             SamplerConfig(**values["sampler"]),
         )
-    except (KeyError, TypeError) as error:
+        if not 0 < config.sampler.shell_m < _LARGEST_SHELL_M:
+            raise TypeError(f"a shell of {config.sampler.shell_m} m")
+        for value in (config.sampler.samples_per_ray, config.sampler.max_layers):
+            if value not in range(1, _MOST_SAMPLES + 1):
+                raise TypeError(f"{value!r} samples or layers of a ray")
+    except (KeyError, TypeError, AttributeError) as error:
         raise LiveHandError(f"{path}: the avatar's configuration must be this version's, got {error}") from error
+    return config
+
+
+def _check_networks(config: AvatarConfig, tensors: dict[str, Tensor], path: Path) -> None:
+    """Compare the networks of a configuration with the tensors, before memory is taken for them."""
+    try:
+        if max(config.superres.depth, len(config.field.planes)) > len(tensors):
+            raise ValueError(f"{max(config.superres.depth, len(config.field.planes))} layers")
+        with torch.device("meta"):
+            networks = {"field.": build_field(config.field), "superres.": build_superres(config.superres)}
+    except Exception as error:  # a configuration may hold anything
+        raise LiveHandError(
+            f"{path}: the avatar's configuration must be this version's, got {type(error).__name__}: {error}"
+        ) from error
+    wanted = {
+        prefix + key: list(value.shape) for prefix, one in networks.items() for key, value in one.state_dict().items()
+    }
+    got = {key: list(value.shape) for key, value in tensors.items() if key.startswith(tuple(networks))}
+    different = sorted(key for key in wanted.keys() | got.keys() if wanted.get(key) != got.get(key))
+    if different:
+        key = different[0]
+        raise LiveHandError(
+            f"{path}: the weights must fit the configuration, got {len(different)} that do not, such as {key}: "
+            f"{got.get(key)} for {wanted.get(key)}"
+        )
+
+
+def _sky(radiance: Tensor, path: Path) -> Sky:
+    if radiance.ndim != 3 or radiance.shape[2] != 3 or not radiance.isfinite().all():
+        raise LiveHandError(f"{path}: the sky must be finite and [H, W, 3], got {list(radiance.shape)}")
+    return Sky(radiance.float().numpy())

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..files.json_file import parse_json
+from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
 
 HEADER_KEY = "livehand"
@@ -69,7 +70,7 @@ def read_metadata(path: Path) -> AvatarMetadata:
             made_from=_made_from(provenance.get("capture", {})),
             thumbnail=thumbnail,
         )
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise LiveHandError(
             f"{path} must be an avatar of this version, got a header in which {error} is missing or wrong"
         ) from error
@@ -82,12 +83,15 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
         raise LiveHandError(
             "avatars need the package safetensors, got none; install it with: pip install safetensors"
         ) from error
+    check_regular(path)
     try:
         with safe_open(path, framework="numpy") as archive:
             metadata = archive.metadata() or {}
             thumbnail = archive.get_tensor(THUMBNAIL_KEY) if THUMBNAIL_KEY in archive.keys() else None
-            return json.loads(metadata[HEADER_KEY]), thumbnail
-    except (SafetensorError, OSError, KeyError, ValueError) as error:
+            if thumbnail is not None and (thumbnail.dtype != np.uint8 or thumbnail.shape[2:] != (4,)):
+                raise ValueError(f"a thumbnail {list(thumbnail.shape)} of {thumbnail.dtype}")
+            return parse_json(metadata[HEADER_KEY].encode(), HEADER_KEY), thumbnail
+    except (SafetensorError, LiveHandError, OSError, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(
             f"{path} must be a LiveHand avatar (.safetensors), got {type(error).__name__}: {error}; choose another file"
         ) from error

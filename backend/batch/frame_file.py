@@ -80,7 +80,7 @@ def _png_size(path: Path) -> tuple[int, int]:
     if path.read_bytes()[-12:] != _PNG_END:
         raise BrokenFrameError(f"{path.name} is cut short")
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=("PNG",)) as image:
             image.load()
             return image.size
     except (UnidentifiedImageError, OSError, SyntaxError, zlib.error) as error:

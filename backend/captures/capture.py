@@ -14,15 +14,16 @@ docs/capture.md documents the format for users.
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ..files.inner_path import inner_path
+from ..files.json_file import read_json
+from ..files.npz_file import read_npz
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.light import Light
@@ -243,6 +244,8 @@ def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
         raise LiveHandError(f"every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
     name, split, mask = entry["file_path"], entry.get("split"), entry.get("mask_path")
+    for file in (name, *((mask,) if isinstance(mask, str) else ())):
+        inner_path(Path(), file)
     if split not in get_args(Split):
         raise LiveHandError(f"{name}: split must be one of {get_args(Split)}, got {split!r}")
     if not isinstance(mask, str | None):
@@ -274,10 +277,10 @@ def _read_lit_view(entry: dict | object, pose_count: int, light_count: int) -> C
 
 def _read_poses(path: Path) -> tuple[HandPose, ...]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
+        arrays = read_npz(path)
+        columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
         rows = list(zip(*columns, strict=True))
-    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
+    except (LiveHandError, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
     return read_all(path, ((read_pose, index, *row) for index, row in enumerate(rows)))
 
@@ -302,8 +305,8 @@ def _side(name: str) -> Side:
 
 def _read_json(path: Path) -> dict:
     try:
-        document = json.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        document = read_json(path)
+    except LiveHandError as error:
         raise LiveHandError(
             f"{path} must be a capture's index ({error}); is {path.parent} a capture folder?"
         ) from error

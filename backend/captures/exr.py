@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files.regular_file import MIB, read_regular
 from ..records.errors import LiveHandError
 
 _MAGIC = 20000630
@@ -16,7 +17,8 @@ _VERSION, _TILED, _DEEP, _PARTS = 2, 0x200, 0x800, 0x1000
 _TYPES = (np.dtype("<u4"), np.dtype("<f2"), np.dtype("<f4"))
 _COMPRESSIONS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB")
 _LINES_OF = {"none": 1, "ZIPS": 1, "ZIP": 16}  # scan lines in a block
-_MOST_PIXELS = 1 << 28
+_MOST_PIXELS = 1 << 26  # 8192 x 8192
+_MOST_BYTES = 1024 * MIB
 _ZIP_LEVEL = 4
 # What damaged bytes lead to while they are taken apart.
 _DAMAGE = (struct.error, IndexError, KeyError, ValueError, UnicodeDecodeError, zlib.error, OverflowError, MemoryError)
@@ -78,10 +80,7 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 
 
 def _bytes_of(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise LiveHandError(f"{path} must be a readable image ({error})") from error
+    return read_regular(path, _MOST_BYTES)
 
 
 def _checked_header(path: Path, data: bytes) -> _Header:
@@ -148,7 +147,8 @@ def _channels_of(data: bytes, header: _Header) -> dict[str, np.ndarray]:
         top = y - header.data_box[1]
         block, packed = rows[top : top + lines], data[offset + 8 : offset + 8 + size]
         is_packed = header.compression != "none" and size < block.size
-        block[:] = (_unpacked(packed) if is_packed else np.frombuffer(packed, np.uint8)).reshape(block.shape)
+        unpacked = _unpacked(packed, block.size) if is_packed else np.frombuffer(packed, np.uint8)
+        block[:] = unpacked.reshape(block.shape)
         is_read[top : top + lines] = True
     if not is_read.all():
         raise ValueError(f"{(~is_read).sum()} of {height} lines are missing")
@@ -171,9 +171,10 @@ def _on_display(rows: np.ndarray, header: _Header) -> dict[str, np.ndarray]:
     return channels
 
 
-def _unpacked(packed: bytes) -> np.ndarray:
-    """The bytes of a ZIP block: differences are added up, then the two halves are interleaved."""
-    steps = np.frombuffer(zlib.decompress(packed), np.uint8) ^ 128  # minus 128, modulo 256 as their sum
+def _unpacked(packed: bytes, size: int) -> np.ndarray:
+    """The bytes of a ZIP block of a size: differences are added up, then the two halves are interleaved."""
+    raw = np.frombuffer(zlib.decompressobj().decompress(packed, size + 1), np.uint8)
+    steps = raw ^ 128  # minus 128, modulo 256 as their sum
     steps[0] ^= 128
     halves = np.cumsum(steps, dtype=np.uint8)
     block, middle = np.empty_like(halves), len(halves) // 2

@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
+from ..files.picture_file import opened_picture
 from ..records.errors import LiveHandError
 from .exr import read_exr, read_exr_header
 
 ALPHA_MODES = ("RGBA", "LA")
 """Pillow's modes of images with alpha."""
-# Raised by Pillow for files that are missing, truncated, damaged or far too large.
-_PICTURE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 
 
 def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, np.ndarray]:
@@ -22,14 +20,11 @@ def read_picture(path: Path, mode: str, size_px: tuple[int, int]) -> tuple[str, 
     Raises:
         LiveHandError: missing, unreadable, or not of the given size.
     """
-    try:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert(mode))
-            own_mode, size = image.mode, image.size
-    except _PICTURE_ERRORS as error:
-        raise LiveHandError(unreadable(path, error)) from error
-    if size != tuple(size_px):
-        raise LiveHandError(wrong_size(path, size_px, size))
+    with opened_picture(path) as image:
+        own_mode, size = image.mode, image.size
+        if size != tuple(size_px):
+            raise LiveHandError(wrong_size(path, size_px, size))
+        pixels = np.asarray(image.convert(mode))
     return own_mode, pixels
 
 
@@ -92,11 +87,8 @@ def read_header(path: Path) -> tuple[str, tuple[int, int]]:
     if path.suffix.lower() == ".exr":
         names, size_px = read_exr_header(path)
         return ("RGBA" if {"R", "G", "B", "A"} <= set(names) else "".join(names)), size_px
-    try:
-        with Image.open(path) as image:
-            return image.mode, image.size
-    except _PICTURE_ERRORS as error:
-        raise LiveHandError(unreadable(path, error)) from error
+    with opened_picture(path) as image:
+        return image.mode, image.size
 
 
 def no_alpha(path: Path, mode: str) -> str:
@@ -107,8 +99,3 @@ def no_alpha(path: Path, mode: str) -> str:
 def wrong_size(path: Path, expected: tuple[int, int], size: tuple[int, int]) -> str:
     """The message for an image whose size differs from its camera's."""
     return f"{path} must be {tuple(expected)} px like its camera, got {size}"
-
-
-def unreadable(path: Path, error: Exception) -> str:
-    """The message for a file that Pillow cannot read."""
-    return f"{path} must be a readable image ({error})"

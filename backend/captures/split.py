@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..files.json_file import read_json
 from ..records.errors import LiveHandError
 from .capture import Split
 
@@ -101,11 +102,11 @@ def load_split(path: Path, source: str) -> FrameSplit:
         LiveHandError: unreadable, malformed, of another source, or with something in both training and held-out sets.
     """
     try:
-        document = json.loads(path.read_text())
+        document = read_json(path)
         if (document["format"], document["version"]) != (FORMAT, VERSION):
             raise ValueError(f"format {document['format']} {document['version']}, must be {FORMAT} {VERSION}")
         split = _from_document(document)
-    except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+    except (LiveHandError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise LiveHandError(f"{path} must be a split file ({type(error).__name__}: {error})") from error
     if split.source != source:
         raise LiveHandError(f"{path} must be of {source}, got one of {split.source}")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
-import zlib
 from collections import Counter
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ..files.json_file import parse_json
+from ..files.npz_file import read_npz
+from ..files.regular_file import is_file, is_folder
 from ..records.errors import LiveHandError
 from ..runtime.command import Command
 
@@ -35,16 +35,16 @@ def inspect(path: Path) -> dict:
     Raises:
         LiveHandError: the file is missing, damaged or of no known kind.
     """
-    if not path.exists():
+    if not (is_file(path) or is_folder(path)):
         raise LiveHandError(
             f"nothing to inspect at {path}; give the path of an avatar, hand model, pose file or capture"
         )
-    if path.is_dir():
+    if is_folder(path):
         return _capture_facts(path) if _is_capture(path) else _motion_facts(path)
     if path.suffix == ".safetensors":
         return _avatar_facts(path)
     if path.suffix == ".npz":
-        arrays = _read_arrays(path)
+        arrays = read_npz(path)
         return _hand_facts(path) if "v_template" in arrays else _pose_facts(path, arrays)
     if path.suffix == ".pkl":
         return _pickle_facts(path)
@@ -116,8 +116,10 @@ def _hand_facts(path: Path) -> dict:
 
 def _hand_provenance(path: Path) -> dict:
     """The source of a model made from a user's mesh."""
-    arrays = _read_arrays(path) if path.suffix == ".npz" else {}
-    return {"provenance": json.loads(str(arrays["provenance"]))} if "provenance" in arrays else {}
+    arrays = read_npz(path) if path.suffix == ".npz" else {}
+    if "provenance" not in arrays:
+        return {}
+    return {"provenance": parse_json(str(arrays["provenance"]).encode(), f"{path}: provenance")}
 
 
 def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
@@ -132,14 +134,6 @@ def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
         "is_finite": bool(np.isfinite(theta).all()),
         "largest_angle_deg": round(float(np.rad2deg(np.linalg.norm(theta, axis=-1).max())), 1),
     }
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return dict(arrays)
-    except (OSError, ValueError, EOFError, BadZipFile, zlib.error, TypeError) as error:
-        raise LiveHandError(f"{path} must be a readable .npz ({error})") from error
 
 
 COMMAND = Command("inspect", "print what a hand model, avatar, capture or pose file holds", _add_arguments, _run)

@@ -18,15 +18,15 @@ import numpy as np
 from ..geometry.framing import fitting_camera
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
+from ..motion.files.import_options import ImportOptions, motion_and_warning, with_options
 from ..motion.files.open_files import open_motion_file
-from ..motion.landmarks.landmark_file import LandmarkFile
-from ..motion.mano_basis import ManoBasis, find_basis
+from ..motion.landmarks.picture_camera import PictureCamera
 from ..motion.motion import HandMotion
 from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
-from ..runtime.command import say
+from ..runtime.command import parse_size_px, say
 
 if TYPE_CHECKING:
     from ..records.frame import Frame
@@ -44,6 +44,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mano", type=Path, metavar="FILE", help="pose files: MANO's file, where poses count from its mean"
     )
+    parser.add_argument(
+        "--picture",
+        type=parse_picture_camera,
+        metavar="WxH@DEG",
+        help="landmarks in a picture: its size, px, and its camera's horizontal angle of view, such as 1280x720@60",
+    )
+
+
+def parse_picture_camera(text: str) -> PictureCamera:
+    """`1280x720@60` -> the camera of a tracked picture, as an argument's type."""
+    size, _, angle = text.partition("@")
+    try:
+        return PictureCamera(parse_size_px(size, smallest=1), float(angle))
+    except (ValueError, LiveHandError) as error:
+        raise argparse.ArgumentTypeError(
+            f"must be WIDTHxHEIGHT@DEGREES, such as 1280x720@60, got {text!r} ({error})"
+        ) from error
 
 
 def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] | None = None) -> dict[str, Any]:
@@ -65,7 +82,8 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     if read is None:
-        motion = posed_upright(path, hand, args.side, find_basis(args.mano, args.hand))
+        options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
+        motion = posed_upright(path, hand, options, args.hand)
     else:
         motion = read(path, hand)
     frames = frame_indices(motion, args.frames)
@@ -87,15 +105,19 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     }
 
 
-def posed_upright(path: Path, hand: HandModel, side: str | None = None, basis: ManoBasis | None = None) -> HandMotion:
+def posed_upright(
+    path: Path, hand: HandModel, options: ImportOptions | None = None, hand_path: Path | None = None
+) -> HandMotion:
     """A file's motion in Blender's world with the wrist at the origin; a hand in its own space stands upright.
 
     Raises:
         LiveHandError: the file is unreadable, or MANO's file is needed and missing.
     """
-    file = open_motion_file(path)
-    file = file if side is None else file.with_changes(side=side)
-    motion = file.motion(hand) if isinstance(file, LandmarkFile) else file.motion(basis)
+    options = options or ImportOptions()
+    file = with_options(open_motion_file(path), options)
+    motion, doubt = motion_and_warning(file, options, hand, hand_path)
+    if doubt:
+        say(f"check the motion: {doubt}")
     matrix = to_blender(file.info.space)
     if file.info.space == "hand":
         matrix[:3, :3] = upright(motion.side)

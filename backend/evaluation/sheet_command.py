@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from ..records.errors import LiveHandError
 from ..runtime.command import Command, parse_count
@@ -43,11 +42,8 @@ def read_frame(path: Path) -> np.ndarray:
     Raises:
         LiveHandError: the file is not a readable image.
     """
-    try:
-        with Image.open(path) as image:
-            pixels = np.asarray(image.convert("RGBA"), np.float32) / 255
-    except OSError as error:
-        raise LiveHandError(f"{path} must be a readable image ({error}); render it again") from error
+    with opened_picture(path, ("PNG",)) as image:
+        pixels = np.asarray(image.convert("RGBA"), np.float32) / 255
     return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], -1)
 
 

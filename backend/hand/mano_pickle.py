@@ -8,11 +8,14 @@ before it is called.
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..files.pickle_scan import scan_pickle
+from ..files.regular_file import MIB, read_regular
 from ..records.errors import LiveHandError
 from .pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
 
@@ -21,6 +24,8 @@ _ARRAY_KEYS = (
     "v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs", "J",
     "hands_components", "hands_mean", "hands_coeffs",
 )  # fmt: skip
+_MOST_BYTES = 128 * MIB  # MANO's own are of 4
+_MOST_ENTRIES = 1 << 22  # of 16 joints x 778 vertices, with room
 _SHAPE_DIRECTIONS = 10  # the file holds 20; MANO uses the first ten
 
 
@@ -33,9 +38,10 @@ def read_mano_pickle(path: Path | str) -> dict[str, np.ndarray]:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            refusal = "a MANO pickle may not use {}; use the unchanged file from MANO's website"
-            content = RestrictedUnpickler(file, _ALLOWED, refusal).load()
+        raw = read_regular(path, _MOST_BYTES)
+        scan_pickle(raw)
+        refusal = "a MANO pickle may not use {}; use the unchanged file from MANO's website"
+        content = RestrictedUnpickler(BytesIO(raw), _ALLOWED, refusal).load()
         require(isinstance(content, dict), f"the file must hold a dictionary, got {type(content).__name__}")
         return {key: _as_array(content[key], key) for key in _ARRAY_KEYS if key in content}
     except LiveHandError as error:
@@ -57,6 +63,10 @@ class _SparseColumns(Stub):
         require(
             len(starts) == columns + 1 and int(starts[-1]) == len(index) == len(values),
             f"a sparse matrix must hold {columns} columns, got arrays of {len(starts)}, {len(index)}, {len(values)}",
+        )
+        require(
+            all(isinstance(side, int) and 0 < side for side in (rows, columns)) and rows * columns <= _MOST_ENTRIES,
+            f"a sparse matrix must be one of a hand's, got {rows} x {columns}",
         )
         matrix = np.zeros((rows, columns))
         np.add.at(matrix, (index, np.repeat(np.arange(columns), np.diff(starts))), values)

@@ -6,14 +6,14 @@ An open surface is closed by caps, and a missing atlas is made. Errors name the 
 from __future__ import annotations
 
 import hashlib
-import zlib
 from dataclasses import fields, replace
 from importlib import resources
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ..files.npz_file import read_npz
+from ..files.regular_file import is_file
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from .atlas import unwrap, with_cap_chart
@@ -83,22 +83,13 @@ def _load_extra(path: Path, key: str, size: int) -> np.ndarray:
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no hand model at {path}; give the path of a .npz or .pkl with MANO keys")
     if path.suffix == ".pkl":
         from .mano_pickle import read_mano_pickle
 
         return read_mano_pickle(path)
-    try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            if isinstance(archive, np.ndarray):
-                raise ValueError("a single array")
-            return {key: archive[key] for key in archive.files}
-    except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:
-        raise LiveHandError(
-            f"{path} must be a readable .npz hand model, got {type(error).__name__}: {error}; export it again"
-        ) from error
+    return read_npz(path)
 
 
 def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandModel:

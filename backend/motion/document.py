@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import io
-import json
-import zipfile
-import zlib
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..files.json_file import read_json
+from ..files.npz_file import MOST_BYTES, read_npy_header, read_npz
+from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
 from .plain_pickle import read_plain_pickle
 
-_LARGEST_BYTES = 2 << 30  # unpacked: a zip bomb of a few kilobytes could fill the memory
+_MOST_TABLE_BYTES = 64 * MIB
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Document:
         """
         try:
             array = np.asarray(value)
-        except ValueError as error:
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise LiveHandError(f"{self.path}: {name} must be an array, got rows of different lengths") from error
         if array.dtype.kind not in "biuf":
             raise LiveHandError(f"{self.path}: {name} must hold numbers, got {array.dtype}; export it again")
@@ -66,83 +69,84 @@ def load_document(path: Path) -> Document:
         LiveHandError: the file is missing, has another suffix, is damaged or too large, or is a pickle that could run
             code.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise LiveHandError(f"no pose file at {path}; give the path of one of {', '.join(SUFFIXES)}")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise LiveHandError(f"{path} must be a pose file ({', '.join(SUFFIXES)}), got '{path.suffix}'")
     try:
-        _check_size(path.stat().st_size)
         return Document(path, _READERS[suffix](path))
     except LiveHandError as error:
-        raise LiveHandError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, TypeError) as error:
+        raise error if str(path) in str(error) else LiveHandError(f"{path}: {error}") from error
+    except Exception as error:  # a damaged file can raise nearly anything
         raise LiveHandError(
-            f"{path} must be a readable {suffix} file, got {type(error).__name__}: {error}; export it again"
+            f"{path} must be a readable {suffix} file, got {type(error).__name__}: {str(error)[:200]}; export it again"
         ) from error
-    except Exception as error:  # a damaged pickle can raise nearly anything
-        raise LiveHandError(
-            f"{path} must be plain data, got a damaged file ({type(error).__name__}: {error}); download it again"
-        ) from error
-
-
-def _read_npz(path: Path) -> dict[str, np.ndarray]:
-    with zipfile.ZipFile(path) as archive:
-        _check_size(sum(member.file_size for member in archive.infolist()))
-    with np.load(path, allow_pickle=False) as arrays:
-        return {key: _read_member(arrays, key) for key in arrays.files}
-
-
-def _read_member(arrays: Any, key: str) -> np.ndarray:
-    try:
-        return arrays[key]
-    except ValueError as error:
-        if "Object arrays" in str(error):
-            raise LiveHandError(
-                f"{key} is an array of Python objects, which could run code; save plain arrays of numbers instead"
-            ) from error
-        raise
 
 
 def _read_npy(path: Path) -> Any:
-    raw = path.read_bytes()
+    raw = read_regular(path, MOST_BYTES)
     file = io.BytesIO(raw)
-    version = np.lib.format.read_magic(file)
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    if read_header(file)[2].hasobject:
+    shape, dtype = read_npy_header(file)
+    if dtype.hasobject:
         return read_plain_pickle(raw[file.tell() :])
+    if prod(shape) * dtype.itemsize != len(raw) - file.tell():
+        raise LiveHandError(f"an array of shape {list(shape)} must be whole, got {len(raw) - file.tell()} bytes")
     return np.load(io.BytesIO(raw), allow_pickle=False)
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a table by their names in lower case; an empty cell is NaN."""
-    names, *rows = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    if not rows or any(len(row) != len(names) for row in rows):
-        raise LiveHandError("a table must have a header line and as many cells in every line below it")
-    columns = zip(names, zip(*rows, strict=True), strict=True)
-    return {name.strip().strip('"').lower(): _column(cells) for name, cells in columns}
+def _read_pickle(path: Path) -> Any:
+    return read_plain_pickle(read_regular(path, MOST_BYTES))
 
 
-def _column(cells: Sequence[str]) -> np.ndarray:
+def _read_csv(path: Path) -> dict[str, np.ndarray] | np.ndarray:
+    """The columns of a table by their names, or all numbers of one without names; an empty cell is NaN."""
+    text = read_regular(path, _MOST_TABLE_BYTES).decode("utf-8-sig")
+    separator = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
+    lines = csv.reader(text.splitlines(), delimiter=separator)
+    # Separators alone are a frame without a hand.
+    rows = [row for row in lines if len(row) > 1 or "".join(row).strip()] or [[]]
+    if any(len(row) != len(rows[0]) for row in rows):
+        raise LiveHandError("a table must have as many cells in every line")
+    names, *cells = rows
+    if all(_is_number(name) for name in names):
+        columns = [_column(column, separator) for column in zip(*rows, strict=True)]
+        return np.stack(columns, 1) if columns else np.zeros((0, 0))
+    if not cells:
+        raise LiveHandError("a table must have lines below its header, got none")
+    columns = zip(names, zip(*cells, strict=True), strict=True)
+    return {name.strip(): _column(column, separator) for name, column in columns}
+
+
+def _column(cells: Sequence[str], separator: str) -> np.ndarray:
     try:
-        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+        return np.array([_number(cell, separator) for cell in cells])
     except ValueError:
-        return np.array([cell.strip().strip('"') for cell in cells])
+        return np.array([cell.strip() for cell in cells])
+
+
+def _number(cell: str, separator: str) -> float:
+    """A cell's number; tables with other separators may have decimal commas."""
+    if not cell.strip() or cell.strip().lower() in ("none", "null"):
+        return np.nan
+    return float(cell if separator == "," else cell.replace(",", "."))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return math.isfinite(float(cell.replace(",", ".")))
+    except ValueError:
+        return False
 
 
 _READERS: dict[str, Callable[[Path], Any]] = {
-    ".npz": _read_npz,
+    ".npz": read_npz,
     ".npy": _read_npy,
-    ".json": lambda path: json.loads(path.read_text(encoding="utf-8")),
-    ".pkl": lambda path: read_plain_pickle(path.read_bytes()),
+    ".json": read_json,
+    ".pkl": _read_pickle,
     ".csv": _read_csv,
 }
 SUFFIXES = tuple(_READERS)
-
-
-def _check_size(size_bytes: int) -> None:
-    if size_bytes > _LARGEST_BYTES:
-        raise LiveHandError(f"a pose file must hold at most {_LARGEST_BYTES >> 30} GiB, got {size_bytes >> 20} MiB")
 
 
 def _fits(shape: tuple[int, ...], wanted: Sequence[int | None]) -> bool:

@@ -12,6 +12,10 @@ from ..records.errors import LiveHandError
 from ..records.shot import HandPose
 from ..records.side import Side
 
+MOST_FRAMES = 300_000
+"""Of a motion; more than an hour at 60 frames per second."""
+FPS_RANGE = (0.01, 100_000.0)
+
 
 @dataclass(frozen=True)
 class HandMotion:
@@ -25,7 +29,8 @@ class HandMotion:
         side: which hand.
 
     Raises:
-        LiveHandError: there is no frame, shapes disagree, a number is not finite, or the rate is not positive.
+        LiveHandError: there is no frame or are too many, shapes disagree, a number is not finite, or the rate is not
+            a film's.
     """
 
     theta: np.ndarray
@@ -36,8 +41,9 @@ class HandMotion:
 
     def __post_init__(self):
         count = len(self.theta) if np.ndim(self.theta) else 0
-        if count == 0:
-            raise LiveHandError("a motion must have at least one frame, got none")
+        if not 0 < count <= MOST_FRAMES:
+            got = count or "none"
+            raise LiveHandError(f"a motion must have at least one frame and at most {MOST_FRAMES}, got {got}")
         shapes = {"theta": ((count, 16, 3),), "beta": ((10,), (count, 10)), "transl": ((count, 3),)}
         for name, allowed in shapes.items():
             value = np.asarray(getattr(self, name))
@@ -48,8 +54,10 @@ class HandMotion:
                 raise LiveHandError(
                     f"{name} must be finite, got NaN or infinity {_non_finite_frames(value, count)}; repair the file"
                 )
-        if self.fps is not None and not (np.isfinite(self.fps) and self.fps > 0):
-            raise LiveHandError(f"fps must be a positive number, got {self.fps}")
+        if self.fps is not None and not FPS_RANGE[0] <= self.fps <= FPS_RANGE[1]:
+            raise LiveHandError(
+                f"fps must be a positive number, from {FPS_RANGE[0]:g} to {FPS_RANGE[1]:g}, got {self.fps}"
+            )
 
     def __len__(self) -> int:
         return len(self.theta)

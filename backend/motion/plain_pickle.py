@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ..files.pickle_scan import DEEPEST, scan_pickle
 from ..hand.pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
 
+_MOST_NUMBERS = 50_000_000
 _REFUSAL = "a pickle of poses may not use {}, which could run code; save plain numpy arrays as .npz instead"
 
 
@@ -21,10 +23,12 @@ def read_plain_pickle(raw: bytes) -> Any:
     """The content of a pickle.
 
     Raises:
-        LiveHandError: the pickle names a global other than those of numpy arrays of plain numbers.
+        LiveHandError: the pickle names a global other than those of numpy arrays of plain numbers, or is too large,
+            too deep or made of itself.
         Exception: a damaged pickle can raise nearly anything; the caller names the file.
     """
-    return _plain(RestrictedUnpickler(io.BytesIO(raw), _ALLOWED, _REFUSAL).load())
+    scan_pickle(raw)
+    return _Conversion().of(RestrictedUnpickler(io.BytesIO(raw), _ALLOWED, _REFUSAL).load())
 
 
 class _AnyDtype(Dtype):
@@ -87,18 +91,48 @@ _ALLOWED = {
 } | {"numpy.ndarray": ArrayKind, "numpy.dtype": _AnyDtype, "_codecs.encode": _Bytes}
 
 
-def _plain(value: Any) -> Any:
-    """The value with every stand-in replaced by its array."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, Array) and _is_wrapper(value):
-        return _plain(value.state[4][0])
-    if isinstance(value, Array | _Scalar | _Buffer):
-        return value.numpy()
-    require(value is None or isinstance(value, str | bytes | int | float), f"must be plain data, got {type(value)}")
-    return value
+class _Conversion:
+    """Replaces every stand-in by its array. What a pickle refers to many times is converted once, but counted each."""
+
+    def __init__(self):
+        self._done: dict[int, tuple[Any, int]] = {}
+        self._open: set[int] = set()
+
+    def of(self, value: Any) -> Any:
+        """The value as plain data."""
+        return self._converted(value)[0]
+
+    def _converted(self, value: Any) -> tuple[Any, int]:
+        """The plain value, and how many numbers it holds once everything is written out."""
+        key = id(value)
+        if key in self._done:
+            return self._done[key]
+        if isinstance(value, dict | list | tuple | Stub):
+            require(key not in self._open, "lists must not hold themselves; save plain numpy arrays as .npz instead")
+            require(len(self._open) < DEEPEST, f"data must nest at most {DEEPEST} deep; save plain arrays as .npz")
+            self._open.add(key)
+            self._done[key] = self._of_parts(value)
+            self._open.discard(key)
+            return self._done[key]
+        require(value is None or isinstance(value, str | bytes | int | float), f"must be plain data, got {type(value)}")
+        return value, 1
+
+    def _of_parts(self, value: Any) -> tuple[Any, int]:
+        if isinstance(value, Array) and _is_wrapper(value):
+            return self._converted(value.state[4][0])
+        if isinstance(value, Array | _Scalar | _Buffer):
+            array = value.numpy()
+            return array, self._checked(array.size + 1)
+        require(isinstance(value, dict | list | tuple), f"must be plain data, got {type(value)}")
+        items = list(value.values()) if isinstance(value, dict) else value
+        parts = [self._converted(item) for item in items]
+        size = self._checked(1 + sum(count for _, count in parts))
+        plain = [part for part, _ in parts]
+        return dict(zip(map(str, value), plain, strict=True)) if isinstance(value, dict) else plain, size
+
+    def _checked(self, size: int) -> int:
+        require(size <= _MOST_NUMBERS, f"a pickle must hold at most {_MOST_NUMBERS} numbers; cut it into smaller files")
+        return size
 
 
 def _is_wrapper(array: Array) -> bool:

@@ -138,7 +138,7 @@ def is_complete(path: Path, view: CaptureView) -> bool:
     if view.is_linear:
         return is_complete_picture(path, view.camera.size_px)
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=("PNG",)) as image:
             image.load()
             return image.size == tuple(view.camera.size_px)
     except OSError:

@@ -15,12 +15,14 @@ from ...backend.motion.files.import_options import ImportOptions, motion_and_war
 from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
+from ...backend.motion.landmarks.picture_camera import PictureCamera
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
 from ..retarget.importing import RigFile
 from ..rig.hand import RiggedHand
+from ..scene.camera import read_camera
 from . import motion_files
 from .mixins import FrameRange, HandTab, OnHand, reports_errors
 from .motion_settings import MotionSettings
@@ -70,7 +72,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
 
     def _key_poses(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """What was keyed, and why the file may have been misread."""
-        options = self._options()
+        options = replace(self._options(), picture_camera=self._picture_camera(context.scene))
         file = with_options(open_files(self._paths()), options)
         motion, doubt = motion_and_warning(file, options, hand.model, hand.model_path)
         placement = replace(
@@ -119,6 +121,14 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         if scene.camera is None:
             raise LiveHandError("Through Camera must have a camera in the scene, got none; add one or turn it off")
         return np.array(scene.camera.matrix_world.normalized())
+
+    def _picture_camera(self, scene: bpy.types.Scene) -> PictureCamera | None:
+        """The scene's camera as that of the tracked picture, for landmarks that are places in it."""
+        if not self.through_camera or scene.camera is None or scene.camera.data.type != "PERSP":
+            return None
+        view = read_camera(scene.camera, scene.render)
+        width_px = view.size_px[0]
+        return PictureCamera(view.size_px, float(np.rad2deg(2 * np.arctan(width_px / 2 / view.K[0, 0]))))
 
     def _detected(self) -> list[str]:
         """The detected format of the chosen files, in lines; they are read again only when they change."""

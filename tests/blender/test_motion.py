@@ -303,3 +303,34 @@ def test_keys_override_a_written_pose(hand, model, tmp_path):
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
     write_hand_pose(RiggedHand.of(hand), motion.pose(4))
     np.testing.assert_allclose(read(hand, 2).theta, motion.theta[1], atol=1e-5)
+
+
+def test_picture_landmarks_come_through_the_camera_or_not_at_all(hand, model, tmp_path):
+    """A hand half a metre before the scene's camera is keyed there; without the camera nothing is."""
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 640, 480, 100
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera, camera.data.angle_x = camera, np.deg2rad(50)
+    skeleton = HandSkeleton.of(model)
+    mirror = np.array([1.0, 1, 1]) if model.side == "right" else np.array([-1.0, 1, 1])
+    seen = (skeleton.rest[list(NODES_OF_LANDMARKS)] * mirror)[:, [2, 0, 1]]
+    seen = seen - seen[0] + [0, 0.05, 0.5]
+    focal_px = 320 / np.tan(np.deg2rad(25))
+    picture = np.stack(
+        [
+            seen[:, 0] / seen[:, 2] * focal_px / 640 + 0.5,
+            seen[:, 1] / seen[:, 2] * focal_px / 480 + 0.5,
+            (seen[:, 2] - 0.5) / 0.5 * focal_px / 640,
+        ],
+        1,
+    )
+    np.savez(tmp_path / "take.npz", landmarks=np.tile(picture, (2, 1, 1)))
+    with pytest.raises(RuntimeError, match="must hold world landmarks"):
+        bpy.ops.livehand.import_motion(filepath=str(tmp_path / "take.npz"), side=model.side)
+    assert is_untouched(hand)
+    bpy.ops.livehand.import_motion(
+        filepath=str(tmp_path / "take.npz"), side=model.side, through_camera=True, start_frame=1, key_place=True
+    )
+    wrist = read(hand, 1).transl + model.joints[0]
+    np.testing.assert_allclose(wrist, [0, -0.05, -0.5], atol=0.05)

@@ -72,7 +72,7 @@ def test_files_cut_short_anywhere_are_refused(tmp_path, name):
         ("a.json", "[]", "known format"),
         ("a.json", "\xff\xfe", "known format|readable"),
         ("a.csv", "x0,y0\n1\n", "as many cells"),
-        ("a.csv", "", "readable"),
+        ("a.csv", "", "known format"),
         ("a.txt", "hello", r"must be a pose file .* got '.txt'"),
     ],
 )

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ...files.regular_file import check_regular
 from ...records.errors import LiveHandError
 
 _BUFFER_BYTES = 1 << 16
@@ -75,6 +76,7 @@ def _events(path: Path, buffer_bytes: int) -> Iterator[Iterator[Event]]:
         import ijson
     except ImportError as error:
         raise LiveHandError(f"large JSON files need ijson ({error}); install it with: pip install ijson") from error
+    check_regular(path)
     try:
         with path.open("rb") as file:
             yield ijson.basic_parse(file, use_float=True, buf_size=buffer_bytes)

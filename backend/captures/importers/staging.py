@@ -12,8 +12,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from ...files.regular_file import MIB, check_regular
 from ...records.errors import LiveHandError
 from ..capture import Capture, index_document, load_capture, save_capture_index
+
+_MOST_BYTES = 1024 * MIB  # of one image
 
 
 def check_target(folder: Path) -> None:
@@ -62,6 +65,7 @@ def _begin_or_resume(partial: Path, capture: Capture) -> None:
 def _copy(source: Path, target: Path) -> None:
     if target.exists():
         return
+    check_regular(source, _MOST_BYTES)
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(target.name + ".part")
     shutil.copyfile(source, unfinished)

@@ -9,22 +9,23 @@ has one, is an entry of `lights` or the index of one, as a capture's own index h
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import tan
+from math import pi, tan
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ...files.inner_path import inner_path
+from ...files.json_file import read_json
+from ...files.npz_file import read_npz
 from ...records.camera import Camera
 from ...records.errors import LiveHandError
 from ...records.shot import HandPose
 from ..capture import read_all, read_pose
 from ..lights import CaptureLight, read_light
-from ..picture import read_header
+from ..picture import read_header, wrong_size
 
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -62,14 +63,13 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
         LiveHandError: the file is unreadable or malformed.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = dict(archive)
+        arrays = read_npz(path)
         theta = np.array(arrays["theta"], float).reshape(-1, 16, 3)
         beta = np.broadcast_to(np.array(arrays["beta"], float), (len(theta), 10))
         transl = np.array(arrays["transl"], float).reshape(len(theta), 3)
         sides = np.broadcast_to(arrays.get("side", np.array("right")), len(theta))
         times = np.array(arrays["time"], float).reshape(len(theta)) if "time" in arrays else None
-    except (OSError, EOFError, BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
+    except (LiveHandError, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta and transl of every pose ({error})") from error
     if hands_mean is not None:
         theta[:, 1:] += hands_mean
@@ -77,26 +77,30 @@ def read_pose_table(path: Path, hands_mean: np.ndarray | None = None) -> PoseTab
     return PoseTable(read_all(path, ((read_pose, index, *row) for index, row in rows)), times)
 
 
-def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> list[TransformsFrame]:
+def read_transforms(
+    path: Path, poses: PoseTable, metres_per_unit: float, allows_outside: bool = False
+) -> list[TransformsFrame]:
     """The images of a `transforms.json`, in its order.
 
-    A unit other than the metre scales cameras, lamps and occluders; lamps keep their irradiance on the hand.
+    A unit other than the metre scales cameras, lamps and occluders; lamps keep their irradiance on the hand. Images,
+    masks and skies must lie in the folder of the file, links followed, unless `allows_outside`.
 
     Raises:
         LiveHandError: with the file and its faults.
     """
     try:
-        document = json.loads(path.read_text())
+        document = read_json(path)
         entries = list(document["frames"])
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (LiveHandError, KeyError, TypeError) as error:
         raise LiveHandError(f"{path} must hold JSON with a list of frames ({type(error).__name__}: {error})") from error
     frames, faults = [], []
-    lights = _FrameLights(path.parent, document.get("lights", []), metres_per_unit)
+    files = _Files(path.parent, allows_outside)
+    lights = _FrameLights(files, document.get("lights", []), metres_per_unit)
     for number, entry in enumerate(entries):
         try:
-            frame = _read_frame({**document, **entry}, path.parent, poses, metres_per_unit)
+            frame = _read_frame({**document, **entry}, files, poses, metres_per_unit)
             frames.append(replace(frame, light=lights.of(entry.get("light"))))
-        except (KeyError, TypeError, ValueError, LiveHandError) as error:
+        except (KeyError, TypeError, ValueError, ZeroDivisionError, OverflowError, LiveHandError) as error:
             name = entry.get("file_path", number) if isinstance(entry, dict) else number
             what = f"{error} is missing" if isinstance(error, KeyError) else error
             faults.append(f"frame {name}: {what}")
@@ -105,10 +109,10 @@ def read_transforms(path: Path, poses: PoseTable, metres_per_unit: float) -> lis
     return frames
 
 
-def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres_per_unit: float) -> TransformsFrame:
+def _read_frame(entry: Mapping[str, Any], files: _Files, poses: PoseTable, metres_per_unit: float) -> TransformsFrame:
     """Read an `entry`, which holds the document's values overridden by the frame's."""
     _refuse_distortion(entry)
-    image = _existing(folder / entry["file_path"])
+    image = files.image(entry["file_path"])
     size_px = read_header(image)[1]
     if "w" in entry and "h" in entry and (int(entry["w"]), int(entry["h"])) != size_px:
         raise LiveHandError(f"{image} must be w x h = {entry['w']} x {entry['h']} px, got {size_px}")
@@ -118,7 +122,7 @@ def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres
     if cam2world.shape == (4, 4):
         cam2world = cam2world @ _OPENGL_TO_OPENCV
         cam2world[:3, 3] *= metres_per_unit
-    mask = folder / entry["mask_path"] if "mask_path" in entry else None
+    mask = files.mask(entry["mask_path"], size_px) if entry.get("mask_path") is not None else None
     exposure = float(entry.get("exposure", 1.0))
     if not 0 < exposure < np.inf:
         raise LiveHandError(f"exposure must be a finite number above 0, got {exposure}")
@@ -129,8 +133,8 @@ def _read_frame(entry: Mapping[str, Any], folder: Path, poses: PoseTable, metres
 class _FrameLights:
     """The lights of a document's frames, each read once."""
 
-    def __init__(self, folder: Path, entries: object, metres_per_unit: float):
-        self._folder, self._entries, self._metres_per_unit = folder, entries, metres_per_unit
+    def __init__(self, files: _Files, entries: object, metres_per_unit: float):
+        self._files, self._entries, self._metres_per_unit = files, entries, metres_per_unit
         self._read: dict[str, CaptureLight] = {}
 
     def of(self, light: object) -> CaptureLight | None:
@@ -144,7 +148,10 @@ class _FrameLights:
             name, entry = f"lights[{light}]", self._entries[light]
         key = json.dumps(entry, sort_keys=True)
         if key not in self._read:
-            self._read[key] = _in_metres(read_light(self._folder, name, entry), self._metres_per_unit)
+            if isinstance(entry, dict) and entry.get("sky_path") is not None:
+                self._files.path(entry["sky_path"])
+            light_in_file = read_light(self._files.folder, name, entry)
+            self._read[key] = _in_metres(light_in_file, self._metres_per_unit)
         return self._read[key]
 
 
@@ -176,12 +183,41 @@ def _refuse_distortion(entry: Mapping[str, Any]) -> None:
         )
 
 
-def _existing(path: Path) -> Path:
-    """The file, or the file of this name with an image suffix."""
-    for place in (path, *(path.with_name(path.name + suffix) for suffix in _SUFFIXES)):
-        if place.is_file():
-            return place
-    raise LiveHandError(f"no image at {path}")
+@dataclass(frozen=True)
+class _Files:
+    """The files that a document names: in its folder, unless more is allowed."""
+
+    folder: Path
+    allows_outside: bool
+
+    def path(self, name: object) -> Path:
+        """The path of a name."""
+        if self.allows_outside:
+            return self.folder / str(name)
+        try:
+            return inner_path(self.folder, name, follows_links=True)
+        except LiveHandError as error:
+            raise LiveHandError(f"{error}; move it there, or pass --allow-outside") from error
+
+    def image(self, name: object) -> Path:
+        """The file, or the file of this name with an image suffix."""
+        path = self.path(name)
+        for suffix in ("", *_SUFFIXES):
+            place = self.path(f"{name}{suffix}")
+            try:
+                if place.is_file():
+                    return place
+            except (OSError, ValueError) as error:
+                raise LiveHandError(f"no image at {path} ({error})") from error
+        raise LiveHandError(f"no image at {path}")
+
+    def mask(self, name: object, size_px: tuple[int, int]) -> Path:
+        """The file of a mask, after a look at its header."""
+        path = self.path(name)
+        size = read_header(path)[1]
+        if size != size_px:
+            raise LiveHandError(wrong_size(path, size_px, size))
+        return path
 
 
 def _intrinsics(entry: Mapping[str, Any], size_px: tuple[int, int]) -> np.ndarray:
@@ -196,6 +232,8 @@ def _intrinsics(entry: Mapping[str, Any], size_px: tuple[int, int]) -> np.ndarra
 
 
 def _focal_px(angle_rad: float, side_px: int) -> float:
+    if not 0 < angle_rad < pi:
+        raise LiveHandError(f"a camera's angle must lie between 0 and pi, got {angle_rad}")
     return side_px / 2 / tan(angle_rad / 2)
 
 

@@ -30,6 +30,7 @@ def import_transforms(
     held_out_poses: Sequence[int] | None = None,
     held_out_cameras: Sequence[int] | None = None,
     held_out_lights: Sequence[int] | None = None,
+    allows_outside: bool = False,
 ) -> Capture:
     """Write a capture; by default the last tenth of the poses, every eighth camera and every eighth light are held out.
 
@@ -39,7 +40,7 @@ def import_transforms(
         LiveHandError: with the file and its faults; nothing is written.
     """
     check_target(output)
-    frames = read_transforms(path, poses, metres_per_unit)
+    frames = read_transforms(path, poses, metres_per_unit, allows_outside)
     camera_index = _camera_indices([frame.camera for frame in frames])
     poses_out = _held_out(held_out_poses, len(poses.poses), "poses", _last_tenth(len(poses.poses)))
     cameras = max(camera_index) + 1

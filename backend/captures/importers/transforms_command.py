@@ -28,6 +28,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--held-out-lights", type=int, nargs="*", metavar="I", help="default: every eighth; no numbers: none"
     )
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="also copy files that lie outside the folder of transforms.json"
+    )
 
 
 def _run(args: argparse.Namespace) -> dict:
@@ -48,6 +51,7 @@ def _run(args: argparse.Namespace) -> dict:
         args.held_out_poses,
         args.held_out_cameras,
         args.held_out_lights,
+        args.allow_outside,
     )
     splits = dict(Counter(view.split for view in capture.views))
     return {"capture": str(args.output), "images": len(capture.views), "poses": len(capture.poses), "splits": splits}

@@ -9,6 +9,7 @@ from typing import Any
 
 from ...hand.model import HandModel
 from ..landmarks.landmark_file import LandmarkFile
+from ..landmarks.picture_camera import PictureCamera
 from ..mano_basis import find_basis
 from ..motion import HandMotion
 from .open_files import MotionFile
@@ -25,12 +26,14 @@ class ImportOptions:
         mano_path: MANO's own file, for its mean and components; None takes the hand's own, if it has them.
         is_picture_mirrored: landmarks only: the tracked picture was mirrored.
         smooth_frames: landmarks only: standard deviation of the smoothing, in frames.
+        picture_camera: landmarks in a picture only: its camera.
     """
 
     changes: Mapping[str, Any] = field(default_factory=dict)
     mano_path: Path | None = None
     is_picture_mirrored: bool = False
     smooth_frames: float = 0.0
+    picture_camera: PictureCamera | None = None
 
 
 def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
@@ -41,7 +44,9 @@ def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
     """
     if isinstance(file, LandmarkFile):
         changes = {name: value for name, value in options.changes.items() if name not in _POSE_FILES_ONLY}
-        return file.with_changes(is_picture_mirrored=options.is_picture_mirrored, **changes)
+        return file.with_changes(
+            is_picture_mirrored=options.is_picture_mirrored, picture_camera=options.picture_camera, **changes
+        )
     return file.with_changes(**options.changes)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files.regular_file import is_folder
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..document import SUFFIXES, load_document
@@ -15,6 +16,7 @@ from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from ..formats.format import Format
 from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
+from ..landmarks.recording import EXAMPLE
 from ..pose_file import NoHandError, PoseFile, RawHand
 
 # The most specific first: the first format that matches reads the document.
@@ -52,7 +54,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     Raises:
         LiveHandError: the file is missing, damaged, of no known format, or has no hand.
     """
-    if path.is_dir():
+    if is_folder(path):
         return open_pose_files(pose_files_in(path))
     if is_neural_annot(path):
         return read_neural_annot(path, capture)
@@ -65,7 +67,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     content = document.content
     got = f"keys {sorted(content)[:12]}" if isinstance(content, dict) else f"a {type(content).__name__}"
     names = ", ".join(known.name for known in FORMATS)
-    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}")
+    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}; {EXAMPLE}")
 
 
 def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:

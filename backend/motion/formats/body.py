@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..document import Document
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand
@@ -48,6 +49,10 @@ def _is_smplx(document: Document) -> bool:
 
 def _read_smplx(document: Document) -> PoseFile:
     entries = document.entries
+    if "global_orient" not in entries:
+        raise LiveHandError(
+            f"{document.path} must hold global_orient, the body's own rotation, got {sorted(entries)[:12]}"
+        )
     root = document.array(entries["global_orient"], "global_orient", (None, 3), (3,), (None, 1, 3)).reshape(-1, 1, 3)
     count = len(root)
     rest = document.array(entries["body_pose"], "body_pose", (count, 63), (count, 21, 3), (63,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ class NaturalPoses(NamedTuple):
     precision: np.ndarray
 
     @classmethod
+    @cache
     def of_gestures(cls) -> NaturalPoses:
         """The distribution of mixes of the built-in gestures, widened."""
         angles = np.deg2rad(sample_angles_deg(np.random.default_rng(0), _SAMPLES)).reshape(_SAMPLES, 45)[:, FREE]

@@ -110,9 +110,19 @@ def fit_landmarks(
 
 def likelier_side(points: np.ndarray, model: HandModel) -> Side:
     """The side whose fit to landmarks [T, 21, 3] m has the smaller error, in at most 40 frames."""
+    errors = side_errors(points, model)
+    return min(SIDES, key=errors.__getitem__)
+
+
+def side_errors(points: np.ndarray, model: HandModel) -> dict[Side, float]:
+    """Root mean square distance, m, between landmarks [T, 21, 3] m and a hand of each side, in at most 40 frames."""
     some = points[:: max(1, len(points) // _FRAMES_FOR_SIDE)]
-    right, left = (fit_landmarks(some, model, side).rms_m for side in SIDES)
-    return "right" if right <= left else "left"
+    return {side: fit_landmarks(some, model, side).rms_m for side in SIDES}
+
+
+def palm_m(model: HandModel) -> float:
+    """Mean distance of the four knuckles from the wrist, which no pose changes."""
+    return float(np.linalg.norm(HandSkeleton.of(model).offsets(np.zeros(10))[:4, 0], axis=-1).mean())
 
 
 def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
@@ -122,7 +132,7 @@ def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
     if not _SCALES[0] < scale < _SCALES[1]:
         raise LiveHandError(
             f"landmarks must be a hand's, in metres, got one {scale:.3g} times as large; "
-            "give world landmarks, not those in the image"
+            "give world landmarks, not those in the image, or change the unit"
         )
     return scale
 

@@ -1,12 +1,13 @@
-"""Landmark files of one hand: MediaPipe's 21 landmarks (`.json`, `.npz`, `.csv`) and WebXR's 25 joints.
+"""Landmark files: MediaPipe's 21 landmarks and WebXR's 25 joints of one or both hands, and what motion they make.
 
-MediaPipe's label assumes a mirrored selfie image, so the landmarks always have the shape of the hand opposite to the
-label. If the image was mirrored, that shape is the mirror image of the real hand.
+The landmarks have the shape of the hand that the picture shows. MediaPipe's label is that hand's in recent versions and
+the opposite hand's in older ones, which take the picture for a mirrored selfie; so the bend of the fingers decides.
+If the picture was mirrored, that shape is the mirror image of the real hand.
 """
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,20 +15,23 @@ from typing import Any
 import numpy as np
 
 from ...hand.model import MIRROR_POINT, HandModel
+from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
-from ...records.side import Side
+from ...records.side import SIDES, Side
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import METRES, FileInfo, check_changes, with_gaps_filled
 from ..resampling import smoothed
-from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, likelier_side
+from .fit import METRIC, MONOCULAR, LandmarkFit, fit_landmarks, likelier_side, palm_m, side_errors
+from .picture_camera import PictureCamera, lifted
+from .recording import is_recording, read_recording
+from .tracks import Track, follow_hands
 
-MEDIAPIPE, WEBXR = "MediaPipe landmarks", "WebXR joints"
-# MediaPipe's landmarks among WebXR's 25 joints (wrist; the thumb's 4; 5 of each finger, from the metacarpal on).
-_MEDIAPIPE_IN_WEBXR = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19, 21, 22, 23, 24)
-_POINT_KEYS = ("world_landmarks", "hand_world_landmarks", "multi_hand_world_landmarks", "landmarks", "joints", "points")
-_SIDE_KEYS = ("handedness", "label", "side")
-_COLUMN = re.compile(r"(?=.*?(\d+))(?:.*[^a-z])?([xyz])(?:[^a-z].*)?")
+MEDIAPIPE, WEBXR, PICTURE = "MediaPipe landmarks", "WebXR joints", "MediaPipe picture landmarks"
+_SURE = 0.85  # of a side: the fit's error as a share of the other side's
+_PICTURE_NOTE = (
+    "the landmarks are places in the picture, not metres: record world landmarks, or state the picture's camera"
+)
 
 
 @dataclass(frozen=True)
@@ -36,25 +40,43 @@ class LandmarkFile:
 
     Attributes:
         path: the file.
-        points: [N, 21, 3] in MediaPipe's order, in the file's unit; only frames with a hand.
-        frame_indices: [N] increasing; the file has no hand in the frames between them.
+        hands: by the side that their shape has.
         info: how the file is interpreted; the mean and the components do not apply.
         is_picture_mirrored: the tracked picture was mirrored, as selfies are; the motion undoes it.
+        picture_camera: of the tracked picture, for landmarks that are places in it.
     """
 
     path: Path
-    points: np.ndarray
-    frame_indices: np.ndarray
+    hands: Mapping[Side, Track]
     info: FileInfo
     is_picture_mirrored: bool = False
+    picture_camera: PictureCamera | None = None
 
     @property
     def sides(self) -> tuple[Side, ...]:
-        """The one hand in the file."""
-        return (self.info.side,)
+        """The hands in the file."""
+        return (self.info.side,) if len(self.hands) == 1 else SIDES
 
-    def with_changes(self, *, is_picture_mirrored: bool | None = None, **changes: Any) -> LandmarkFile:
-        """The same landmarks with fields of `FileInfo` replaced; `side` corrects which hand it is.
+    @property
+    def points(self) -> np.ndarray:
+        """[N, 21, 3] of the hand that is read, in MediaPipe's order, in the file's unit; only frames with it."""
+        return self._track.points
+
+    @property
+    def frame_indices(self) -> np.ndarray:
+        """[N] increasing; the file does not have the hand in the frames between them."""
+        return self._track.frame_indices
+
+    def with_changes(
+        self,
+        *,
+        is_picture_mirrored: bool | None = None,
+        picture_camera: PictureCamera | None = None,
+        **changes: Any,
+    ) -> LandmarkFile:
+        """The same landmarks with fields of `FileInfo` replaced.
+
+        In a file with both hands, `side` selects one; otherwise it corrects which hand it is.
 
         Raises:
             LiveHandError: a value is not allowed.
@@ -62,18 +84,21 @@ class LandmarkFile:
         check_changes(changes)
         info = replace(self.info, **changes)
         is_mirrored = self.is_picture_mirrored if is_picture_mirrored is None else is_picture_mirrored
-        if is_mirrored != self.is_picture_mirrored and "side" not in changes:
+        if is_mirrored != self.is_picture_mirrored and "side" not in changes and len(self.hands) == 1:
             info = replace(info, side=_other(info.side))
-        return replace(self, info=info, is_picture_mirrored=is_mirrored)
+        camera = picture_camera or self.picture_camera
+        file = replace(self, info=info, is_picture_mirrored=is_mirrored, picture_camera=camera)
+        span = _span(file._track)
+        return replace(file, info=replace(info, frames=span, missing=span - len(file.frame_indices)))
 
     def fit(self, model: HandModel) -> LandmarkFit:
         """The hand model fitted to the landmarks, in the frames with a hand.
 
         Raises:
-            LiveHandError: the landmarks are not those of a hand in metres.
+            LiveHandError: the landmarks are not those of a hand in metres, or of a picture whose camera is not known.
         """
-        noise = MONOCULAR if self.info.format == MEDIAPIPE else METRIC
-        return fit_landmarks(self._points_m, model, self.info.side, self.info.fps, noise)
+        noise = METRIC if self.info.format == WEBXR else MONOCULAR
+        return fit_landmarks(self._points_m(model), model, self.info.side, self.info.fps, noise)
 
     def motion(self, model: HandModel, smooth_frames: float = 0.0) -> HandMotion:
         """The fitted motion with gaps filled, smoothed by a Gaussian with this standard deviation in frames."""
@@ -81,44 +106,97 @@ class LandmarkFile:
 
     def warning(self, model: HandModel) -> str | None:
         """Why the side is probably wrong; None if the hand bends as one of that side."""
-        likelier = likelier_side(self._points_m, model)
+        likelier = likelier_side(self._points_m(model), model)
         return None if likelier == self.info.side else f"the landmarks bend like a {likelier} hand"
 
     @property
-    def _points_m(self) -> np.ndarray:
+    def _track(self) -> Track:
+        shape = _other(self.info.side) if self.is_picture_mirrored else self.info.side
+        return self.hands.get(shape) or next(iter(self.hands.values()))
+
+    def _points_m(self, model: HandModel) -> np.ndarray:
         metres = self.points * METRES[self.info.unit]
+        if self.info.format == PICTURE:
+            if self.picture_camera is None:
+                raise LiveHandError(
+                    f"{self.path} must hold world landmarks (metres), got places in the picture; record world "
+                    "landmarks, or state the picture's size and angle of view"
+                )
+            metres = lifted(self.points, self.picture_camera, palm_m(model))
         return metres * MIRROR_POINT if self.is_picture_mirrored else metres
 
 
 def is_landmarks(document: Document) -> bool:
-    """Whether a document holds 21 landmarks or 25 joints per frame."""
-    try:
-        return _count(document) in (21, 25)
-    except (LiveHandError, ValueError, TypeError, KeyError, IndexError):
-        return False
+    """Whether a document holds landmarks of a hand."""
+    return is_recording(document)
 
 
 def read_landmarks(document: Document) -> LandmarkFile:
-    """Read the landmarks of one hand.
+    """Read the landmarks of the hands in a document; of two, the right one is selected.
 
     Raises:
         LiveHandError: the document is malformed, or no frame has a hand.
     """
-    count = _count(document)
-    points = _frames(document, count)
-    indices = np.flatnonzero(np.isfinite(points).all((1, 2)))
-    if len(indices) == 0:
-        raise LiveHandError(f"{document.path} must have a frame with a hand, got none in {len(points)}")
-    if np.isinf(points).any():
-        raise LiveHandError(f"{document.path}: landmarks must be finite, got infinity; track the hand again")
-    side, notes = _side(document, is_mediapipe=count == 21)
-    span = int(indices[-1] - indices[0]) + 1
-    name, space = (MEDIAPIPE, "opencv") if count == 21 else (WEBXR, "y_up")
-    kept = points[indices] if count == 21 else points[indices][:, _MEDIAPIPE_IN_WEBXR]
-    has_translation = count != 21 or _has_translation(kept)
-    missing = span - len(indices)
-    info = FileInfo(name, side, True, 0, space, "m", _fps(document), span, missing, notes, has_translation)
-    return LandmarkFile(document.path, kept, indices, info)
+    recording = read_recording(document)
+    try:
+        found = follow_hands(recording)
+    except LiveHandError as error:
+        raise LiveHandError(f"{document.path}: {error}") from error
+    name, space = (MEDIAPIPE, "opencv") if found.is_mediapipe else (WEBXR, "y_up")
+    name = PICTURE if found.is_picture else name
+    hands, notes = _by_shape(found.hands, found.is_mediapipe, has_metres=not found.is_picture)
+    has_translation = name != MEDIAPIPE or any(_has_translation(track.points) for track in found.hands)
+    notes = (*notes, *found.notes, *((_PICTURE_NOTE,) if found.is_picture else ()))
+    side: Side = next(side for side in SIDES if side in hands)
+    info = FileInfo(name, side, True, 0, space, "m", recording.fps, 0, 0, notes, has_translation)
+    return LandmarkFile(document.path, hands, info).with_changes()
+
+
+def _by_shape(
+    tracks: tuple[Track, ...], is_mediapipe: bool, has_metres: bool
+) -> tuple[dict[Side, Track], tuple[str, ...]]:
+    """The tracks by the side that their shape has, and how it was found."""
+    bends: list[Side | None] = [_bend(track.points) if has_metres else None for track in tracks]
+    labels: list[Side | None] = [_side_of_label(track, is_mediapipe) for track in tracks]
+    if len({bend or label for bend, label in zip(bends, labels, strict=True)}) < len(tracks):
+        bends = [None] * len(tracks)
+    sides: list[Side] = [_likeliest(bend, label) for bend, label in zip(bends, labels, strict=True)]
+    notes = [
+        _note(track, side, bend is not None, is_mediapipe)
+        for track, side, bend in zip(tracks, sides, bends, strict=True)
+    ]
+    return dict(zip(sides, tracks, strict=True)), tuple(note for note in notes if note)
+
+
+def _bend(points: np.ndarray) -> Side | None:
+    """The side like whose hand the fingers bend; None if that is not sure."""
+    try:
+        errors = side_errors(points, load_default_hand())
+    except LiveHandError:  # not in metres: the user may yet change the unit
+        return None
+    side = min(SIDES, key=errors.__getitem__)
+    return side if errors[side] < _SURE * errors[_other(side)] else None
+
+
+def _likeliest(bend: Side | None, label: Side | None) -> Side:
+    return bend or label or "right"
+
+
+def _side_of_label(track: Track, is_mediapipe: bool) -> Side | None:
+    if track.label is None or track.is_own or not is_mediapipe:
+        return track.label
+    return _other(track.label)
+
+
+def _note(track: Track, side: Side, is_bent: bool, is_mediapipe: bool) -> str | None:
+    if track.label is None:
+        reason = "as its fingers bend" if is_bent else "of a picture that was not mirrored"
+        return f"the file does not say which hand it is: read as a {side} one, {reason}"
+    if is_bent:
+        return None if side == track.label else f"labelled '{track.label}', but its fingers bend like a {side} hand's"
+    if is_mediapipe and not track.is_own:
+        return f"MediaPipe's label '{track.label}' is taken for a mirrored picture's: read as a {side} hand"
+    return None
 
 
 def _has_translation(points: np.ndarray) -> bool:
@@ -128,113 +206,8 @@ def _has_translation(points: np.ndarray) -> bool:
     return bool(np.linalg.norm(centre, axis=-1).max() > radius / 2)
 
 
-def _content(document: Document) -> Any:
-    """The frames as a list or array, or the columns of a table."""
-    content = document.content
-    if isinstance(content, dict) and document.path.suffix.lower() != ".csv":
-        content = next((content[name] for name in _POINT_KEYS if name in content), None)
-    return content
-
-
-def _count(document: Document) -> int:
-    """Landmarks per frame, in the first frame that has any."""
-    content = _content(document)
-    if isinstance(content, dict):
-        return len({match[1] for match in map(_COLUMN.fullmatch, content) if match})
-    if isinstance(content, np.ndarray):
-        if content.ndim == 2:
-            return {63: 21, 75: 25, 400: 25}.get(content.shape[1], 0)
-        return content.shape[1] if content.ndim > 2 and content.shape[-1] in (3, 4, 16) else 0
-    return len(next((points for points in map(_points_of, content) if points), []))
-
-
-def _frames(document: Document, count: int) -> np.ndarray:
-    """[N, count, 3]; NaN in frames without a hand."""
-    content = _content(document)
-    if isinstance(content, dict):
-        return _points_of_columns(document, content, count)
-    if not isinstance(content, np.ndarray):
-        no_hand = [[np.nan] * 3] * count
-        try:
-            content = np.array(
-                [[_position(point) for point in _points_of(frame)] or no_hand for frame in content], float
-            )
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
-            raise LiveHandError(
-                f"{document.path}: each frame must be null or {count} points of x, y and z, got {error!r}"
-            ) from error
-    if content.dtype.kind not in "iuf":
-        raise LiveHandError(f"{document.path}: landmarks must hold numbers, got {content.dtype}")
-    values = content.astype(np.float64).reshape(len(content), count, -1)
-    if values.shape[-1] == 16:
-        is_row_major = content.shape[-2:] == (4, 4) and not values[..., 12:15].any()
-        return values[..., 3:12:4] if is_row_major else values[..., 12:15]
-    if values.shape[-1] != 3:
-        raise LiveHandError(f"{document.path}: points must have x, y and z, got {values.shape[-1]} numbers each")
-    return values
-
-
-def _points_of(frame: Any) -> list:
-    """The points of a frame; of the first hand in MediaPipe's own nesting."""
-    if isinstance(frame, dict):
-        frame = next((frame[name] for name in _POINT_KEYS if name in frame), None)
-    if not frame:
-        return []
-    return frame[0] if len(frame) == 1 else frame
-
-
-def _position(point: Any) -> list[float]:
-    """x, y, z of a point with named coordinates, a list, or a flat 4 x 4 matrix in column-major order."""
-    if isinstance(point, dict):
-        point = point.get("position", point.get("matrix", point))
-    if isinstance(point, dict):
-        return [point["x"], point["y"], point["z"]]
-    if len(point) == 16:
-        return point[12:15]
-    if len(point) != 3:
-        raise ValueError(f"a point of {len(point)} numbers")
-    return point
-
-
-def _points_of_columns(document: Document, columns: dict[str, np.ndarray], count: int) -> np.ndarray:
-    """[N, count, 3] from columns such as x0, y0, z0 or landmark_3_z."""
-    matches = [(name, match) for name in columns if (match := _COLUMN.fullmatch(name))]
-    rows = len(next(iter(columns.values())))
-    points = np.full((rows, count, 3), np.nan)
-    order = {number: k for k, number in enumerate(sorted({int(match[1]) for _, match in matches}))}
-    if len(matches) != 3 * count:
-        raise LiveHandError(f"{document.path} must have x, y and z of {count} landmarks, got {len(matches)} columns")
-    for name, match in matches:
-        if columns[name].dtype.kind != "f":
-            raise LiveHandError(f"{document.path}: column {name} must hold numbers, got text")
-        points[:, order[int(match[1])], "xyz".index(match[2])] = columns[name]
-    return points
-
-
-def _side(document: Document, is_mediapipe: bool) -> tuple[Side, tuple[str, ...]]:
-    """The side of the landmarks' shape, and notes."""
-    label = _labelled_side(document)
-    if not is_mediapipe:
-        return label or "right", () if label else ("the file does not say which hand it is: a right one is assumed",)
-    if label is None:
-        return "right", ("the file has no label: a right hand in a picture that was not mirrored is assumed",)
-    side = _other(label)
-    return side, (f"MediaPipe's label '{label}' assumes a mirrored picture: the landmarks are those of a {side} hand",)
-
-
-def _labelled_side(document: Document) -> Side | None:
-    """The side in most of the file's labels; None if there is none."""
-    content = document.content
-    holders = [content] if isinstance(content, dict) else [f for f in content if isinstance(f, dict)]
-    labels = [str(holder[name]).lower() for holder in holders for name in _SIDE_KEYS if name in holder]
-    lefts, rights = (sum(side in label for label in labels) for side in ("left", "right"))
-    if lefts == rights:
-        return None
-    return "left" if lefts > rights else "right"
-
-
-def _fps(document: Document) -> float | None:
-    return document.array(document.entries["fps"], "fps", (), (1,)).item() if "fps" in document.entries else None
+def _span(track: Track) -> int:
+    return int(track.frame_indices[-1] - track.frame_indices[0]) + 1
 
 
 def _other(side: Side) -> Side:

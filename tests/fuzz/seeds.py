@@ -1,0 +1,298 @@
+"""A small sound file of every kind that is read, and the reader of each."""
+
+import io
+import json
+import pickle
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import torch
+from livehand.backend.avatars import file as avatar_files
+from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
+from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.captures.exr import read_exr, write_exr
+from livehand.backend.captures.importers.interhand import read_cameras, read_fits, read_images
+from livehand.backend.captures.importers.transforms import read_pose_table
+from livehand.backend.captures.importers.transforms_capture import import_transforms
+from livehand.backend.captures.picture import read_mask, read_picture
+from livehand.backend.captures.split import FrameSplit, load_split, split_document
+from livehand.backend.commands.inspect import inspect
+from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
+from livehand.backend.motion.files.import_options import ImportOptions, motion_and_warning
+from livehand.backend.motion.files.open_files import open_motion_file
+from livehand.backend.motion.files.summary import file_summary
+from livehand.backend.motion.landmarks import landmark_file
+from livehand.backend.motion.landmarks.fit import side_errors
+from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
+from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.records.camera import Camera
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
+from mutation import changed_array, mutated_bytes, mutated_json, mutated_npz
+from PIL import Image
+from safetensors import safe_open
+from safetensors.torch import save
+
+HAND = load_default_hand()
+_POINTS = HAND.v_template[:: len(HAND.v_template) // 21][:21]
+FIT = {"pose": [0.1] * 48, "shape": [0.0] * 10, "trans": [0.0, 0, 1]}
+_MOST_FITTED = 20
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A file, what reads it, and how it is changed besides its bytes."""
+
+    reader: str
+    name: str
+    raw: bytes
+    read: Any
+    change: Any = None
+
+    def mutated(self, rng):
+        """Another file."""
+        if self.change is not None and rng.random() < 0.7:
+            try:
+                raw = self.change(self.raw, rng)
+            except Exception:  # changes that cannot be written to a file
+                return mutated_bytes(self.raw, rng)
+            return mutated_bytes(raw, rng) if rng.random() < 0.1 else raw
+        return mutated_bytes(self.raw, rng)
+
+
+def read_motion(path):
+    """As import and inspect do; of landmarks, which take most of the time, one file in ten is fitted."""
+    is_fitted = zlib.crc32(path.read_bytes()) % 10 == 0
+    with patch.object(landmark_file, "side_errors", side_errors if is_fitted else _unfitted):
+        file = open_motion_file(path)
+    file_summary(file)
+    if not isinstance(file, landmark_file.LandmarkFile) or (is_fitted and len(file.points) <= _MOST_FITTED):
+        motion_and_warning(file, ImportOptions(), HAND, None)
+
+
+def _unfitted(points, model):
+    raise LiveHandError("not fitted")
+
+
+def npz(**arrays):
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def npy(value):
+    file = io.BytesIO()
+    np.save(file, value, allow_pickle=True)
+    return file.getvalue()
+
+
+def changed_pickle(raw, rng):
+    content = pickle.loads(raw)
+    if isinstance(content, dict):
+        key = list(content)[rng.integers(len(content))]
+        value = content[key]
+        content[key] = changed_array(value, rng) if isinstance(value, np.ndarray) else [value] * int(rng.integers(3))
+    else:
+        content = content + [content] * int(rng.integers(3))
+    return pickle.dumps(content, protocol=int(rng.integers(6)))
+
+
+def motion_seeds():
+    rng = np.random.default_rng(0)
+    poses = rng.normal(size=(6, 48)) * 0.3
+    eye = np.broadcast_to(np.eye(3), (3, 15, 3, 3))
+    result = {
+        "worldLandmarks": [[dict(zip("xyz", point, strict=True)) for point in _POINTS.tolist()]],
+        "landmarks": [[{"x": 0.5, "y": 0.5, "z": 0.1}] * 21],
+        "handedness": [[{"score": 0.9, "index": 0, "categoryName": "Left", "displayName": "Left"}]],
+    }
+    joints = {f"{f}-{j}": p for f, j, p in _webxr()}
+    rows = "\n".join(f"{t},Left,{k},{x},{y},{z}" for t in range(3) for k, (x, y, z) in enumerate(_POINTS.tolist()))
+    wide = ",".join(f"{axis}{k}" for k in range(21) for axis in "xyz")
+    numbers = "\n".join([",".join(map(str, _POINTS.ravel()))] * 3)
+    ho3d = {"handPose": np.ones(48), "handTrans": np.zeros(3), "handBeta": np.zeros(10), "camMat": np.eye(3)}
+    hamer = {"hand_pose": eye, "global_orient": eye[:, :1], "betas": np.zeros((3, 10)), "right": np.array([1, 0, 1])}
+    smplx = {"global_orient": np.zeros((4, 3)), "body_pose": np.zeros((4, 63)), "left_hand_pose": np.zeros((4, 45))}
+    arctic = {"right": {"rot": np.zeros((3, 3)), "pose": np.zeros((3, 45)), "trans": np.zeros((3, 3))}}
+    texts = {
+        "tasks.json": {"fps": 30, "frames": [result, None, result]},
+        "plain.json": [_POINTS.tolist(), None, _POINTS.tolist()],
+        "webxr.json": [{"handedness": "left", "joints": joints}] * 3,
+        "raw.json": poses.tolist(),
+        "freihand.json": [[[0.1] * 61]] * 4,
+        "x_NeuralAnnot.json": {"0": {"3": {"right": FIT, "left": None}}},
+    }
+    yield from (
+        Seed("poses, json", name, json.dumps(text).encode(), read_motion, mutated_json) for name, text in texts.items()
+    )
+    arrays = {
+        "own.npz": npz(theta=poses.reshape(6, 16, 3), transl=np.zeros((6, 3)), fps=24.0, side="left"),
+        "amass.npz": npz(poses=np.zeros((5, 156)), mocap_framerate=120.0),
+        "smplx.npz": npz(**smplx),
+        "dexycb.npz": npz(pose_m=np.ones((1, 51))),
+        "ho3d.npz": npz(**ho3d),
+        "hamer.npz": npz(**hamer),
+        "landmarks.npz": npz(landmarks=np.stack([_POINTS] * 3), handedness="Right", fps=25),
+    }
+    yield from (Seed("poses, npz", name, raw, read_motion, mutated_npz) for name, raw in arrays.items())
+    for name, content in (("ho3d.pkl", ho3d), ("list.pkl", [_POINTS] * 3), ("hamer.pkl", hamer)):
+        yield Seed("poses, pkl", name, pickle.dumps(content, protocol=2), read_motion, changed_pickle)
+    yield Seed("poses, npy", "a.mano.npy", npy(arctic), read_motion)
+    yield Seed("poses, npy", "raw.npy", npy(poses), read_motion)
+    yield Seed("poses, csv", "wide.csv", f"{wide}\n{numbers}".encode(), read_motion)
+    yield Seed("poses, csv", "long.csv", f"frame,handedness,landmark,x,y,z\n{rows}".encode(), read_motion)
+    yield Seed("poses, csv", "bare.csv", numbers.encode(), read_motion)
+
+
+def _webxr():
+    places = ["metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
+    for k, finger in enumerate(("index-finger", "middle-finger", "ring-finger", "pinky-finger")):
+        yield from ((finger, place, _POINTS[5 + 4 * k - 1 + j].tolist()) for j, place in enumerate(places))
+    yield from (("thumb", place, _POINTS[1].tolist()) for place in places if "intermediate" not in place)
+    yield "wrist", "", _POINTS[0].tolist()
+
+
+def hand_seeds():
+    with np.load(default_hand_path()) as archive:
+        arrays = {key: np.asarray(archive[key]) for key in archive.files}
+    raw = npz(**arrays)
+    yield Seed("hand model, npz", "hand.npz", raw, load_hand_model, mutated_npz)
+    yield Seed(
+        "hand model, pkl",
+        "hand.pkl",
+        pickle.dumps({"v_template": np.zeros((9, 3))}, 2),
+        load_hand_model,
+        changed_pickle,
+    )
+    yield Seed("hand model, npz", "mean.npz", npz(hands_mean=np.zeros(45)), load_hands_mean, mutated_npz)
+
+
+def changed_header(raw, rng):
+    """An avatar whose header is changed and signed anew."""
+    length = struct.unpack("<Q", raw[:8])[0]
+    header = json.loads(json.loads(raw[8 : 8 + length])["__metadata__"][HEADER_KEY])
+    header.pop("checksum")
+    header = json.loads(mutated_json(json.dumps(header).encode(), rng)) if rng.random() < 0.98 else [header]
+    tensors = _tensors(raw)
+    if rng.random() < 0.3:
+        key = list(tensors)[rng.integers(len(tensors))]
+        tensors[key] = tensors[key].to((torch.bfloat16, torch.float64, torch.int8)[rng.integers(3)])
+    if isinstance(header, dict):
+        try:
+            header["checksum"] = avatar_files._checksum(header, tensors)
+        except (TypeError, ValueError):
+            pass
+    return save(tensors, metadata={HEADER_KEY: json.dumps(header)})
+
+
+def _tensors(raw):
+    path = Path("avatar.fuzz")
+    path.write_bytes(raw)
+    with safe_open(path, framework="pt") as archive:
+        return {key: archive.get_tensor(key).clone() for key in archive.keys()}
+
+
+def avatar_seeds():
+    config = AvatarConfig(
+        FieldConfig(width=8, density_width=4, planes=((4, 1, 2),), relief=4), SuperResConfig(width=4, depth=1)
+    )
+    avatar_files.save_avatar(new_avatar("a", HAND.name, HAND.sha256, config), Path("seed.safetensors"))
+    raw = Path("seed.safetensors").read_bytes()
+    yield Seed("avatar", "a.safetensors", raw, avatar_files.load_avatar, changed_header)
+    yield Seed("avatar, metadata", "a.safetensors", raw, read_metadata, changed_header)
+
+
+def capture_seeds():
+    camera = Camera(np.array([[9.0, 0, 4], [0, 9, 4], [0, 0, 1]]), np.eye(4), (8, 8))
+    Path("capture").mkdir()
+    pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3))
+    capture = Capture(Path("capture"), HAND.sha256, {}, (pose,), (CaptureView("a.png", camera, 0, 0, "train"),))
+    save_capture_index(capture)
+    Image.new("RGBA", (8, 8), (9, 9, 9, 99)).save("capture/a.png")
+    index, poses = (Path("capture", name).read_bytes() for name in ("transforms.json", "poses.npz"))
+    png = Path("capture/a.png").read_bytes()
+
+    def read(path):
+        found = load_capture(path.parent)
+        for view in found.views[:3]:
+            found.read_linear(view)
+
+    beside = {"transforms.json": index, "poses.npz": poses, "a.png": png}
+    yield Seed("capture", "transforms.json", index, _beside(beside, read), mutated_json)
+    yield Seed("capture", "poses.npz", poses, _beside(beside, read), mutated_npz)
+    yield Seed("capture", "a.png", png, _beside(beside, read))
+    frame = {"file_path": "a.png", "mask_path": "a.png", "transform_matrix": np.eye(4).tolist(), "pose_index": 0}
+    transforms = {
+        "camera_angle_x": 0.8,
+        "frames": [frame, {**frame, "light": {"lamps": [{"kind": "sun", "rgb": [1, 1, 1]}]}}],
+    }
+    text = json.dumps(transforms).encode()
+
+    def import_one(path):
+        table = read_pose_table(path.parent / "poses.npz")
+        import_transforms(path.parent / "transforms.json", table, HAND, path.parent / "out")
+
+    yield Seed(
+        "transforms", "transforms.json", text, _beside({**beside, "transforms.json": text}, import_one), mutated_json
+    )
+    yield Seed("transforms", "poses.npz", poses, _beside({**beside, "transforms.json": text}, import_one), mutated_npz)
+    split = FrameSplit("x", (1, 2), (3,), ("a",), ("b",))
+    yield Seed("split", "split.json", split_document(split).encode(), lambda path: load_split(path, "x"), mutated_json)
+    yield from _interhand_seeds()
+
+
+def _interhand_seeds():
+    entry = {"id": 1, "file_name": "a.jpg", "capture": 0, "camera": "cam400002", "frame_idx": 3, "seq_name": "s"}
+    annotation = {"image_id": 1, "hand_type": "right", "hand_type_valid": [1]}
+    camera = {
+        "campos": {"1": [0, 0, 0]},
+        "camrot": {"1": np.eye(3).tolist()},
+        "focal": {"1": [9, 9]},
+        "princpt": {"1": [4, 4]},
+    }
+    for name, document, read in (
+        ("data", {"images": [entry], "annotations": [annotation]}, lambda path: read_images(path, 0)),
+        ("camera", {"0": camera}, lambda path: read_cameras(path, 0)),
+        ("fits", {"0": {"3": {"right": FIT, "left": None}}}, lambda path: read_fits(path, 0, "right")),
+    ):
+        yield Seed("interhand", f"{name}.json", json.dumps(document).encode(), read, mutated_json)
+
+
+def _beside(files, read):
+    """A reader of a file among others that are sound."""
+
+    def read_all(path):
+        for name, raw in files.items():
+            if name != path.name:
+                (path.parent / name).write_bytes(raw)
+        read(path)
+
+    return read_all
+
+
+def picture_seeds():
+    for suffix, mode in ((".png", "RGBA"), (".jpg", "RGB"), (".webp", "RGBA"), (".tif", "LA"), (".bmp", "RGB")):
+        file = io.BytesIO()
+        Image.new(mode, (8, 8)).save(file, Image.registered_extensions()[suffix])
+        yield Seed("picture", f"a{suffix}", file.getvalue(), lambda path: read_picture(path, "RGBA", (8, 8)))
+        yield Seed("mask", f"a{suffix}", file.getvalue(), lambda path: read_mask(path, (8, 8)))
+    write_exr(Path("a.exr"), {name: np.ones((20, 8), np.float16) for name in "RGBA"})
+    yield Seed("exr", "a.exr", Path("a.exr").read_bytes(), read_exr)
+
+
+def all_seeds():
+    """Every seed; those of poses and hands are also inspected. Written beside the working directory's cases."""
+    seeds = [*motion_seeds(), *hand_seeds(), *avatar_seeds(), *capture_seeds(), *picture_seeds()]
+    readable = (".npz", ".pkl", ".json", ".safetensors", ".npy", ".csv")
+    inspected = [
+        Seed("inspect", seed.name, seed.raw, inspect, seed.change)
+        for seed in seeds
+        if seed.name.endswith(readable) and seed.reader != "interhand"
+    ]
+    return seeds + inspected
