@@ -9,10 +9,9 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 from ..backend.avatars.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.captures.importers.interhand_command import COMMAND as IMPORT_INTERHAND
@@ -25,6 +24,7 @@ from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
 from ..backend.runtime.command import Command, run_commands
+from ..backend.runtime.process_end import run_process
 from ..backend.runtime.stdout import blender_silenced
 from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
@@ -35,6 +35,11 @@ from .retarget import command as make_hand
 ABOUT = "Photoreal frames of hands posed in Blender."
 
 Run = Callable[[argparse.Namespace], Mapping[str, Any]]
+
+
+def program() -> NoReturn:
+    """The process of the program: run the command of its arguments, and end."""
+    run_process(main)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,7 +91,7 @@ def _registered() -> Iterator[None]:
     try:
         yield
     finally:
-        unregister()  # a render engine that is still registered at exit hangs Blender 4.5
+        unregister()
 
 
 COMMANDS: dict[str, Command] = {
@@ -119,4 +124,4 @@ COMMANDS: dict[str, Command] = {
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

@@ -228,6 +228,19 @@ def test_frames_are_missing_if_all_workers_are_killed(program, tmp_path):
     assert result["files"][0]["error"] in err
 
 
+def test_a_shot_with_drivers_that_python_evaluates_ends_with_its_last_line(hand_scene, shot_path, program, tmp_path):
+    """Blender as a module would wait for ever at the end of the interpreter."""
+    driver = hand_scene.camera.driver_add("location", 0).driver
+    driver.expression = "[1, 2, 3][0] * 0.0 + max(0, 0) - 0.08"
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.read_homefile(use_empty=True)  # else these tests would not end either
+    process = program("--jobs", "2", "--json")
+    wait_for_frames(tmp_path / "out", 3)
+    out, err = process.communicate(timeout=5)
+    assert process.returncode == 0, err
+    assert events(out)[1]["written"] == 3
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_workers_end_with_their_parent(program, tmp_path, number, code):
     process = program("--frames", "1-200", "--jobs", "2", seconds=0.1)
