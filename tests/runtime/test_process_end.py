@@ -1,4 +1,4 @@
-"""A process ends with its exit code, with all that it printed, after the handlers of `atexit`, and without Blender's."""
+"""A process ends with its exit code, with all that it printed, after the handlers of `atexit`."""
 
 import subprocess
 import sys
