@@ -47,9 +47,7 @@ def _parse_range(text: str) -> range:
     if last < first:
         raise argparse.ArgumentTypeError(f"a range must run forwards, got {text!r}")
     if not -LAST_FRAME <= first <= last <= LAST_FRAME:
-        raise argparse.ArgumentTypeError(
-            f"frames must lie in {-LAST_FRAME} to {LAST_FRAME}, as Blender's, got {text!r}"
-        )
+        raise argparse.ArgumentTypeError(f"frames must lie in {-LAST_FRAME} to {LAST_FRAME}, got {text!r}")
     return range(first, last + 1)
 
 

@@ -16,11 +16,9 @@ def test_all_of_blenders_frames_are_a_range():
     assert parse_chunk("1000000/1000000").of(frames) == range(1048572, 1048575)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "1-", "5-3", "a", "1,,2", "1.5", "1-99999999999", "99999999", "-1048575-1", "9" * 5000]
-)
+@pytest.mark.parametrize("text", ["", "1-", "5-3", "a", "1,,2", "1.5", "1-99999999999", "99999999", "-1048575-1"])
 def test_malformed_frames_are_an_error(text):
-    with pytest.raises((argparse.ArgumentTypeError, ValueError), match="must|digits"):
+    with pytest.raises(argparse.ArgumentTypeError, match="must"):
         parse_frames(text)
 
 
