@@ -22,9 +22,11 @@ def run_process(main: Callable[[], int]) -> NoReturn:
         code = main()
     except SystemExit as stop:
         code = stop.code if isinstance(stop.code, int) else FAILED if stop.code else OK
+    except KeyboardInterrupt:
+        code = INTERRUPTED
     except BaseException as error:
         sys.excepthook(type(error), error, error.__traceback__)
-        code = INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED
+        code = FAILED
     end_process(code)
 
 

@@ -48,7 +48,7 @@ def write_sequence(plan: SequencePlan, on_event: EventHandler) -> None:
 
     Raises:
         LiveHandError: the folder, the .blend, the scene or the avatar is at fault; finished frames are kept.
-        KeyboardInterrupt: Ctrl-C or SIGTERM; finished frames are kept.
+        KeyboardInterrupt: Ctrl-C, or a signal such as SIGTERM; finished frames are kept.
     """
     session = LiveHandRender.required_session()
     with (
