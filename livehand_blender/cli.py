@@ -9,11 +9,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib.util
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 from ..backend.avatars.thumbnail_command import COMMAND as THUMBNAIL
 from ..backend.captures.importers.interhand_command import COMMAND as IMPORT_INTERHAND
@@ -28,6 +27,7 @@ from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
 from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..backend.runtime.command import Command, run_commands
+from ..backend.runtime.process_end import run_process
 from ..backend.runtime.stdout import blender_silenced
 from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
@@ -39,6 +39,11 @@ from .retarget import rig_motion
 ABOUT = "Photoreal frames of hands posed in Blender."
 
 Run = Callable[[argparse.Namespace], Mapping[str, Any]]
+
+
+def program() -> NoReturn:
+    """The process of the program: run the command of its arguments, and end."""
+    run_process(main)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -101,7 +106,7 @@ def _registered() -> Iterator[None]:
     try:
         yield
     finally:
-        unregister()  # a render engine that is still registered at exit hangs Blender 4.5
+        unregister()
 
 
 COMMANDS: dict[str, Command] = {
@@ -134,4 +139,4 @@ COMMANDS: dict[str, Command] = {
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

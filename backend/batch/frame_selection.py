@@ -6,7 +6,10 @@ import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
+LAST_FRAME = 1048574
+"""Of any scene, as Blender limits it; its negative is the first."""
 _RANGE = re.compile(r"(-?\d+)(?:-(-?\d+))?")
 
 
@@ -26,23 +29,26 @@ class Chunk:
 ALL = Chunk(1, 1)
 
 
-def parse_frames(text: str) -> tuple[int, ...]:
+def parse_frames(text: str) -> Sequence[int]:
     """`1-24,30` -> frame numbers in that order, each once.
 
     Raises:
-        argparse.ArgumentTypeError: the text is malformed, or a range is empty.
+        argparse.ArgumentTypeError: the text is malformed, or a range is empty or beyond Blender's frames.
     """
-    frames: dict[int, None] = {}
-    for part in text.split(","):
-        match = _RANGE.fullmatch(part.strip())
-        if not match:
-            raise argparse.ArgumentTypeError(f"must be frames and ranges such as 1-24,30, got {text!r}")
-        first = int(match[1])
-        last = first if match[2] is None else int(match[2])
-        if last < first:
-            raise argparse.ArgumentTypeError(f"a range must run forwards, got {part.strip()!r}")
-        frames.update(dict.fromkeys(range(first, last + 1)))
-    return tuple(frames)
+    ranges = [_parse_range(part.strip()) for part in text.split(",")]
+    return ranges[0] if len(ranges) == 1 else tuple(dict.fromkeys(chain(*ranges)))
+
+
+def _parse_range(text: str) -> range:
+    match = _RANGE.fullmatch(text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"must be frames and ranges such as 1-24,30, got {text!r}")
+    first, last = int(match[1]), int(match[2] or match[1])
+    if last < first:
+        raise argparse.ArgumentTypeError(f"a range must run forwards, got {text!r}")
+    if not -LAST_FRAME <= first <= last <= LAST_FRAME:
+        raise argparse.ArgumentTypeError(f"frames must lie in {-LAST_FRAME} to {LAST_FRAME}, got {text!r}")
+    return range(first, last + 1)
 
 
 def parse_chunk(text: str) -> Chunk:

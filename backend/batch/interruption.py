@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from contextlib import ExitStack
+
+from ..runtime.signals import on_stop_signals
 
 
 class Interruption:
     """Turns Ctrl-C into a flag: Blender's render would swallow an exception and begin the next frame.
 
-    SIGTERM, with which farms and parent processes end a run, counts as one Ctrl-C, however often it arrives. A second
+    The other signals that ask to stop, such as SIGTERM, count as one Ctrl-C, however often they arrive. A second
     Ctrl-C raises KeyboardInterrupt at once, wherever Python is.
 
     Args:
@@ -19,22 +22,21 @@ class Interruption:
     def __init__(self, stop: Callable[[], None]):
         self._stop = stop
         self._is_requested = False
+        self._handlers = ExitStack()
 
     def __enter__(self) -> Interruption:
-        self._previous = {number: signal.signal(number, self._request) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._handlers.enter_context(on_stop_signals(self._request))
         return self
 
     def __exit__(self, *_):
-        for number, handler in self._previous.items():
-            # None: a handler that is not Python's, as in the Blender program, and cannot be restored.
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._handlers.close()
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if there was an interruption."""
         if self._is_requested:
             raise KeyboardInterrupt
 
-    def _request(self, number: int, *_):
+    def _request(self, number: int) -> None:
         self._is_requested = True
         self._stop()
         if number == signal.SIGINT:

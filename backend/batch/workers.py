@@ -1,24 +1,27 @@
 """`--jobs N`: the same command in N worker processes, which share the frames by leases.
 
 A worker prints JSON events, which are merged here. Its standard input is a pipe that is never written to: when the pipe
-ends, because Ctrl-C was pressed here or this process was killed, the worker stops as at Ctrl-C.
+ends, because this process was asked to stop or was killed, the worker stops as at Ctrl-C,
+and after GRACE_S at the latest.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
 
-from ..runtime.command import FAILED, OK
+from ..runtime.command import FAILED, INTERRUPTED, OK
+from ..runtime.signals import ask_this_process_to_stop
 from .progress import Failed, FrameProgress, from_record
 from .report import RunReport
 
+GRACE_S = 30.0
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -48,11 +51,13 @@ def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport
 
 
 def stop_with_parent() -> None:
-    """In a worker: stop as at Ctrl-C when the standard input ends."""
+    """In a worker: stop as at Ctrl-C when the standard input ends, and end if that takes longer than GRACE_S."""
 
     def wait() -> None:
         os.read(sys.stdin.fileno(), 1)  # a waiting buffered read would abort Python's exit
-        os.kill(os.getpid(), signal.SIGTERM)
+        ask_this_process_to_stop()
+        time.sleep(GRACE_S)
+        os._exit(INTERRUPTED)  # its leases end with it
 
     threading.Thread(target=wait, name="livehand parent", daemon=True).start()
 

@@ -111,8 +111,11 @@ def _compiled_search(points: Tensor, table: FaceTable) -> Tensor:
 def _compiled() -> Callable[..., np.ndarray]:
     import numba
 
+    from ..fast.kernels.compiled import disk_cache
+
     relaxed = {"contract", "reassoc", "nsz"}  # the part of fast maths that does not affect comparisons
-    return numba.njit(fastmath=relaxed, nogil=True, cache=True)(unwrap(_search))  # tests wrap functions to check types
+    with disk_cache() as has_cache:  # tests wrap functions to check types
+        return numba.njit(fastmath=relaxed, nogil=True, cache=has_cache)(unwrap(_search))
 
 
 def _search(points, corners, edges, inverse, plane):

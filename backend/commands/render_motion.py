@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,7 +125,7 @@ def posed_upright(
     return replace(transformed(motion, matrix, wrists), transl=-wrists)
 
 
-def frame_indices(motion: HandMotion, frames: tuple[int, ...] | None) -> list[int]:
+def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]:
     """Indices of the requested frames, which count from 1; all if None.
 
     Raises:

@@ -1,7 +1,7 @@
 """The commands of the `livehand` program, and how they run: parse, call, print.
 
-Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 130 interrupted. With
-`--json` the last line of stdout is one JSON object: what the command's function returned.
+Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 130 interrupted, by
+Ctrl-C, SIGTERM or SIGHUP. With `--json` the last line of stdout is one JSON object: what the function returned.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..records.errors import LiveHandError
+from .signals import stopping_as_at_ctrl_c
 from .thread_limits import limit_spinning
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
@@ -55,7 +56,8 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
     except SystemExit as stop:  # argparse has printed the usage, or --help
         return OK if not stop.code else USAGE
     try:
-        result, code = dict(commands[args.command].run(args)), OK
+        with stopping_as_at_ctrl_c():
+            result, code = dict(commands[args.command].run(args)), OK
     except FailedInPart as failure:
         result, code = dict(failure.result), FAILED
     except LiveHandError as error:

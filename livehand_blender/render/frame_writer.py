@@ -52,7 +52,7 @@ class FrameWriter:
 
         Raises:
             LiveHandError: the frame cannot be rendered or saved.
-            KeyboardInterrupt: Ctrl-C or SIGTERM.
+            KeyboardInterrupt: Ctrl-C, or a signal such as SIGTERM.
         """
         if lease.generation:
             paths.remove_parts()

@@ -46,7 +46,7 @@ class SequencePlan:
 
     def frames_of(self, scene: bpy.types.Scene) -> Sequence[int]:
         """The numbers of the frames to render."""
-        return self.chunk.of(self.frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+        return self.chunk.of(self.frames or range(scene.frame_start, scene.frame_end + 1, max(1, scene.frame_step)))
 
 
 def open_shot(path: Path) -> bpy.types.Scene:

@@ -10,7 +10,7 @@ While Blender evaluates, composites and saves one frame, the thread of `frame_qu
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ...backend.batch.folders import writable_folder
@@ -48,7 +48,7 @@ def write_sequence(plan: SequencePlan, on_event: EventHandler) -> None:
 
     Raises:
         LiveHandError: the folder, the .blend, the scene or the avatar is at fault; finished frames are kept.
-        KeyboardInterrupt: Ctrl-C or SIGTERM; finished frames are kept.
+        KeyboardInterrupt: Ctrl-C, or a signal such as SIGTERM; finished frames are kept.
     """
     session = LiveHandRender.required_session()
     with (
@@ -105,8 +105,7 @@ class _Sequence:
     def write(self) -> None:
         """Write the frames, and again those that others had leased, as long as that makes progress."""
         self._clean_up()
-        waiting = list(enumerate(self.frames, 1))
-        before = len(waiting) + 1
+        before, waiting = len(self.frames), self._write_unleased(enumerate(self.frames, 1))
         while waiting and len(waiting) < before:
             before, waiting = len(waiting), self._write_unleased(waiting)
         for number, frame in waiting:
@@ -120,7 +119,7 @@ class _Sequence:
                 self._paths(frame).remove_parts()
                 self.leases.release(lease)
 
-    def _write_unleased(self, frames: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    def _write_unleased(self, frames: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
         """Write or skip the frames that no other process has leased; returns those that one has."""
         leased: list[tuple[int, int]] = []
         for job, following in _with_next(self._jobs(frames, leased)):
@@ -132,7 +131,7 @@ class _Sequence:
                 self._report(job.number, job.frame, "skipped")
         return leased
 
-    def _jobs(self, frames: Sequence[tuple[int, int]], leased: list[tuple[int, int]]) -> Iterator[FrameJob]:
+    def _jobs(self, frames: Iterable[tuple[int, int]], leased: list[tuple[int, int]]) -> Iterator[FrameJob]:
         """Each finished frame, and each other frame after leasing it; frames of others are appended to `leased`."""
         for number, frame in frames:
             if not self._missing(frame):

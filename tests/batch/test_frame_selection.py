@@ -8,10 +8,15 @@ from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
 
 def test_frames_are_read_in_order_and_once_each():
     assert parse_frames("1-3,30, 2") == (1, 2, 3, 30)
-    assert parse_frames("-2-1") == (-2, -1, 0, 1)
+    assert parse_frames("-2-1") == range(-2, 2)
 
 
-@pytest.mark.parametrize("text", ["", "1-", "5-3", "a", "1,,2", "1.5"])
+def test_all_of_blenders_frames_are_a_range():
+    frames = parse_frames("-1048574-1048574")
+    assert parse_chunk("1000000/1000000").of(frames) == range(1048572, 1048575)
+
+
+@pytest.mark.parametrize("text", ["", "1-", "5-3", "a", "1,,2", "1.5", "1-99999999999", "99999999", "-1048575-1"])
 def test_malformed_frames_are_an_error(text):
     with pytest.raises(argparse.ArgumentTypeError, match="must"):
         parse_frames(text)

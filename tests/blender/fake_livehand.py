@@ -4,7 +4,6 @@ FAKE_SECONDS in the environment makes every frame take that long.
 """
 
 import os
-import sys
 import time
 from types import SimpleNamespace
 
@@ -39,19 +38,16 @@ class FakeRenderer:
         return Frame(rgb.astype(np.float32), alpha.astype(np.float32), depth_map.astype(np.float32))
 
 
-def main(argv):
+def main():
     import livehand
     from livehand.backend.avatars.session import Session
-    from livehand.livehand_blender.cli import main
+    from livehand.livehand_blender.cli import program
     from livehand.livehand_blender.render.engine import LiveHandRender
 
     livehand.register()
     LiveHandRender.hands_session = Session(FakeRenderer)
-    try:
-        return main(argv)
-    finally:
-        livehand.unregister()
+    program()
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -172,7 +172,7 @@ def wait_until(condition):
     return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_reaches_the_renderer(
     hand_scene, save_shot, tmp_path, fake_session, fake_renderer, monkeypatch, caplog, number
 ):

@@ -6,10 +6,10 @@ threads at once, which Blender does (a render beside the viewport).
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -17,6 +17,8 @@ from typing import Any
 
 import numba
 from numba.core import config
+
+from .cache_folder import writable_cache
 
 # Chunks per thread: enough that a thread with costly pixels does not keep the others waiting.
 _CHUNKS_PER_THREAD = 8
@@ -33,7 +35,14 @@ def compiled_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callable[..., Any]:
-    """Compile, and cache the machine code on disk.
+    with disk_cache() as has_cache:
+        plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
+        return numba.njit(cache=has_cache, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=True)(plain)
+
+
+@contextlib.contextmanager
+def disk_cache() -> Iterator[bool]:
+    """Inside the context, numba keeps the machine code of new functions on disk; yields whether it can.
 
     numba checks only the file of the kernel itself, and would run old code when a kernel calls a changed one from
     another file, so the folder is named after the text of all kernels. It is also named after this package, because a
@@ -41,10 +50,10 @@ def _compiled(function: Callable[..., Any], fastmath: bool | set[str]) -> Callab
     """
     options: dict[str, Any] = config.__dict__  # numba defines its options at run time
     previous = options["CACHE_DIR"]
-    options["CACHE_DIR"] = str(_cache_folder(previous))
+    folder = _cache_folder(previous)
+    options["CACHE_DIR"] = str(folder or previous)
     try:
-        plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath, forceinline=True)(plain)
+        yield folder is not None
     finally:
         options["CACHE_DIR"] = previous
 
@@ -65,9 +74,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 @cache
-def _cache_folder(configured: str) -> Path:
+def _cache_folder(configured: str) -> Path | None:
     sources = sorted(Path(__file__).parent.glob("*.py"))
     text = b"".join(source.read_bytes() for source in sources)
     digest = hashlib.sha256(str(__package__).encode() + text).hexdigest()[:16]
-    home = Path(configured or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "livehand" / f"kernels-{digest}"
+    home = writable_cache(configured)
+    return home and home / f"kernels-{digest}"
