@@ -67,12 +67,20 @@ def compose_picture(
         combined=visible if around is None else over(visible, around),
         hands=visible if around is None else _mean(alone, size_px),
         visible_alpha=visible.alpha,
-        coverage={
-            hand.mesh_name: np.mean([part.alpha for part in parts], axis=0)
-            for hand, parts in zip(hands, zip(*shown, strict=True), strict=True)
-        },
+        coverage=_coverage(hands, shown),
         surface=surface,
     )
+
+
+def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
+    """Instances of one mesh count together."""
+    coverage: dict[str, np.ndarray] = {}
+    for hand, parts in zip(hands, zip(*samples, strict=True), strict=True):
+        alpha = np.mean([part.alpha for part in parts], axis=0)
+        coverage[hand.mesh_name] = (
+            np.minimum(coverage[hand.mesh_name] + alpha, 1) if hand.mesh_name in coverage else alpha
+        )
+    return coverage
 
 
 def surface_of(task: FrameTask) -> Mapping[str, np.ndarray] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -112,6 +113,32 @@ def active_hand(context: bpy.types.Context) -> bpy.types.Object | None:
 def find_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The armatures of a scene's hands, sorted by name."""
     return sorted((thing for thing in scene.objects if thing.livehand.is_hand), key=lambda thing: thing.name)
+
+
+def all_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The armatures of a scene's hands, and of those in collections that it instances, sorted by name."""
+    found: dict[int, bpy.types.Object] = {}
+    _collect(scene.objects, found)
+    return sorted(found.values(), key=lambda thing: thing.name)
+
+
+def _collect(objects: Iterable[bpy.types.Object], found: dict[int, bpy.types.Object]) -> None:
+    for thing in objects:
+        if thing.livehand.is_hand:
+            found[thing.as_pointer()] = thing
+        elif thing.instance_type == "COLLECTION" and thing.instance_collection:
+            _collect(thing.instance_collection.all_objects, found)
+
+
+def hand_of_mesh(mesh: bpy.types.Object) -> bpy.types.Object | None:
+    """The hand's armature whose mesh this object is; None if it is no hand's.
+
+    Raises:
+        LiveHandError: the hand deforms several meshes and none is chosen.
+    """
+    armature = mesh.find_armature()
+    is_hands = armature is not None and armature.livehand.is_hand and mesh_of(armature) == mesh
+    return armature if is_hands else None
 
 
 def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
+from ..rig.hand import all_hands
+
 _VERSION = 1
 
 
@@ -23,7 +25,7 @@ def _stamp(*_) -> None:
 def _update(*_) -> None:
     """After a file was opened; a scene without hands has nothing to keep."""
     for scene in _local_scenes() if bpy.data.filepath else ():
-        if scene.livehand.file_version == 0 and any(thing.livehand.is_hand for thing in scene.objects):
+        if scene.livehand.file_version == 0 and all_hands(scene):
             scene.livehand.light = "CAPTURE"
 
 
