@@ -7,7 +7,7 @@ import bpy
 from .blender_command import BlenderCommand
 from .render import engine, memory
 from .rig import properties
-from .scene import main_thread, old_files
+from .scene import main_thread, old_files, whole_hands
 from .ui import (
     avatars,
     compositing,
@@ -54,6 +54,7 @@ def register() -> None:
     engine.register_panels()
     memory.watch_renders()
     old_files.watch_files()
+    whole_hands.watch_objects()
     main_thread.start()
     BlenderCommand.register()
 
@@ -62,6 +63,7 @@ def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     BlenderCommand.unregister()
     main_thread.stop()
+    whole_hands.stop_watching()
     old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()

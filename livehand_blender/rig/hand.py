@@ -150,9 +150,9 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
         LiveHandError: the hand has no mesh, or several and none is chosen.
     """
     mesh = armature.livehand.mesh
-    if mesh is not None and _is_skinned_to(mesh, armature):
+    if mesh is not None and is_skinned_to(mesh, armature):
         return mesh
-    skinned = [child for child in armature.children_recursive if _is_skinned_to(child, armature)]
+    skinned = [child for child in armature.children_recursive if is_skinned_to(child, armature)]
     if len(skinned) != 1:
         raise LiveHandError(
             f"{armature.name} must have one mesh that it deforms, got {len(skinned)}; choose it in the LiveHand tab"
@@ -160,5 +160,6 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
     return skinned[0]
 
 
-def _is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
+def is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
+    """Whether an object is a mesh that this armature deforms."""
     return thing.type == "MESH" and thing.find_armature() == armature

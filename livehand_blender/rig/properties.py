@@ -85,6 +85,7 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     """A hand: its model, avatar, shape and controls, and how it is matched to a plate."""
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
+    is_skin: BoolProperty(name="Is a Hand's Mesh", default=False, override=_OVERRIDE)
     side: _Enum(name="Side", items=_SIDES)
     model_path: _File(name="Hand Model", description="File of the hand model; empty for the built-in hand")
     model_sha256: _String(

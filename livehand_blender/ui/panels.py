@@ -32,6 +32,8 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         layout.label(text=f"Model: {hand.model_path or 'built-in'}")
         draw_choice(layout, armature)
         layout.prop(hand, "mesh")
+        if hand.mesh:
+            layout.prop(hand.mesh, "hide_select", text="Mesh Selectable", invert_checkbox=True)
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 
 
