@@ -12,6 +12,7 @@ from .ui import (
     avatars,
     compositing,
     hand_model,
+    ik_grab,
     motion,
     motion_files,
     operators,
@@ -55,6 +56,8 @@ def register() -> None:
     memory.watch_renders()
     old_files.watch_files()
     whole_hands.watch_objects()
+    ik_grab.watch_targets()
+    pose_library.add_keys()
     main_thread.start()
     BlenderCommand.register()
 
@@ -63,6 +66,8 @@ def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
     BlenderCommand.unregister()
     main_thread.stop()
+    pose_library.remove_keys()
+    ik_grab.stop_watching()
     whole_hands.stop_watching()
     old_files.stop_watching()
     memory.stop_watching()

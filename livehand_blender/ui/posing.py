@@ -13,6 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels, key_finger
+from ..rig.selection import select_bones, selected_bones
 from .mixins import polled_hand, reports_errors
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
@@ -160,8 +161,5 @@ def _select(context: bpy.types.Context, names: list[str], extend: bool) -> None:
     armature.select_set(True)
     if armature.mode != "POSE":
         bpy.ops.object.mode_set(mode="POSE")
-    for bone in armature.pose.bones:
-        # Blender 5 moved a bone's selection to the pose.
-        owner = bone if hasattr(bone, "select") else bone.bone
-        owner.select = bone.name in names or (extend and owner.select)
+    select_bones(armature, {*names, *(selected_bones(armature) if extend else ())})
     armature.data.bones.active = armature.data.bones[names[-1]]
