@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..records.depth_profile import DepthProfile
 from .crop import MARGIN_PX, Crop
@@ -26,7 +26,7 @@ def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> D
 
 
 def image_of(
-    superres: nn.Module, low: Composite, pixel: Tensor, size_px: tuple[int, int]
+    superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
     """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand), at twice `size_px`."""
     maps, depth = low_resolution_maps(low, pixel, size_px)

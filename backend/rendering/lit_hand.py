@@ -6,17 +6,18 @@ costs its shadow maps and one product; the sky's shadows change only with what s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..geometry.shadow_maps import Bounds, PointShadows
-from ..nerf.backend import OnStage, Precision, RenderBackend, autocast, in_precision
+from ..nerf.backend import OnStage, Precision, RenderBackend, autocast
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected, openness
@@ -111,7 +112,7 @@ def render_lit_hand(
     hand: HandInView,
     rays: RenderedRays,
     field: LitField,
-    superres: nn.Module,
+    superres: Callable[[Tensor], Tensor],
     backend: RenderBackend,
     precision: Precision,
     on_stage: OnStage,
@@ -129,6 +130,6 @@ def render_lit_hand(
     with autocast(device, precision):
         low = field.decode(rays.composite, view, open_to)
     on_stage("superres")
-    image = backend.lit_image(in_precision(superres, device, precision), low, points, rays.pixel, hand.camera)
+    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -105,6 +105,22 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
     """The task of the depsgraph's frame, without stereo; raises as `read_frame_setup`."""
     hands = _load_hands(depsgraph, session)
     return _read_task(engine, depsgraph, hands, _read_lights(depsgraph, hands), is_stereo=False)
+
+
+def load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> Callable[[], None]:
+    """A function that loads the renderers of all visible hands, in any thread, so that reading them waits for none.
+
+    It raises LiveHandError if an avatar is at fault.
+    """
+    device = read_device(depsgraph.scene)
+    sources = [(hand.name, hand_source(hand.armature)) for hand in visible_hands(depsgraph)]
+
+    def load() -> None:
+        with session.rendering:  # a 3D view may be loading the same avatar
+            for name, source in sources:
+                load_for(name, source, session, device)
+
+    return load
 
 
 def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
