@@ -6,6 +6,7 @@ import bpy
 
 from .blender_command import BlenderCommand
 from .render import engine, memory
+from .render.viewport import rendered_views
 from .rig import properties
 from .scene import main_thread, old_files, whole_hands
 from .ui import (
@@ -64,6 +65,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
+    rendered_views.stop_rendered_views()
     BlenderCommand.unregister()
     main_thread.stop()
     pose_library.remove_keys()

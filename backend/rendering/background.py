@@ -51,10 +51,10 @@ class BackgroundWork:
             future.cancel()
 
     def close(self) -> None:
-        """Stop what runs, and end the thread."""
+        """Stop what runs; the thread ends with it, which may be later."""
         if self._running is not None:
             self._running.is_stopped = True
-        self._thread.shutdown()
+        self._thread.shutdown(wait=False, cancel_futures=True)
 
 
 class _Questions:
