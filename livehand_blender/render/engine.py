@@ -93,8 +93,9 @@ class LiveHandRender(CyclesEngine):
     def view_update(self, context, depsgraph):
         """Called by Blender when the scene of a 3D view in Rendered shading has changed."""
         with contextlib.ExitStack() as hidden:
-            with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
-                hidden.enter_context(hidden_from_camera(depsgraph))
+            if viewport_of(self).has_image:
+                with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
+                    hidden.enter_context(hidden_from_camera(depsgraph))
             super().view_update(context, depsgraph)
         viewport_of(self).update(context, depsgraph)
 
@@ -240,7 +241,7 @@ class LiveHandRender(CyclesEngine):
     ) -> tuple[Picture, Mapping[str, np.ndarray]]:
         """The picture, and its light groups' passes."""
         around = scene_layer(scene) if frame.is_in_scene else None
-        surface = surface_of(view.task) if frame.needs_surface else None
+        surface = surface_of(view.task, view.motion) if frame.needs_surface else None
         convert = self._converter(frame)
         picture = compose_picture(frame.hands, frames.samples, frame.size_px, convert, around, surface)
         return picture, group_passes(frames, frame.hands, frame.size_px, convert, scene)

@@ -18,7 +18,7 @@ from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.light import read_hand_lights
 from ..scene.seen_hands import SeenHand, visible_hands
-from ..scene.shot import read_shot
+from ..scene.shot import read_shot, seen_vertices
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, load_for, read_device, read_grade
@@ -28,10 +28,14 @@ from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 @dataclass(frozen=True)
 class ViewSetup:
-    """One view of a frame: an eye of a stereo render, or the only view, whose name is empty."""
+    """One view of a frame: an eye of a stereo render, or the only view, whose name is empty.
+
+    Its `motion` [V, 4], px, of each hand's vertices is that of `SurfaceMaps`; None if no pass needs it.
+    """
 
     name: str
     task: FrameTask
+    motion: tuple[np.ndarray, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,11 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     hands = _load_hands(depsgraph, session)
     lights = _read_lights(depsgraph, hands)
     views = tuple(
-        ViewSetup(name, _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)))
+        ViewSetup(
+            name,
+            _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)),
+            _read_motion(engine, depsgraph, hands, is_stereo=bool(name)),
+        )
         for name in _activated_views(engine, scene.render)
     )
     return FrameSetup(
@@ -196,6 +204,28 @@ def _read_task(
         if offset != 0.0:
             engine.frame_set(frame, 0.0)
     return FrameTask(tuple(tasks))
+
+
+def _read_motion(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], is_stereo: bool
+) -> tuple[np.ndarray, ...] | None:
+    """The motion of each hand's vertices in the image, as Cycles defines it; there is none beside motion blur."""
+    scene = depsgraph.scene
+    if not depsgraph.view_layer.use_pass_vector or scene.render.use_motion_blur:
+        return None
+    seen = {hand.name: hand for hand in visible_hands(depsgraph)} if hands else {}
+    frame, places = scene.frame_current, []
+    try:
+        for offset in (-1, 0, 1):
+            engine.frame_set(frame + offset, 0.0)
+            camera, _ = _read_view(engine, depsgraph, is_stereo)
+            places.append([camera.project(seen_vertices(seen[one.name].at(depsgraph), depsgraph))[0] for one in hands])
+    finally:
+        engine.frame_set(frame, 0.0)
+    up = np.array([1.0, -1.0])  # Blender's rows begin at the bottom
+    return tuple(
+        np.concatenate([(before - now) * up, (now - after) * up], 1) for before, now, after in zip(*places, strict=True)
+    )
 
 
 def _read_view(

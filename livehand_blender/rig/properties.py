@@ -99,6 +99,9 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     mesh: _Pointer(
         name="Mesh", description="The mesh that this armature deforms and that is rendered", type=bpy.types.Object
     )
+    bone_shapes: _Pointer(
+        name="Bone Shapes", description="Holds the shapes of the bones, outside every scene", type=bpy.types.Collection
+    )
     beta: _Vector(
         name="Shape",
         description="Shape coefficients; avatars look best near zero",
@@ -184,8 +187,9 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     blur_samples: IntProperty(
         name="Blur Samples",
-        description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand",
-        default=16,
+        description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand, "
+        "and takes as many times as long; too few show separate ghosts",
+        default=32,
         min=1,
         max=256,
         soft_max=64,

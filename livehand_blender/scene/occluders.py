@@ -15,7 +15,7 @@ from .seen_hands import Place
 LOGGER = logging.getLogger(__name__)
 
 _MAX_TRIANGLES = 50_000
-_MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 class Solid(NamedTuple):
@@ -52,7 +52,7 @@ def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) ->
     numbers, matrices, corners = [], [], []
     for number, instance in enumerate(depsgraph.object_instances):
         thing = instance.object
-        if thing.type in _MESH_LIKE and instance.show_self and thing.visible_shadow:
+        if thing.type in MESH_LIKE and instance.show_self and thing.visible_shadow:
             key = thing.data.as_pointer()
             if key not in boxes:
                 boxes[key] = np.array(thing.bound_box)

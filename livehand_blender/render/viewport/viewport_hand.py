@@ -13,19 +13,20 @@ from ....backend.records.shot import HandPose, Shot
 from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
 from ...scene.light import SceneLight, read_hand_lights
-from ...scene.seen_hands import SeenHand, visible_hands
+from ...scene.seen_hands import Place, SeenHand, visible_hands
 from ...scene.shot import seen_pose, seen_vertices
 from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
 @dataclass(frozen=True)
 class ViewportHand:
-    """One hand: its name, files, device, grade and pose, and its posed vertices [V, 3] in the world, m.
+    """One hand: its name, its mesh's place, files, device, grade and pose; its posed vertices [V, 3] in the world, m.
 
     Its light is the scene's; None: that of its avatar's capture.
     """
 
     name: str
+    place: Place
     source: HandSource
     device: Device
     grade: Grade
@@ -52,6 +53,7 @@ def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsg
     return tuple(
         ViewportHand(
             hand.name,
+            hand.place,
             hand_source(hand.armature),
             device,
             read_grade(hand.armature.evaluated_get(depsgraph)),
