@@ -6,12 +6,14 @@ import bpy
 
 from .blender_command import BlenderCommand
 from .render import engine, memory
+from .render.viewport import rendered_views
 from .rig import properties
-from .scene import main_thread, old_files
+from .scene import main_thread, old_files, whole_hands
 from .ui import (
     avatars,
     compositing,
     hand_model,
+    ik_grab,
     motion,
     motion_files,
     operators,
@@ -54,14 +56,21 @@ def register() -> None:
     engine.register_panels()
     memory.watch_renders()
     old_files.watch_files()
+    whole_hands.watch_objects()
+    ik_grab.watch_targets()
+    pose_library.add_keys()
     main_thread.start()
     BlenderCommand.register()
 
 
 def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
+    rendered_views.stop_rendered_views()
     BlenderCommand.unregister()
     main_thread.stop()
+    pose_library.remove_keys()
+    ik_grab.stop_watching()
+    whole_hands.stop_watching()
     old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()

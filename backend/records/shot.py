@@ -49,6 +49,11 @@ class HandPose:
         """The template's pose and shape, at the origin."""
         return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
 
+    def mirrored(self) -> HandPose:
+        """The same pose of the other hand, mirrored at the plane x = 0 of the hand's own space."""
+        side: Side = "left" if self.side == "right" else "right"
+        return replace(self, theta=self.theta * (1, -1, -1), transl=self.transl * (-1, 1, 1), side=side)
+
 
 @dataclass(frozen=True)
 class Shot:

@@ -61,11 +61,18 @@ def exposure_samples(count: int, shutter: Shutter | None, lens: Lens | None) -> 
     share = (np.arange(count) + 0.5) / count
     offsets = shutter.start_frames + shutter.length_frames * share if shutter else 0 * share
     angle = _GOLDEN_ANGLE * np.arange(count)
-    # Times are paired with lens points at random, or a moving hand would be sharper on one side.
-    radius = np.sqrt(np.random.default_rng(0).permutation(share)) if lens else 0 * share
+    # Any stretch of the exposure must see the whole lens, or a moving hand would be sharper on one side.
+    radius = np.sqrt(share[_scattered(count)]) if lens else 0 * share
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
     order = np.argsort(np.abs(offsets), kind="stable")
     return tuple(ExposureSample(float(offsets[k]), (float(points[k, 0]), float(points[k, 1]))) for k in order)
+
+
+def _scattered(count: int) -> np.ndarray:
+    """The numbers 0..count - 1 in an order in which any few in a row are spread evenly: by their bits reversed."""
+    bits = max(1, (count - 1).bit_length())
+    reversed_bits = [int(f"{number:0{bits}b}"[::-1], 2) for number in range(count)]
+    return np.argsort(np.argsort(reversed_bits))
 
 
 def camera_of_sample(camera: Camera, lens: Lens | None, sample: ExposureSample) -> Camera:

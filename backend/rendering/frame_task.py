@@ -62,7 +62,7 @@ class HandInstance:
     """One hand in a frame.
 
     Attributes:
-        name: of its armature.
+        name: of its armature, and of what makes an instance of it.
         mesh_name: of the visible object, under which Cryptomatte lists the hand.
         renderer: of its avatar.
         grade: the change of its colours.

@@ -67,24 +67,33 @@ def compose_picture(
         combined=visible if around is None else over(visible, around),
         hands=visible if around is None else _mean(alone, size_px),
         visible_alpha=visible.alpha,
-        coverage={
-            hand.mesh_name: np.mean([part.alpha for part in parts], axis=0)
-            for hand, parts in zip(hands, zip(*shown, strict=True), strict=True)
-        },
+        coverage=_coverage(hands, shown),
         surface=surface,
     )
 
 
-def surface_of(task: FrameTask) -> Mapping[str, np.ndarray] | None:
+def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
+    """Instances of one mesh count together."""
+    coverage: dict[str, np.ndarray] = {}
+    for hand, parts in zip(hands, zip(*samples, strict=True), strict=True):
+        alpha = np.mean([part.alpha for part in parts], axis=0)
+        coverage[hand.mesh_name] = (
+            np.minimum(coverage[hand.mesh_name] + alpha, 1) if hand.mesh_name in coverage else alpha
+        )
+    return coverage
+
+
+def surface_of(task: FrameTask, motion: Sequence[np.ndarray] | None = None) -> Mapping[str, np.ndarray] | None:
     """The surface maps at the sample nearest to the frame itself (a mean of normals or positions means nothing).
 
-    None if the task has no hand.
+    None if the task has no hand. `motion` [V, 4] px is that of each hand's vertices, as `SurfaceMaps` has it.
     """
     if not task.samples or not task.samples[0]:
         return None
     from .surface_maps import nearest_maps, surface_maps  # torch, which may be missing until a hand is rendered
 
-    return vars(nearest_maps([surface_maps(hand.shot, hand.renderer.hand) for hand in task.samples[0]]))
+    hands = zip(task.samples[0], motion or [None] * len(task.samples[0]), strict=True)
+    return vars(nearest_maps([surface_maps(hand.shot, hand.renderer.hand, of_hand) for hand, of_hand in hands]))
 
 
 def _mean(samples: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Frame:

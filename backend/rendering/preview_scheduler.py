@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
+
+_PATIENCE_S = 2.0
+"""For the thread's end, when the scheduler is closed."""
 
 Step = Callable[[Callable[[], bool]], Any]
 """Takes `should_stop`, and may raise anything once that has returned True."""
@@ -39,6 +42,7 @@ class PreviewScheduler:
 
     def __init__(self):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="livehand-viewport")
+        self._started: list[Future[None]] = []
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, _Request] = {}
         self._running: _Request | None = None
@@ -48,7 +52,8 @@ class PreviewScheduler:
         """Run these steps for a view, one after the other, in place of those that still wait."""
         with self._lock:
             self._waiting[view] = _Request(view, tuple(steps))
-        self._thread.submit(self._work)
+        self._started = [future for future in self._started if not future.done()]
+        self._started.append(self._thread.submit(self._work))
 
     def pop_outcome(self, view: Hashable) -> StepOutcome | None:
         """The newest outcome of a view; None if there is none since the last call."""
@@ -74,11 +79,12 @@ class PreviewScheduler:
                 self._running = None
 
     def close(self) -> None:
-        """Drop everything and end the thread."""
+        """Drop everything and end the thread; a step that does not ask whether to stop ends by itself, later."""
         with self._lock:
             self._waiting.clear()
             self._running = None
-        self._thread.shutdown()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+        wait(self._started, _PATIENCE_S)
 
     def _work(self) -> None:
         """Run in the thread until no step waits."""

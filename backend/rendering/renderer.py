@@ -21,7 +21,7 @@ from ..geometry.mesh import Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
-from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks
+from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import PaperField, PlaneField
@@ -91,13 +91,15 @@ class Renderer:
 
         Args:
             shot: the posed hand and its camera.
-            should_stop: queried between chunks of rays.
+            should_stop: queried at every stage, and between chunks of rays and bands of super-resolution.
             on_stage: called when a stage begins; the last stage ends with the call.
 
         Raises:
             LiveHandError: the shot's mesh is not of this hand model.
             RenderStopped: `should_stop` returned True.
         """
+        check = _check(should_stop)
+        on_stage = _both(check, on_stage)
         on_stage("pose")
         topology = self._topology_of(shot)
         known = [lit for lit in self._lit_hands if lit.shows(shot)]
@@ -108,12 +110,12 @@ class Renderer:
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
-        rays = self._render_rays(hand, self._conditions(shot, hand), RenderHooks(on_stage, _check(should_stop)))
+        rays = self._render_rays(hand, self._conditions(shot, hand), RenderHooks(on_stage, check))
         if isinstance(self._field, LitField):
-            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage)]
+            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
-        image, depth = image_of(self._superres, rays.composite, rays.pixel, hand.camera.size_px)
+        image, depth = image_of(_asking(self._superres, check), rays.composite, rays.pixel, hand.camera.size_px)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
         frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
@@ -164,10 +166,17 @@ class Renderer:
         return []
 
     def _lit_hand(
-        self, shot: Shot, crop: Crop, hand: HandInView, rays: RenderedRays, field: LitField, on_stage: OnStage
+        self,
+        shot: Shot,
+        crop: Crop,
+        hand: HandInView,
+        rays: RenderedRays,
+        field: LitField,
+        on_stage: OnStage,
+        check: Callable[[], None],
     ) -> LitHand:
-        backend, precision = self._backend, self.precision
-        return render_lit_hand(shot, crop, hand, rays, field, self._superres, backend, precision, on_stage)
+        backend, superres = self._backend, _asking(self._superres, check)
+        return render_lit_hand(shot, crop, hand, rays, field, superres, backend, self.precision, on_stage)
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""
@@ -215,6 +224,24 @@ class Renderer:
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.torch_device)
+
+
+def _both(check: Callable[[], None], on_stage: OnStage) -> OnStage:
+    def both(stage: Stage) -> None:
+        check()
+        on_stage(stage)
+
+    return both
+
+
+def _asking(network: Callable[[Tensor], Tensor], check: Callable[[], None]) -> Callable[[Tensor], Tensor]:
+    """The network, asking before it enlarges another band."""
+
+    def asking(maps: Tensor) -> Tensor:
+        check()
+        return network(maps)
+
+    return asking
 
 
 def _check(should_stop: Callable[[], bool]) -> Callable[[], None]:

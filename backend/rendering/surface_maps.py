@@ -24,21 +24,27 @@ class SurfaceMaps:
         normal: [H, W, 3] smooth, unit length, world.
         uv: [H, W, 3] atlas u and v, and 1 on the mesh.
         position: [H, W, 3] world, m.
+        motion: [H, W, 4] px, right and up: from the place in the frame to that one frame before, and from the place
+            one frame later to that in the frame; zero if it is not known.
     """
 
     depth: np.ndarray
     normal: np.ndarray
     uv: np.ndarray
     position: np.ndarray
+    motion: np.ndarray
 
 
-def surface_maps(shot: Shot, hand: HandModel) -> SurfaceMaps:
+def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) -> SurfaceMaps:
     """Rasterise the shot's mesh.
 
     Args:
         shot: a hand in view.
         hand: its model, of either side.
+        motion: [V, 4] px, of the vertices; None: not known.
     """
+    if motion is None:
+        motion = np.zeros((len(shot.vertices), 4))
     hand = hand.for_side(shot.pose.side)
     view = camera_tensors(shot.camera, "cpu")
     vertices, faces = torch.as_tensor(shot.vertices, dtype=torch.float32), torch.as_tensor(hand.f)
@@ -54,6 +60,7 @@ def surface_maps(shot: Shot, hand: HandModel) -> SurfaceMaps:
         _image(torch.nn.functional.normalize(normals, dim=-1), pixel, view.size_px),
         _image(torch.cat([uv, torch.ones(len(uv), 1)], 1), pixel, view.size_px),
         _image(points, pixel, view.size_px),
+        _image(_blend(weights, torch.as_tensor(motion, dtype=torch.float32)[faces[face]]), pixel, view.size_px),
     )
 
 
@@ -62,7 +69,7 @@ def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
     first, *others = maps
     for other in others:
         is_nearer = other.depth < first.depth
-        pairs = ((getattr(first, name), getattr(other, name)) for name in ("normal", "uv", "position"))
+        pairs = ((getattr(first, name), getattr(other, name)) for name in ("normal", "uv", "position", "motion"))
         merged = (np.where(is_nearer[..., None], theirs, ours) for ours, theirs in pairs)
         first = SurfaceMaps(np.minimum(first.depth, other.depth), *merged)
     return first

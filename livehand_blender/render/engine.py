@@ -11,15 +11,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import bpy
+import numpy as np
 
 from ...backend.avatars.session import Session
 from ...backend.records.errors import LiveHandError
 from ...backend.records.frame import Frame
+from ...backend.rendering.background import BackgroundWork, ShouldStop
 from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ...backend.rendering.picture import Picture, compose_picture, surface_of
@@ -27,7 +29,7 @@ from ..scene.proxy import hidden_from_camera, hide_from_camera, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_scene import is_in_scene, scene_layer
-from .frame_setup import FrameSetup, ViewSetup, read_frame_setup, read_frame_task
+from .frame_setup import FrameSetup, ViewSetup, load_hands, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
@@ -42,6 +44,7 @@ from .viewport.viewport import viewport_of
 
 LOGGER = logging.getLogger(__name__)
 
+Result = TypeVar("Result")
 ResultOfHands = Callable[[], tuple[ExposureFrames, ...] | None]
 """Waits for the hands of a view; returns None if the user has stopped the render."""
 
@@ -64,11 +67,13 @@ class LiveHandRender(CyclesEngine):
         # Not declared above: Blender evaluates a class's annotations, `typing` caches them for ever, and Blender as a
         # module hangs at exit if a class of a module that imports bpy is still referenced.
         cls.viewport_shared = ViewportShared(cls.hands_session)
+        cls.background = BackgroundWork()
         cls.measurement = None
 
     @classmethod
     def unregister(cls):
         """Called by Blender when the class is unregistered; frees the avatars' memory."""
+        cls.background.close()
         cls.viewport_shared.close()
         if cls.hands_session:
             cls.hands_session.free()
@@ -88,8 +93,9 @@ class LiveHandRender(CyclesEngine):
     def view_update(self, context, depsgraph):
         """Called by Blender when the scene of a 3D view in Rendered shading has changed."""
         with contextlib.ExitStack() as hidden:
-            with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
-                hidden.enter_context(hidden_from_camera(depsgraph))
+            if viewport_of(self).has_image:
+                with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
+                    hidden.enter_context(hidden_from_camera(depsgraph))
             super().view_update(context, depsgraph)
         viewport_of(self).update(context, depsgraph)
 
@@ -137,16 +143,30 @@ class LiveHandRender(CyclesEngine):
             self._measure(depsgraph, self.measurement)
             return
         frame = self._read(depsgraph)
+        if frame is None:
+            return
         for view, frames, scene in self._render_views(depsgraph, frame):
-            picture = self._compose(frame, view, frames.samples, scene)
-            groups = group_passes(frames, frame.hands, frame.size_px, self._converter(frame), scene)
-            write_picture(self, frame, view.name, picture, scene, groups)
+            composed = self._in_background(lambda _, args=(frame, view, frames, scene): self._compose(*args))
+            if composed is None:
+                return
+            write_picture(self, frame, view.name, composed[0], scene, composed[1])
 
-    def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup:
+    def _in_background(self, work: Callable[[ShouldStop], Result], shows_progress: bool = False) -> Result | None:
+        """What the work returns, done in a thread of its own; None as soon as the user stops the render.
+
+        However long a stage takes, the user is asked all the time.
+        """
+        on_progress = self.update_progress if shows_progress else lambda share: None
+        return self.background.run(work, self.test_break, on_progress)
+
+    def _read(self, depsgraph: bpy.types.Depsgraph) -> FrameSetup | None:
+        """The frame's setup; None if the user has stopped the render while an avatar was loaded."""
         self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
-        with session.rendering:  # a 3D view may be loading the same avatar
-            frame = read_frame_setup(self, depsgraph, session)
+        load = load_hands(depsgraph, session)
+        if self._in_background(lambda _: load() or True) is None:
+            return None
+        frame = read_frame_setup(self, depsgraph, session)
         return with_measured_light(frame, LiveHandRender) if frame.is_in_scene else frame
 
     def _measure(self, depsgraph: bpy.types.Depsgraph, measurement: Measurement) -> None:
@@ -184,12 +204,17 @@ class LiveHandRender(CyclesEngine):
         return results
 
     def _render_hands(self, task: FrameTask) -> tuple[ExposureFrames, ...] | None:
-        """Render the hands in this thread; returns None if the user has stopped the render."""
+        """Render the hands; returns None if the user has stopped the render."""
         from ...backend.rendering.renderer import RenderStopped  # torch, which a renderer has imported already
 
+        session = self.required_session()
+
+        def render(should_stop: ShouldStop) -> tuple[ExposureFrames, ...]:
+            with session.rendering:
+                return task.run(should_stop)
+
         try:
-            with self.required_session().rendering:
-                return task.run(self.test_break)
+            return self._in_background(render, shows_progress=True)
         except RenderStopped:
             return None
 
@@ -212,11 +237,14 @@ class LiveHandRender(CyclesEngine):
         super().render(depsgraph)
 
     def _compose(
-        self, frame: FrameSetup, view: ViewSetup, samples: tuple[ExposureFrames, ...], scene: ScenePasses
-    ) -> Picture:
+        self, frame: FrameSetup, view: ViewSetup, frames: GroupedFrames, scene: ScenePasses
+    ) -> tuple[Picture, Mapping[str, np.ndarray]]:
+        """The picture, and its light groups' passes."""
         around = scene_layer(scene) if frame.is_in_scene else None
-        surface = surface_of(view.task) if frame.needs_surface else None
-        return compose_picture(frame.hands, samples, frame.size_px, self._converter(frame), around, surface)
+        surface = surface_of(view.task, view.motion) if frame.needs_surface else None
+        convert = self._converter(frame)
+        picture = compose_picture(frame.hands, frames.samples, frame.size_px, convert, around, surface)
+        return picture, group_passes(frames, frame.hands, frame.size_px, convert, scene)
 
     @staticmethod
     def _converter(frame: FrameSetup) -> Callable[[Frame], Frame]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -15,13 +15,14 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
 from ...backend.rendering.exposure import SHARP, Lens, camera_of_sample
 from ...backend.rendering.frame_task import FrameTask, HandInstance, HandTask
-from ..rig.hand import find_hands, mesh_of
+from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
 from ..scene.light import read_hand_lights
-from ..scene.shot import read_shot, visible_hands
+from ..scene.seen_hands import SeenHand, visible_hands
+from ..scene.shot import read_shot, seen_vertices
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
-from .hands.hand_source import hand_source, read_device, read_grade
+from .hands.hand_source import hand_source, load_for, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
@@ -30,10 +31,14 @@ LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ViewSetup:
-    """One view of a frame: an eye of a stereo render, or the only view, whose name is empty."""
+    """One view of a frame: an eye of a stereo render, or the only view, whose name is empty.
+
+    Its `motion` [V, 4], px, of each hand's vertices is that of `SurfaceMaps`; None if no pass needs it.
+    """
 
     name: str
     task: FrameTask
+    motion: tuple[np.ndarray, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,11 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     hands = _load_hands(depsgraph, session)
     lights = _read_lights(depsgraph, hands)
     views = tuple(
-        ViewSetup(name, _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)))
+        ViewSetup(
+            name,
+            _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)),
+            _read_motion(engine, depsgraph, hands, is_stereo=bool(name)),
+        )
         for name in _activated_views(engine, scene.render)
     )
     return FrameSetup(
@@ -98,7 +107,7 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         light_groups=light_groups(layer),
         is_in_scene=in_scene,
         hands=hands,
-        albedo=_albedo_of(hands) if in_scene else {},
+        albedo=_albedo_of(scene, hands) if in_scene else {},
         views=views,
     )
 
@@ -109,16 +118,35 @@ def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgra
     return _read_task(engine, depsgraph, hands, _read_lights(depsgraph, hands), is_stereo=False)
 
 
+def load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> Callable[[], None]:
+    """A function that loads the renderers of all visible hands, in any thread, so that reading them waits for none.
+
+    It raises LiveHandError if an avatar is at fault.
+    """
+    device = read_device(depsgraph.scene)
+    sources = [(hand.name, hand_source(hand.armature)) for hand in visible_hands(depsgraph)]
+
+    def load() -> None:
+        with session.rendering:  # a 3D view may be loading the same avatar
+            for name, source in sources:
+                load_for(name, source, session, device)
+
+    return load
+
+
 def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
     """The visible hands, with their renderers."""
-    if not find_hands(depsgraph.scene):
+    if not all_hands(depsgraph.scene):
         raise LiveHandError(
             "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
         )
     device = read_device(depsgraph.scene)
     return tuple(
         HandInstance(
-            hand.name, mesh_of(hand.original).name, hand_source(hand).renderer(session, device), read_grade(hand)
+            hand.name,
+            hand.mesh.name,
+            load_for(hand.name, hand_source(hand.armature), session, device),
+            read_grade(hand.armature.evaluated_get(depsgraph)),
         )
         for hand in visible_hands(depsgraph)
     )
@@ -126,11 +154,11 @@ def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandI
 
 def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
     """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
-    names = [hand.name for hand in hands if hand.renderer.is_relightable]
+    names = {hand.name for hand in hands if hand.renderer.is_relightable}
     if not names:
         return {}
-    armatures = [depsgraph.scene.objects[name].evaluated_get(depsgraph) for name in names]
-    lights = {name: one.light() for name, one in read_hand_lights(depsgraph, armatures, is_final=True).items()}
+    lit = [hand for hand in visible_hands(depsgraph) if hand.name in names]
+    lights = {name: one.light() for name, one in read_hand_lights(depsgraph, lit, is_final=True).items()}
     if not is_in_scene(depsgraph.scene):  # objects that emit may light it there
         for name in (name for name, light in lights.items() if light.is_dark):
             LOGGER.warning(
@@ -141,9 +169,10 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
     return lights
 
 
-def _albedo_of(hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
+def _albedo_of(scene: bpy.types.Scene, hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
+    """Of the hands of the scene itself, which are not instances."""
     known = ((hand.mesh_name, hand.renderer.mean_albedo) for hand in hands)
-    return {name: albedo for name, albedo in known if albedo is not None}
+    return {name: albedo for name, albedo in known if albedo is not None and name in scene.objects}
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:
@@ -166,9 +195,11 @@ def _read_task(
 ) -> FrameTask:
     """The hands and the camera at every exposure sample."""
     camera, lens = _read_view(engine, depsgraph, is_stereo)
+    seen = {hand.name: hand for hand in visible_hands(depsgraph)} if hands else {}
+    pairs = [(hand, seen[hand.name]) for hand in hands]
     samples = read_exposure(depsgraph.scene, lens) if hands else ()
     if samples == (SHARP,):
-        return FrameTask((_read_hands(depsgraph, hands, lights, camera),))
+        return FrameTask((_read_hands(depsgraph, pairs, lights, camera),))
     tasks = []
     frame, offset = depsgraph.scene.frame_current, 0.0
     try:
@@ -178,11 +209,33 @@ def _read_task(
                 whole = int(offset // 1)
                 engine.frame_set(frame + whole, offset - whole)
             camera, lens = _read_view(engine, depsgraph, is_stereo)
-            tasks.append(_read_hands(depsgraph, hands, lights, camera_of_sample(camera, lens, sample)))
+            tasks.append(_read_hands(depsgraph, pairs, lights, camera_of_sample(camera, lens, sample)))
     finally:
         if offset != 0.0:
             engine.frame_set(frame, 0.0)
     return FrameTask(tuple(tasks))
+
+
+def _read_motion(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], is_stereo: bool
+) -> tuple[np.ndarray, ...] | None:
+    """The motion of each hand's vertices in the image, as Cycles defines it; there is none beside motion blur."""
+    scene = depsgraph.scene
+    if not depsgraph.view_layer.use_pass_vector or scene.render.use_motion_blur:
+        return None
+    seen = {hand.name: hand for hand in visible_hands(depsgraph)} if hands else {}
+    frame, places = scene.frame_current, []
+    try:
+        for offset in (-1, 0, 1):
+            engine.frame_set(frame + offset, 0.0)
+            camera, _ = _read_view(engine, depsgraph, is_stereo)
+            places.append([camera.project(seen_vertices(seen[one.name].at(depsgraph), depsgraph))[0] for one in hands])
+    finally:
+        engine.frame_set(frame, 0.0)
+    up = np.array([1.0, -1.0])  # Blender's rows begin at the bottom
+    return tuple(
+        np.concatenate([(before - now) * up, (now - after) * up], 1) for before, now, after in zip(*places, strict=True)
+    )
 
 
 def _read_view(
@@ -202,19 +255,15 @@ def _read_view(
 
 
 def _read_hands(
-    depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], lights: Mapping[str, Light], camera: Camera
+    depsgraph: bpy.types.Depsgraph,
+    hands: Sequence[tuple[HandInstance, SeenHand]],
+    lights: Mapping[str, Light],
+    camera: Camera,
 ) -> tuple[HandTask, ...]:
-    objects = depsgraph.scene.objects
     return tuple(
         HandTask(
             hand.renderer,
-            read_shot(
-                objects[hand.name].evaluated_get(depsgraph),
-                depsgraph,
-                camera,
-                len(hand.renderer.hand.v_template),
-                lights.get(hand.name),
-            ),
+            read_shot(seen.at(depsgraph), depsgraph, camera, len(hand.renderer.hand.v_template), lights.get(hand.name)),
         )
-        for hand in hands
+        for hand, seen in hands
     )

@@ -56,8 +56,17 @@ class LIVEHAND_PT_hand_light(bpy.types.Panel):
     def draw(self, context):
         """Draw the two choices."""
         self.layout.use_property_split = True
-        for name in ("mode", "light"):
-            self.layout.prop(context.scene.livehand, name)
+        draw_mode(self.layout, context.scene)
+        self.layout.prop(context.scene.livehand, "light")
+
+
+def draw_mode(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """What a frame shows; and, where a transparent film takes away the world that a scene has, its switch."""
+    layout.prop(scene.livehand, "mode")
+    if scene.livehand.mode == "SCENE" and scene.render.film_transparent:
+        box = layout.box()
+        box.label(text="The film hides the world", icon="INFO")
+        box.prop(scene.render, "film_transparent", text="Transparent Film")
 
 
 def register_panels() -> None:

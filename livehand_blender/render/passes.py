@@ -43,9 +43,9 @@ def _rgba(frame: Frame) -> np.ndarray:
     return np.concatenate([frame.rgb, frame.alpha[..., None]], -1)
 
 
-def _surface(name: str) -> Callable[[Picture, np.ndarray | None], np.ndarray]:
+def _surface(name: str, channels: int = 3) -> Callable[[Picture, np.ndarray | None], np.ndarray]:
     def draw(picture: Picture, scene: np.ndarray | None) -> np.ndarray:
-        around = np.zeros((*picture.visible_alpha.shape, 3), np.float32) if scene is None else scene
+        around = np.zeros((*picture.visible_alpha.shape, channels), np.float32) if scene is None else scene
         if picture.surface is None:
             return around
         # The rendered hand may reach a pixel beyond the mesh, where the maps are empty.
@@ -61,10 +61,11 @@ PASSES = (
     Pass("Normal", "XYZ", "VECTOR", lambda layer: layer.use_pass_normal, True, _surface("normal")),
     Pass("UV", "UVA", "VECTOR", lambda layer: layer.use_pass_uv, True, _surface("uv")),
     Pass("Position", "XYZ", "VECTOR", lambda layer: layer.use_pass_position, True, _surface("position")),
+    Pass("Vector", "XYZW", "VECTOR", lambda layer: layer.use_pass_vector, True, _surface("motion", 4)),
     Pass("Hand", "RGBA", "COLOR", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: _rgba(p.hands)),
     Pass("HandAlpha", "A", "VALUE", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: p.visible_alpha),
 )
-SURFACE_PASSES = ("Normal", "UV", "Position")
+SURFACE_PASSES = ("Normal", "UV", "Position", "Vector")
 CRYPTOMATTE = "CryptoObject"
 CRYPTOMATTE_LEVELS = tuple(f"{CRYPTOMATTE}{number:02d}" for number in range(8))  # Blender's limit: 16 ranks
 

@@ -10,7 +10,7 @@ import bpy
 
 from ...backend.batch.frame_selection import ALL, Chunk
 from ...backend.records.errors import LiveHandError
-from ..rig.hand import find_hands
+from ..rig.hand import all_hands
 from ..scene.settings import ENGINE
 
 
@@ -87,7 +87,7 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
     if plan.precision:
         scene.livehand.precision = plan.precision
     if plan.avatar:
-        for hand in find_hands(scene):
+        for hand in all_hands(scene):
             hand.livehand.avatar_path = str(plan.avatar.resolve())
     if "exr" in plan.formats:
         for view_layer in scene.view_layers:

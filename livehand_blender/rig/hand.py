@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -114,6 +115,32 @@ def find_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return sorted((thing for thing in scene.objects if thing.livehand.is_hand), key=lambda thing: thing.name)
 
 
+def all_hands(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The armatures of a scene's hands, and of those in collections that it instances, sorted by name."""
+    found: dict[int, bpy.types.Object] = {}
+    _collect(scene.objects, found)
+    return sorted(found.values(), key=lambda thing: thing.name)
+
+
+def _collect(objects: Iterable[bpy.types.Object], found: dict[int, bpy.types.Object]) -> None:
+    for thing in objects:
+        if thing.livehand.is_hand:
+            found[thing.as_pointer()] = thing
+        elif thing.instance_type == "COLLECTION" and thing.instance_collection:
+            _collect(thing.instance_collection.all_objects, found)
+
+
+def hand_of_mesh(mesh: bpy.types.Object) -> bpy.types.Object | None:
+    """The hand's armature whose mesh this object is; None if it is no hand's.
+
+    Raises:
+        LiveHandError: the hand deforms several meshes and none is chosen.
+    """
+    armature = mesh.find_armature()
+    is_hands = armature is not None and armature.livehand.is_hand and mesh_of(armature) == mesh
+    return armature if is_hands else None
+
+
 def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
     """The mesh that a hand's armature deforms.
 
@@ -123,9 +150,9 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
         LiveHandError: the hand has no mesh, or several and none is chosen.
     """
     mesh = armature.livehand.mesh
-    if mesh is not None and _is_skinned_to(mesh, armature):
+    if mesh is not None and is_skinned_to(mesh, armature):
         return mesh
-    skinned = [child for child in armature.children_recursive if _is_skinned_to(child, armature)]
+    skinned = [child for child in armature.children_recursive if is_skinned_to(child, armature)]
     if len(skinned) != 1:
         raise LiveHandError(
             f"{armature.name} must have one mesh that it deforms, got {len(skinned)}; choose it in the LiveHand tab"
@@ -133,5 +160,6 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
     return skinned[0]
 
 
-def _is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
+def is_skinned_to(thing: bpy.types.Object, armature: bpy.types.Object) -> bool:
+    """Whether an object is a mesh that this armature deforms."""
     return thing.type == "MESH" and thing.find_armature() == armature

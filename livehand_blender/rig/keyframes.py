@@ -54,6 +54,12 @@ def key_finger(hand: RiggedHand, finger: str, frame: float) -> None:
         hand.armature.keyframe_insert(path, frame=frame, group=group)
 
 
+def key_hand(hand: RiggedHand, frame: float) -> None:
+    """Key a hand's present pose: all its `hand_channels`."""
+    for path, group in hand_channels(hand):
+        hand.armature.keyframe_insert(path, frame=frame, group=group)
+
+
 def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
     """(data path, group) of each channel of a finger that an animator keys."""
     for joint in finger_joints(finger):

@@ -85,6 +85,7 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     """A hand: its model, avatar, shape and controls, and how it is matched to a plate."""
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
+    is_skin: BoolProperty(name="Is a Hand's Mesh", default=False, override=_OVERRIDE)
     side: _Enum(name="Side", items=_SIDES)
     model_path: _File(name="Hand Model", description="File of the hand model; empty for the built-in hand")
     model_sha256: _String(
@@ -97,6 +98,9 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     )
     mesh: _Pointer(
         name="Mesh", description="The mesh that this armature deforms and that is rendered", type=bpy.types.Object
+    )
+    bone_shapes: _Pointer(
+        name="Bone Shapes", description="Holds the shapes of the bones, outside every scene", type=bpy.types.Collection
     )
     beta: _Vector(
         name="Shape",
@@ -183,8 +187,9 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     blur_samples: IntProperty(
         name="Blur Samples",
-        description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand",
-        default=16,
+        description="With motion blur or depth of field, a frame is the mean of this many sharp renders of the hand, "
+        "and takes as many times as long; too few show separate ghosts",
+        default=32,
         min=1,
         max=256,
         soft_max=64,

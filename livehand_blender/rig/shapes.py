@@ -11,43 +11,59 @@ import numpy as np
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ...backend.records.side import Side
 
+_COLLECTION = "LiveHand Bone Shapes"
 _RING, _DIAMOND = "LiveHand Ring", "LiveHand Diamond"
 _RING_CORNERS = 24
 # Just outside the built-in hand's skin.
 _FINGER_RADIUS_M, _THUMB_RADIUS_M, _WRIST_RADIUS_M = 0.0105, 0.0125, 0.038
 _DIAMOND_RADIUS_M = 0.005
-_BONE_COLOUR, _TARGET_COLOUR = "THEME04", "THEME01"
+# Seen on Blender's grey and on skin; the selected and the active bone are brighter.
+_BONE_RGB, _TARGET_RGB = (1.0, 0.85, 0.1), (1.0, 0.2, 0.15)
+_WIRE_PX = 2.0
 
 
 def set_bone_shapes(armature: bpy.types.Object, side: Side) -> None:
     """Give the animator's bones their shapes and colours."""
     ring, diamond = _shape(_RING), _shape(_DIAMOND)
-    _set_shape(armature.pose.bones[bone_name(0, side)], ring, _WRIST_RADIUS_M, _BONE_COLOUR)
+    armature.livehand.bone_shapes = bpy.data.collections[_COLLECTION]  # which comes along when the hand is appended
+    _set_shape(armature.pose.bones[bone_name(0, side)], ring, _WRIST_RADIUS_M, _BONE_RGB)
     for finger in FINGERS:
         radius_m = _THUMB_RADIUS_M if finger == "thumb" else _FINGER_RADIUS_M
         for joint in finger_joints(finger):
             bone = armature.pose.bones[bone_name(joint, side)]
-            _set_shape(bone, ring, radius_m, _BONE_COLOUR)
+            _set_shape(bone, ring, radius_m, _BONE_RGB)
             bone.custom_shape_translation = (0, bone.bone.length / 2, 0)
-        _set_shape(armature.pose.bones[target_name(finger, side)], diamond, _DIAMOND_RADIUS_M, _TARGET_COLOUR)
+        _set_shape(armature.pose.bones[target_name(finger, side)], diamond, _DIAMOND_RADIUS_M, _TARGET_RGB)
 
 
-def _set_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, radius_m: float, colour: str) -> None:
+def _set_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, radius_m: float, rgb: tuple) -> None:
     bone.custom_shape = shape
     bone.use_custom_shape_bone_size = False
     bone.custom_shape_scale_xyz = (radius_m,) * 3
-    bone.bone.color.palette = colour
+    bone.custom_shape_wire_width = _WIRE_PX
+    bone.bone.color.palette = "CUSTOM"
+    colours = bone.bone.color.custom
+    colours.normal, colours.select, colours.active = rgb, (1.0, 1.0, 1.0), (0.6, 1.0, 1.0)
 
 
 def _shape(name: str) -> bpy.types.Object:
     """This file's shape of that name, of radius 1, with Y along the bone."""
     known = bpy.data.objects.get((name, None))
     if known is not None:
-        return known
+        return _out_of_sight(known)
     vertices, edges = _ring() if name == _RING else _diamond()
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices, edges, [])
-    return bpy.data.objects.new(name, mesh)
+    return _out_of_sight(bpy.data.objects.new(name, mesh))
+
+
+def _out_of_sight(shape: bpy.types.Object) -> bpy.types.Object:
+    """In a hidden collection: Blender puts it, or objects without one, into the scene that a hand is appended to."""
+    collection = bpy.data.collections.get((_COLLECTION, None)) or bpy.data.collections.new(_COLLECTION)
+    collection.hide_viewport = collection.hide_render = True
+    if shape.name not in collection.objects:
+        collection.objects.link(shape)
+    return shape
 
 
 def _ring() -> tuple[list, list]:

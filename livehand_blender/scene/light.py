@@ -12,11 +12,11 @@ import bpy
 import numpy as np
 
 from ...backend.records.light import Lamp, Light, Sky
-from ..rig.hand import mesh_of
 from .lamps import read_lamps
 from .occluders import occluders_of, read_solids
 from .reach import SKY_M, SUN_M, Reach, middle_of
-from .shot import world_vertices
+from .seen_hands import Place, SeenHand
+from .shot import seen_vertices
 from .world import WorldLight, read_world
 
 
@@ -48,31 +48,29 @@ class SceneLight:
 
 
 def read_hand_lights(
-    depsgraph: bpy.types.Depsgraph, armatures: Sequence[bpy.types.Object], is_final: bool
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[SeenHand], is_final: bool
 ) -> dict[str, SceneLight]:
-    """Name of each hand's armature -> the light on it; none if the scene says that hands keep their capture's.
+    """Name of each hand -> the light on it; none if the scene says that hands keep their capture's.
 
     Args:
         depsgraph: of the frame.
-        armatures: of the hands, evaluated.
+        hands: of the frame.
         is_final: as in `read_scene_light`, which also tells what is raised.
     """
     if depsgraph.scene.livehand.light != "SCENE":
         return {}
-    meshes = {armature.name: mesh_of(armature.original) for armature in armatures}
-    vertices = {mesh.name_full: world_vertices(mesh.evaluated_get(depsgraph)) for mesh in meshes.values()}
-    lights = read_scene_light(depsgraph, vertices, is_final)
-    return {name: lights[mesh.name_full] for name, mesh in meshes.items()}
+    lights = read_scene_light(depsgraph, {hand.place: seen_vertices(hand, depsgraph) for hand in hands}, is_final)
+    return {hand.name: lights[hand.place] for hand in hands}
 
 
 def read_scene_light(
-    depsgraph: bpy.types.Depsgraph, hands: Mapping[str, np.ndarray], is_final: bool
-) -> dict[str, SceneLight]:
+    depsgraph: bpy.types.Depsgraph, hands: Mapping[Place, np.ndarray], is_final: bool
+) -> dict[Place, SceneLight]:
     """The light on each hand of an evaluated frame.
 
     Args:
         depsgraph: of the frame.
-        hands: full name of a hand's mesh object -> its vertices [V, 3] in the world, m.
+        hands: place of a hand's mesh object -> its vertices [V, 3] in the world, m.
         is_final: whether to wait for the render of the world, by which objects before its suns are found.
 
     Raises:
@@ -83,13 +81,13 @@ def read_scene_light(
         world.read()
     suns, sky_m = _reach_of_world(world)
     lamps = {
-        name: tuple(filter(None, (one.for_mesh(name, middle_of(vertices)) for one in linked)))
-        for name, vertices in hands.items()
+        place: tuple(filter(None, (one.for_mesh(place.name, middle_of(vertices)) for one in linked)))
+        for place, vertices in hands.items()
     }
-    reaches = {name: Reach.of(vertices, (*lamps[name], *suns), sky_m) for name, vertices in hands.items()}
+    reaches = {place: Reach.of(vertices, (*lamps[place], *suns), sky_m) for place, vertices in hands.items()}
     solids = read_solids(depsgraph, tuple(reaches.values())) if reaches else ()
     exposure = _film_exposure(depsgraph.scene_eval)
-    return {name: SceneLight(lamps[name], world, occluders_of(solids, reaches[name], name), exposure) for name in hands}
+    return {one: SceneLight(lamps[one], world, occluders_of(solids, reaches[one], one), exposure) for one in hands}
 
 
 def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
@@ -106,7 +104,7 @@ def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndar
     Raises:
         LiveHandError: the world cannot be read.
     """
-    return read_scene_light(depsgraph, {mesh_name: vertices}, is_final=True)[mesh_name].light()
+    return read_scene_light(depsgraph, {Place(mesh_name): vertices}, is_final=True)[Place(mesh_name)].light()
 
 
 def _film_exposure(scene: bpy.types.Scene) -> float:

@@ -10,17 +10,18 @@ import bpy
 import numpy as np
 
 from .reach import Reach, bounding_balls
+from .seen_hands import Place
 
 LOGGER = logging.getLogger(__name__)
 
 _MAX_TRIANGLES = 50_000
-_MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 class Solid(NamedTuple):
-    """An object's triangles [T, 3, 3] in the world, m, and its full name."""
+    """An object's triangles [T, 3, 3] in the world, m, and its place."""
 
-    name: str
+    place: Place
     triangles: np.ndarray
 
 
@@ -38,7 +39,7 @@ def read_solids(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) -> tup
             triangles = local[key] @ matrix[:3, :3].T + matrix[:3, 3]
             triangles = triangles[_touches_any(reaches, *bounding_balls(triangles))]
             if len(triangles):
-                solids.append(Solid(thing.original.name_full, triangles))
+                solids.append(Solid(Place.of(instance), triangles))
     return tuple(solids)
 
 
@@ -51,7 +52,7 @@ def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) ->
     numbers, matrices, corners = [], [], []
     for number, instance in enumerate(depsgraph.object_instances):
         thing = instance.object
-        if thing.type in _MESH_LIKE and instance.show_self and thing.visible_shadow:
+        if thing.type in MESH_LIKE and instance.show_self and thing.visible_shadow:
             key = thing.data.as_pointer()
             if key not in boxes:
                 boxes[key] = np.array(thing.bound_box)
@@ -67,14 +68,14 @@ def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Sequence[Reach]) ->
     return {numbers[k]: matrix[k] for k in np.flatnonzero(touched)}
 
 
-def occluders_of(solids: Sequence[Solid], reach: Reach, mesh_name: str) -> np.ndarray:
+def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> np.ndarray:
     """[T, 3, 3] the triangles within a hand's reach, without its own mesh; if there are too many, the nearest."""
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *(one.triangles for one in solids if one.name != mesh_name)])
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(one.triangles for one in solids if one.place != hand)])
     triangles = triangles[reach.touches(*bounding_balls(triangles))]
     if len(triangles) <= _MAX_TRIANGLES:
         return triangles
     LOGGER.warning(
-        "%d triangles may shadow '%s': the nearest %d do, the others do not", len(triangles), mesh_name, _MAX_TRIANGLES
+        "%d triangles may shadow '%s': the nearest %d do, the others do not", len(triangles), hand.name, _MAX_TRIANGLES
     )
     centres, radii = bounding_balls(triangles)
     distance_m = np.linalg.norm(centres - reach.start, axis=1) - radii

@@ -1,6 +1,7 @@
 """Old files open as they were: settings that they lack get the value that stands for their time.
 
-Files of version 0, saved before hands could be lit, keep the light of the avatars' captures.
+Files of version 0, saved before hands could be lit, keep the light of the avatars' captures; those before version 2
+keep 16 blur samples.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-_VERSION = 1
+from ..rig.hand import all_hands
+
+_VERSION = 2
 
 
 @persistent
@@ -23,8 +26,12 @@ def _stamp(*_) -> None:
 def _update(*_) -> None:
     """After a file was opened; a scene without hands has nothing to keep."""
     for scene in _local_scenes() if bpy.data.filepath else ():
-        if scene.livehand.file_version == 0 and any(thing.livehand.is_hand for thing in scene.objects):
-            scene.livehand.light = "CAPTURE"
+        version = scene.livehand.file_version
+        if version < _VERSION and all_hands(scene):
+            if version == 0:
+                scene.livehand.light = "CAPTURE"
+            if not scene.livehand.is_property_set("blur_samples"):
+                scene.livehand.blur_samples = 16
 
 
 def _local_scenes() -> list[bpy.types.Scene]:

@@ -9,9 +9,8 @@ from itertools import chain
 import bpy
 import numpy as np
 
-from ..rig.hand import mesh_of
 from .colour import rec709_to_working_space
-from .shot import visible_hands
+from .seen_hands import visible_hands
 
 # The material that Add Hand makes; its base colour is its colour in Solid shading until the user changes one.
 _SKIN, _TOLERANCE = "LiveHand Skin", 1e-4
@@ -19,7 +18,10 @@ _SKIN, _TOLERANCE = "LiveHand Skin", 1e-4
 
 @contextlib.contextmanager
 def hidden_from_camera(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """A context in which the evaluated meshes of all visible hands have no camera ray visibility."""
+    """A context in which the evaluated meshes of all visible hands have no camera ray visibility.
+
+    Instanced ones keep that until they are evaluated again: setting them tags their collection as changed.
+    """
     before = hide_from_camera(depsgraph)
     try:
         yield
@@ -28,16 +30,27 @@ def hidden_from_camera(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
 
 
 def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Hide the evaluated meshes of all visible hands from camera rays; returns every object's visibility before.
+    """Hide the evaluated meshes of all visible hands from camera rays; returns what the scene's own objects were.
 
     The original objects do not change. One call sets all objects: setting a single object's property tags the scene as
     changed, so that the view would be updated, and Cycles restarted, without end.
     """
-    hidden = {mesh_of(hand.original).name_full for hand in visible_hands(depsgraph)}
-    names = [item.name_full for item in depsgraph.objects]
-    before = np.empty(len(names), bool)
-    depsgraph.objects.foreach_get("visible_camera", before)
-    depsgraph.objects.foreach_set("visible_camera", before & [name not in hidden for name in names])
+    hands = visible_hands(depsgraph)
+    hidden = {hand.place.name for hand in hands}
+    if any(hand.place.instancer for hand in hands):
+        for collection in depsgraph.ids:
+            if isinstance(collection, bpy.types.Collection):
+                _hide(collection.objects, hidden)
+    return _hide(depsgraph.objects, hidden)
+
+
+def _hide(objects: bpy.types.bpy_prop_collection, names: set[str]) -> np.ndarray:
+    """Hide the objects of these full names from camera rays, unless they are; returns what all objects were."""
+    before = np.empty(len(objects), bool)
+    objects.foreach_get("visible_camera", before)
+    after = before & [thing.name_full not in names for thing in objects]
+    if not np.array_equal(before, after):
+        objects.foreach_set("visible_camera", after)
     return before
 
 

@@ -51,7 +51,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         """Add the hand at the 3D cursor, upright as the avatars' light requires."""
         path = bpy.path.abspath(self.model_path)
         model = load_hand_model(path) if path else load_default_hand()
-        armature = add_hand(context, model.for_side(self.side), self.model_path)
+        armature = add_hand(context, model.for_side(self.side), self.model_path, f"{self.side.title()} Hand")
         armature.location = context.scene.cursor.location
         armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()
         if self.studio:

@@ -3,6 +3,7 @@
 import bpy
 
 from ...backend.runtime.dependencies import missing_requirements
+from ..render.panels import draw_mode
 from ..rig.hand import active_hand
 from ..scene.settings import ENGINE
 from .avatars import draw_choice
@@ -32,6 +33,8 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         layout.label(text=f"Model: {hand.model_path or 'built-in'}")
         draw_choice(layout, armature)
         layout.prop(hand, "mesh")
+        if hand.mesh:
+            layout.prop(hand.mesh, "hide_select", text="Mesh Selectable", invert_checkbox=True)
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 
 
@@ -42,8 +45,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """Ten sliders that can be keyed."""
-        self.layout.use_property_split = True
+        """Ten sliders that can be keyed; their names stand in them, as a narrow tab has no room beside them."""
         armature = polled_hand(context)
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
@@ -81,17 +83,13 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         layout.use_property_decorate = False
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
-        for name in (
-            "mode",
-            "light",
-            "rough_light",
-            "blur_samples",
-            "device",
-            "precision",
-            "keep_look",
-            "free_after_render",
-        ):
+        draw_mode(layout, context.scene)
+        for name in ("light", "rough_light", "blur_samples", "device", "precision"):
             layout.prop(context.scene.livehand, name)
+        column = layout.column(heading="")
+        column.use_property_split = False  # their names are too long to stand in half a tab
+        for name in ("keep_look", "free_after_render"):
+            column.prop(context.scene.livehand, name)
         draw_studio(layout, context.scene)
         layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))

@@ -26,6 +26,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         armature = polled_hand(context)
         if not is_library_added(context):  # at the top, because it would be overlooked below the sliders
             self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
+        self.layout.operator("livehand.key_hand", icon="KEY_HLT")
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)
         row = self.layout.row(align=True)

@@ -12,7 +12,8 @@ from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
-from ..rig.keyframes import hand_channels, key_finger
+from ..rig.keyframes import hand_channels, key_finger, key_hand
+from ..rig.selection import select_bones, selected_bones
 from .mixins import polled_hand, reports_errors
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
@@ -121,6 +122,18 @@ class LIVEHAND_OT_snap_fk_to_ik(_Snap, bpy.types.Operator):
     move = staticmethod(move_bones_to_ik)
 
 
+class LIVEHAND_OT_key_hand(_OnControls, bpy.types.Operator):
+    """Key the whole pose in the current frame: bones, fingertip targets and finger controls."""
+
+    bl_idname = "livehand.key_hand"
+    bl_label = "Key Hand"
+
+    @reports_errors
+    def execute(self, context):
+        """Key the active hand."""
+        key_hand(RiggedHand.active(context), context.scene.frame_current)
+
+
 class LIVEHAND_KS_hand(bpy.types.KeyingSetInfo):
     """Key the whole pose of the active hand."""
 
@@ -147,6 +160,7 @@ CLASSES = (
     LIVEHAND_OT_select_bone,
     LIVEHAND_OT_snap_ik_to_fk,
     LIVEHAND_OT_snap_fk_to_ik,
+    LIVEHAND_OT_key_hand,
     LIVEHAND_KS_hand,
 )
 
@@ -160,8 +174,5 @@ def _select(context: bpy.types.Context, names: list[str], extend: bool) -> None:
     armature.select_set(True)
     if armature.mode != "POSE":
         bpy.ops.object.mode_set(mode="POSE")
-    for bone in armature.pose.bones:
-        # Blender 5 moved a bone's selection to the pose.
-        owner = bone if hasattr(bone, "select") else bone.bone
-        owner.select = bone.name in names or (extend and owner.select)
+    select_bones(armature, {*names, *(selected_bones(armature) if extend else ())})
     armature.data.bones.active = armature.data.bones[names[-1]]

@@ -9,7 +9,8 @@ import pytest
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import read_shot, visible_hands
+from livehand.livehand_blender.scene.seen_hands import visible_hands
+from livehand.livehand_blender.scene.shot import read_shot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAMES = range(1, 25)
@@ -33,7 +34,7 @@ def shots(scene):
         depsgraph = bpy.context.evaluated_depsgraph_get()
         (hand,) = visible_hands(depsgraph)
         camera = read_camera(scene.camera.evaluated_get(depsgraph), scene.render)
-        yield read_shot(hand, depsgraph, camera, len(hand.livehand.mesh.data.vertices))
+        yield read_shot(hand, depsgraph, camera, len(hand.mesh.data.vertices))
 
 
 def keyframes(curves_of):

@@ -8,7 +8,7 @@ from livehand.backend.avatars.library import SKINS, avatar_path
 from livehand.backend.rendering.grade import Grade
 from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade
 from livehand.livehand_blender.rig.hand import find_hands
-from livehand.livehand_blender.scene.shot import visible_hands
+from livehand.livehand_blender.scene.seen_hands import visible_hands
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def armature(hand_scene):
 def test_paths_are_resolved_against_the_blend(armature, tmp_path):
     armature.livehand.avatar_path = "//looks/mine.safetensors"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
-    source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0])
+    source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0].armature)
     assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
     assert source.model_path is None
 
@@ -28,9 +28,9 @@ def test_paths_are_resolved_against_the_blend(armature, tmp_path):
 def test_a_hand_has_the_avatar_of_its_skin_unless_it_names_a_file(armature, skin):
     armature.livehand.skin = skin
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == avatar_path(skin)
+    assert hand_source(visible_hands(depsgraph)[0].armature).avatar_path == avatar_path(skin)
     armature.livehand.avatar_path = "/looks/mine.safetensors"
-    assert hand_source(visible_hands(depsgraph)[0]).avatar_path == Path("/looks/mine.safetensors")
+    assert hand_source(visible_hands(depsgraph)[0].armature).avatar_path == Path("/looks/mine.safetensors")
 
 
 def test_a_new_hand_has_a_neutral_grade(hand_scene):

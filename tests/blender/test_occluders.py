@@ -10,6 +10,7 @@ from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene import occluders
 from livehand.livehand_blender.scene.light import read_light, read_scene_light
 from livehand.livehand_blender.scene.reach import Reach, bounding_balls
+from livehand.livehand_blender.scene.seen_hands import Place
 from livehand.livehand_blender.scene.shot import world_vertices
 
 
@@ -118,9 +119,9 @@ def test_hands_shadow_each_other_but_their_own_meshes_are_none_of_their_occluder
     other.location = (0, 0, 0.3)
     bpy.context.view_layer.update()
     depsgraph, hands = hand_meshes()
-    lights = read_scene_light(depsgraph, hands, is_final=True)
+    lights = read_scene_light(depsgraph, {Place(name): one for name, one in hands.items()}, is_final=True)
     count = len(load_default_hand().f)
-    low, high = (lights[name].occluders for name in ("LiveHand Mesh", "Other Mesh"))
+    low, high = (lights[Place(name)].occluders for name in ("LiveHand Mesh", "Other Mesh"))
     assert 0.5 * count < len(low) <= count
     assert low[..., 2].mean() > 0.2
     assert len(high) == 0  # the sun is above it

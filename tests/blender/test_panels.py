@@ -177,6 +177,15 @@ def test_missing_packages_are_named_with_a_way_to_install_them(panel, monkeypatc
     assert "livehand.copy_install_command" in draw(panel)
 
 
+@pytest.mark.parametrize(
+    ("mode", "is_transparent", "is_told"), [("SCENE", True, 1), ("SCENE", False, 0), ("HAND", True, 0)]
+)
+def test_a_film_that_hides_the_scenes_world_is_pointed_out(mode, is_transparent, is_told):
+    scene = bpy.context.scene
+    scene.livehand.mode, scene.render.film_transparent = mode, is_transparent
+    assert draw(panels.LIVEHAND_PT_render).count("film_transparent") == is_told
+
+
 def test_the_add_menu_has_an_entry():
     drawn = []
     panels._draw_add(SimpleNamespace(layout=Layout(drawn)), bpy.context)

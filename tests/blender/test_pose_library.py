@@ -11,7 +11,8 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.poses import POSES
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
-from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder
+from livehand.livehand_blender.rig.selection import select_bones, selected_bones
+from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder, prepare_for_pose
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "make_pose_library.py"
 
@@ -46,6 +47,39 @@ def test_a_pose_does_not_move_the_wrist(hand, model, actions):
     np.testing.assert_allclose(
         read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta[0], theta[0], atol=1e-6
     )
+
+
+@pytest.mark.parametrize("selected", ["IK-index", "wrist", "index1"])
+def test_a_pose_applies_to_the_whole_hand_whatever_is_selected_and_with_ik_on(hand, model, actions, selected):
+    suffix = "." + model.side[0].upper()
+    bpy.ops.object.mode_set(mode="POSE")
+    for finger in ("index", "thumb"):
+        getattr(hand.livehand, finger).ik = 1.0
+    hand.pose.bones["IK-index" + suffix].location = (0.01, 0.02, 0.0)
+    select_bones(hand, {selected + suffix})
+    before = prepare_for_pose(bpy.context, RiggedHand.of(hand), keeps_fingers=False)
+    hand.pose.apply_pose_from_action(actions["Fist"], evaluation_time=1)
+    hand.update_tag()
+    theta = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+    np.testing.assert_allclose(theta, theta_for("Fist", model.side), atol=2e-5)
+    assert before == {selected + suffix}
+    assert hand.livehand.index.ik == hand.livehand.thumb.ik == 0
+
+
+def test_preparing_for_a_blend_keeps_the_visible_pose_and_selected_fingers(hand, model):
+    suffix = "." + model.side[0].upper()
+    bpy.ops.object.mode_set(mode="POSE")
+    hand.livehand.index.ik = 1.0
+    hand.pose.bones["IK-index" + suffix].location = (0.01, 0.02, 0.0)
+    hand.update_tag()
+    before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+    select_bones(hand, {"index1" + suffix})
+    prepare_for_pose(bpy.context, RiggedHand.of(hand), keeps_fingers=True)
+    assert selected_bones(hand) == {"index1" + suffix}
+    np.testing.assert_allclose(read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta, before, atol=1e-4)
+    select_bones(hand, {"IK-index" + suffix})
+    prepare_for_pose(bpy.context, RiggedHand.of(hand), keeps_fingers=True)
+    assert selected_bones(hand) == set()
 
 
 def test_every_pose_is_an_asset_with_a_catalog_tags_and_a_preview(actions):

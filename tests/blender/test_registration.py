@@ -51,6 +51,16 @@ def test_unregister_leaves_nothing_and_register_works_again():
     assert handlers() == with_livehand
 
 
+@pytest.mark.usefixtures("_back_again")
+def test_rendered_views_are_stopped_first():
+    bpy.context.scene.render.engine = "LIVEHAND"
+    windows = bpy.context.window_manager.windows
+    spaces = [area.spaces.active for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    spaces[0].shading.type = "RENDERED"
+    livehand.unregister()
+    assert spaces[0].shading.type == "SOLID"
+
+
 def test_preferences_belong_to_the_installed_package():
     from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 

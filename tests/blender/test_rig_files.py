@@ -102,6 +102,14 @@ def test_mesh_of_a_copied_armature_alone_is_not_the_first_hands_mesh(hand, model
         mesh_of(copy)
 
 
+def test_an_appended_hands_bone_shapes_are_out_of_sight(hand_file):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.wm.append(directory=f"{hand_file}/Object/", filename="LiveHand")
+    assert find_hands(bpy.context.scene)
+    seen = [thing.name for thing in bpy.context.visible_objects if thing.type == "MESH"]
+    assert seen == ["LiveHand Mesh"]
+
+
 def test_two_hands_are_independent(hand, model, random_pose, matches):
     other = add_hand(bpy.context, model)
     write_hand_pose(RiggedHand.of(hand), random_pose(6, model.side))

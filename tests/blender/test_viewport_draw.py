@@ -159,6 +159,31 @@ def test_the_hand_is_drawn_in_place_and_rendered_only_when_something_changes(dra
     assert moved[:, 0] == pytest.approx(0.02, abs=1e-6)
 
 
+def test_what_stands_before_the_hand_hides_it(drawn, context, shared):
+    screen = bpy.data.meshes.new("Screen")
+    screen.from_pydata([(-1, -1, 0.2), (1, -1, 0.2), (0, 1, 0.2)], [], [(0, 1, 2)])
+    context.scene.collection.objects.link(bpy.data.objects.new("Screen", screen))
+    bpy.context.view_layer.update()
+    viewport, engine = Viewport(shared), Engine()
+    drawn(lambda: show(viewport, engine, context, shared))
+    pixels = drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    assert np.all(pixels[..., :3] == GROUND)
+
+
+def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographic_views(drawn, context, shared):
+    viewport, engine, tagged = Viewport(shared), Engine(), []
+    shared.timer.update_meshes = lambda: tagged.append(viewport.has_image)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    viewport.update(context, depsgraph)
+    drawn(lambda: viewport.draw(engine, context, depsgraph))
+    assert not viewport.has_image
+    drawn(lambda: show(viewport, engine, context, shared))
+    assert viewport.has_image
+    orthographic(context)
+    drawn(lambda: viewport.draw(engine, context, depsgraph))
+    assert tagged == [True, False]
+
+
 def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, context, shared, fake_session):
     context.screen.is_animation_playing = True
     viewport, engine = Viewport(shared), Engine()

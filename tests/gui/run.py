@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-STORIES = ("viewport", "first_hour")
+STORIES = ("viewport", "first_hour", "toggle")
 SCREEN = (1280, 800)
 BLENDER_SECONDS = 600
 

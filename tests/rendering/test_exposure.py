@@ -35,6 +35,19 @@ def test_points_of_the_lens_fill_it_evenly():
     assert distance.min() > 0.02
 
 
+@pytest.mark.parametrize("count", [8, 16, 24, 32])
+def test_any_part_of_the_exposure_sees_the_whole_lens(count):
+    samples = sorted(
+        exposure_samples(count, Shutter(0.0, 1.0), Lens(0.01, 1.0)), key=lambda sample: sample.offset_frames
+    )
+    squares = np.array([np.sum(np.square(sample.lens)) for sample in samples])
+    assert np.sort(squares) == pytest.approx((np.arange(count) + 0.5) / count)
+    quarters = squares.reshape(4, -1)
+    assert np.abs(quarters.mean(1) - 0.5).max() < 0.2
+    assert quarters.min(1).max() < 0.45
+    assert quarters.max(1).min() > 0.55
+
+
 def test_a_point_in_focus_is_at_the_same_pixel_through_every_point_of_the_lens():
     camera = Camera(np.array([[66.7, 0, 24], [0, 66.7, 32], [0, 0, 1]]), np.eye(4), (48, 64))
     beside = camera_of_sample(camera, Lens(0.02, 0.5), ExposureSample(0.0, (0.6, -0.3)))

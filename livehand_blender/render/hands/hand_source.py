@@ -9,6 +9,7 @@ import bpy
 
 from ....backend.avatars.library import shipped_avatar_path
 from ....backend.avatars.session import Device, Session
+from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import HandRenderer
 from ....backend.rendering.grade import Grade
 
@@ -27,6 +28,14 @@ class HandSource:
             LiveHandError: a file or a package is missing, or they do not fit together.
         """
         return session.renderer(self.avatar_path, session.hand(self.model_path), device)
+
+
+def load_for(name: str, source: HandSource, session: Session, device: Device) -> HandRenderer:
+    """The renderer of the hand of this name, with which an error begins; raises as `HandSource.renderer`."""
+    try:
+        return source.renderer(session, device)
+    except LiveHandError as error:
+        raise LiveHandError(f"'{name}' cannot be rendered: {error}") from error
 
 
 def hand_source(armature: bpy.types.Object) -> HandSource:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -42,11 +42,13 @@ class ViewportRequest:
         hands: that the view shows.
         camera: of the view at full size.
         to_working_space: [3, 3], from linear Rec.709 (`rec709_to_working_space`).
+        foreground: [T, 3, 3] triangles of the scene that may hide the hands (`read_foreground`).
     """
 
     hands: tuple[ViewportHand, ...]
     camera: Camera
     to_working_space: np.ndarray
+    foreground: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
@@ -62,7 +64,10 @@ class ViewportRequest:
         if not frames:
             return None
         graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
-        return viewport_image(joined(visible_parts(graded_frames)), scale, self.to_working_space)
+        from ....backend.rendering.scene_depth import scene_depth  # torch, which a renderer has imported already
+
+        depth = scene_depth(self.foreground, camera) if len(self.foreground) else None
+        return viewport_image(joined(visible_parts(graded_frames, depth)), scale, self.to_working_space)
 
 
 def viewport_image(frame: Frame, scale: float, to_working_space: np.ndarray) -> ViewportImage | None:

@@ -27,11 +27,17 @@ class RedrawTimer:
         if not bpy.app.timers.is_registered(self._callback):
             bpy.app.timers.register(self._callback, first_interval=_INTERVAL_S)
 
+    def update_meshes(self) -> None:
+        """Let Cycles read the hands' meshes again, which it sees only while no image stands for them."""
+        if not bpy.app.timers.is_registered(_tag_meshes):
+            bpy.app.timers.register(_tag_meshes, first_interval=_INTERVAL_S)
+
     def stop(self) -> None:
-        """Remove the timer."""
+        """Remove the timers."""
         self._engines.clear()
-        if bpy.app.timers.is_registered(self._callback):
-            bpy.app.timers.unregister(self._callback)
+        for callback in (self._callback, _tag_meshes):
+            if bpy.app.timers.is_registered(callback):
+                bpy.app.timers.unregister(callback)
 
     def _tick(self) -> float | None:
         for view, reference in list(self._engines.items()):
@@ -46,3 +52,10 @@ class RedrawTimer:
             engine.tag_redraw()
         if not is_busy:
             del self._engines[view]
+
+
+def _tag_meshes() -> None:
+    """In Blender's main loop: a drawing callback must not tag anything."""
+    for thing in bpy.data.objects:
+        if thing.livehand.is_hand and thing.livehand.mesh is not None:
+            thing.livehand.mesh.update_tag()

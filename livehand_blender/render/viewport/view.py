@@ -64,7 +64,7 @@ def region_camera(view: bpy.types.RegionView3D, size_px: tuple[int, int]) -> Cam
     projection = np.array(view.window_matrix, np.float64)
     if projection[3, 3] != 0:
         remedy = "set the camera's lens type to Perspective" if view.view_perspective == "CAMERA" else "press Numpad 5"
-        raise LiveHandError(f"the hand is shown in perspective views only, this one is orthographic; {remedy}")
+        raise LiveHandError(f"orthographic views show the hand's mesh; to see it rendered, {remedy}")
     half_width, half_height = size_px[0] / 2, size_px[1] / 2
     K = np.array(
         [

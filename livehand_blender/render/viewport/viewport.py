@@ -6,10 +6,13 @@ import logging
 from functools import partial
 
 import bpy
+import numpy as np
 
+from ....backend.records.camera import Camera
 from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import is_equal
 from ...scene.colour import rec709_to_working_space
+from ...scene.foreground import read_foreground
 from .draw import ImageTexture, draw_message
 from .image import ViewportRequest
 from .shared import ViewportShared
@@ -30,7 +33,11 @@ def viewport_of(engine) -> Viewport:
 
 
 class Viewport:
-    """One 3D view. The engine that Blender makes for the view owns it; it keeps no reference to Blender's objects."""
+    """One 3D view. The engine that Blender makes for the view owns it; it keeps no reference to Blender's objects.
+
+    Attributes:
+        has_image: whether the hands are drawn; if not, their meshes stand for them in Cycles' preview.
+    """
 
     def __init__(self, shared: ViewportShared):
         self._shared = shared
@@ -38,10 +45,14 @@ class Viewport:
         self._problem = ""  # why the hands cannot be read
         self._submitted: tuple[ViewportRequest, tuple[float, ...]] | None = None
         self._texture: ImageTexture | None = None
+        self.has_image = False
+        self._is_empty = False  # the newest image shows no hand
+        self._foreground: tuple[Camera, np.ndarray] | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Read the hands."""
+        self._foreground = None
         try:
             self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph), ""
         except Exception as error:
@@ -52,24 +63,44 @@ class Viewport:
         message = self._problem
         if not message:
             try:
-                message = self._draw_view(engine, context, read_view(context, depsgraph))
+                message = self._draw_view(engine, context, depsgraph, read_view(context, depsgraph))
             except Exception as error:  # raised to Blender, it would keep the engine alive, and Cycles would crash
                 message = _message_of(error)
+        has_image = not message and (self._texture is not None or self._is_empty)
+        if has_image != self.has_image:
+            self.has_image = has_image
+            self._shared.timer.update_meshes()
         if message:
             draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
 
-    def _draw_view(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, view: RegionView | None) -> str:
+    def _draw_view(
+        self,
+        engine: bpy.types.RenderEngine,
+        context: bpy.types.Context,
+        depsgraph: bpy.types.Depsgraph,
+        view: RegionView | None,
+    ) -> str:
         """Draw the newest image; returns the message to draw with it."""
         if view is None:
             return ""
-        self._submit(engine, view, _scales(view, context))
+        self._submit(engine, depsgraph, view, _scales(view, context))
         self._receive()
         if self._texture:
             self._texture.draw(view.rectangle, context.region.height)
         return self._message
 
-    def _submit(self, engine: bpy.types.RenderEngine, view: RegionView, scales: tuple[float, ...]) -> None:
-        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space())
+    def _submit(
+        self,
+        engine: bpy.types.RenderEngine,
+        depsgraph: bpy.types.Depsgraph,
+        view: RegionView,
+        scales: tuple[float, ...],
+    ) -> None:
+        if self._foreground is None or not is_equal(self._foreground[0], view.camera):
+            places = {hand.place for hand in self._hands}
+            vertices = [hand.vertices for hand in self._hands]
+            self._foreground = view.camera, read_foreground(depsgraph, view.camera, vertices, places)
+        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), self._foreground[1])
         if self._submitted and is_equal((request, scales), self._submitted):
             return
         if self._submitted is None and self._hands:
@@ -83,6 +114,7 @@ class Viewport:
         if outcome is not None:
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
+            self._is_empty = not outcome.error and not outcome.value
 
 
 def _scales(view: RegionView, context: bpy.types.Context) -> tuple[float, ...]:

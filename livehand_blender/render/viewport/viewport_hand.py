@@ -12,20 +12,21 @@ from ....backend.records.camera import Camera
 from ....backend.records.shot import HandPose, Shot
 from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
-from ...rig.hand import mesh_of
-from ...rig.pose import read_hand_pose
 from ...scene.light import SceneLight, read_hand_lights
-from ...scene.shot import visible_hands, world_vertices
-from ..hands.hand_source import HandSource, hand_source, read_device, read_grade
+from ...scene.seen_hands import Place, SeenHand, visible_hands
+from ...scene.shot import seen_pose, seen_vertices
+from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
 @dataclass(frozen=True)
 class ViewportHand:
-    """One hand: its files, device, grade and pose, and its posed vertices [V, 3] in the world, m.
+    """One hand: its name, its mesh's place, files, device, grade and pose; its posed vertices [V, 3] in the world, m.
 
     Its light is the scene's; None: that of its avatar's capture.
     """
 
+    name: str
+    place: Place
     source: HandSource
     device: Device
     grade: Grade
@@ -34,8 +35,8 @@ class ViewportHand:
     light: SceneLight | None = None
 
     def task(self, session: Session, camera: Camera) -> HandTask:
-        """The task of rendering the hand; loads its avatar, and raises as `HandSource.renderer`."""
-        renderer = self.source.renderer(session, self.device)
+        """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
+        renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         return HandTask(renderer, Shot(self.pose, self.vertices, camera, light))
 
@@ -47,16 +48,23 @@ def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsg
         LiveHandError: a hand lacks its mesh or a bone, or is not finite, or the world cannot be read.
     """
     device = read_device(depsgraph.scene)
-    shown = [hand for hand in visible_hands(depsgraph) if mesh_of(hand.original).visible_in_viewport_get(space)]
+    shown = [hand for hand in visible_hands(depsgraph) if _is_in(space, hand)]
     lights = read_hand_lights(depsgraph, shown, is_final=False)
     return tuple(
         ViewportHand(
-            hand_source(hand),
+            hand.name,
+            hand.place,
+            hand_source(hand.armature),
             device,
-            read_grade(hand),
-            read_hand_pose(hand, depsgraph),
-            world_vertices(mesh_of(hand.original).evaluated_get(depsgraph)),
+            read_grade(hand.armature.evaluated_get(depsgraph)),
+            seen_pose(hand, depsgraph),
+            seen_vertices(hand, depsgraph),
             lights.get(hand.name),
         )
         for hand in shown
     )
+
+
+def _is_in(space: bpy.types.SpaceView3D, hand: SeenHand) -> bool:
+    """Whether a view shows it; in local view, instances follow what makes them."""
+    return bool(hand.place.instancer) or hand.mesh.visible_in_viewport_get(space)

@@ -1,0 +1,105 @@
+"""A fingertip target that is grabbed takes its finger along: while it is moved with IK off, IK is turned on.
+
+A cancelled move turns it off again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, NamedTuple
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ...backend.hand.bones import FINGERS
+from ..rig.fingertips import has_fingertip_targets
+from ..rig.hand import RiggedHand, active_hand
+from ..rig.keyframes import key_finger
+
+_INTERVAL_S = 0.1
+
+
+class Grabbed(NamedTuple):
+    """A finger whose IK was turned on while its target is moved, and the name of its hand."""
+
+    hand: str
+    finger: str
+
+
+def grab_targets(hand: RiggedHand, selected: Iterable[str]) -> list[Grabbed]:
+    """Turn IK on for the fingers whose targets are among the selected bones and whose IK is off."""
+    selected, grabbed = set(selected), []
+    for finger in FINGERS:
+        target, controls = hand.target(finger), getattr(hand.properties, finger)
+        if target.name in selected and controls.ik == 0:
+            grabbed.append(Grabbed(hand.armature.name, finger))
+            controls.ik = 1.0
+    if grabbed:
+        hand.armature.update_tag()
+    return grabbed
+
+
+def release_targets(grabbed: Iterable[Grabbed], is_cancelled: bool) -> None:
+    """Turn IK off again after a cancelled move; after another, key it if automatic keying is on."""
+    for one in grabbed:
+        armature = bpy.data.objects.get(one.hand)
+        if armature is None:
+            continue
+        hand = RiggedHand.of(armature)
+        if is_cancelled:
+            getattr(hand.properties, one.finger).ik = 0.0
+            armature.update_tag()
+        elif bpy.context.scene.tool_settings.use_keyframe_insert_auto:
+            key_finger(hand, one.finger, bpy.context.scene.frame_current)
+
+
+class _Move:
+    """The move that runs, if it is one of targets: the fingers whose IK it turned on, and the operation before it."""
+
+    grabbed: ClassVar[list[Grabbed]] = []
+    last_operation = 0
+
+
+@persistent
+def _look(*_) -> None:
+    """After each change of the file."""
+    armature = active_hand(bpy.context) if not _Move.grabbed and _is_transforming() else None
+    if armature is not None and armature.mode == "POSE" and has_fingertip_targets(armature):
+        bones = [bone.name for bone in bpy.context.selected_pose_bones or ()]
+        _Move.grabbed, _Move.last_operation = grab_targets(RiggedHand.of(armature), bones), _last_operation()
+        if _Move.grabbed:
+            bpy.app.timers.register(_wait, first_interval=_INTERVAL_S)
+
+
+def _wait() -> float | None:
+    if _is_transforming():
+        return _INTERVAL_S
+    grabbed, _Move.grabbed = _Move.grabbed, []
+    release_targets(grabbed, is_cancelled=_last_operation() == _Move.last_operation)
+    return None
+
+
+def _last_operation() -> int:
+    operations = bpy.context.window_manager.operators
+    return operations[-1].as_pointer() if operations else 0
+
+
+def _is_transforming() -> bool:
+    windows = bpy.context.window_manager.windows
+    return any(
+        operator.bl_idname.startswith("TRANSFORM_OT_") for window in windows for operator in window.modal_operators
+    )
+
+
+def watch_targets() -> None:
+    """Turn IK on when targets are grabbed, from now on."""
+    if not bpy.app.background and "modal_operators" in bpy.types.Window.bl_rna.properties:
+        bpy.app.handlers.depsgraph_update_post.append(_look)
+
+
+def stop_watching() -> None:
+    """Undo `watch_targets`."""
+    if _look in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_look)
+    if bpy.app.timers.is_registered(_wait):
+        bpy.app.timers.unregister(_wait)

@@ -1,0 +1,114 @@
+"""Copies and deletions of a hand take its mesh along, which cannot be selected itself."""
+
+import bpy
+import pytest
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
+from livehand.livehand_blender.rig.pose import write_hand_pose
+
+
+def select(*things):
+    for thing in bpy.context.view_layer.objects:
+        thing.select_set(thing in things)
+
+
+def meshes():
+    return [thing for thing in bpy.data.objects if thing.type == "MESH" and thing.users_scene]
+
+
+def updated():
+    bpy.context.view_layer.update()
+
+
+@pytest.fixture
+def matches(evaluated_vertices, backend_vertices, model):
+    def check(hand, pose):
+        return abs(evaluated_vertices(hand) - backend_vertices(model, pose)).max() < 1e-5
+
+    return check
+
+
+def test_the_mesh_cannot_be_selected(hand):
+    select(hand, mesh_of(hand))
+    assert bpy.context.selected_objects == [hand]
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_copied_armature_gets_a_mesh_of_its_own(hand, model, random_pose, matches, linked):
+    updated()
+    select(hand)
+    bpy.ops.object.duplicate(linked=linked)
+    updated()
+    (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
+    assert mesh_of(copy) != mesh_of(hand)
+    assert mesh_of(copy).hide_select
+    poses = [random_pose(seed, model.side) for seed in (1, 2)]
+    for one, pose in zip((hand, copy), poses, strict=True):
+        write_hand_pose(RiggedHand.of(one), pose)
+    assert matches(hand, poses[0])
+    assert matches(copy, poses[1])
+    assert len(meshes()) == 2
+
+
+def test_a_copy_of_a_copy_and_of_both_objects_has_one_mesh(hand):
+    mesh_of(hand).hide_select = False
+    updated()
+    select(hand, mesh_of(hand))
+    bpy.ops.object.duplicate()
+    updated()
+    assert len(meshes()) == 2
+    (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
+    mesh_of(copy).hide_select = True
+    select(copy)
+    bpy.ops.object.duplicate()
+    updated()
+    hands = find_hands(bpy.context.scene)
+    assert len({mesh_of(one).name for one in hands}) == len(hands) == 3
+
+
+def test_a_deleted_armature_takes_its_mesh_along(hand):
+    updated()
+    select(hand)
+    bpy.ops.object.duplicate()
+    updated()
+    (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
+    select(copy)
+    bpy.ops.object.delete()
+    updated()
+    assert meshes() == [mesh_of(hand)]
+    select(hand)
+    bpy.ops.object.delete()
+    updated()
+    assert not meshes()
+    assert not find_hands(bpy.context.scene)
+
+
+def test_a_mesh_that_may_be_selected_stays(hand):
+    mesh = mesh_of(hand)
+    mesh.hide_select = False
+    updated()
+    bpy.data.objects.remove(hand)
+    updated()
+    assert meshes() == [mesh]
+
+
+def test_undo_brings_the_whole_hand_back(hand):
+    updated()
+    bpy.ops.ed.undo_push(message="Add hand")
+    select(hand)
+    bpy.ops.object.delete()
+    bpy.ops.ed.undo_push(message="Delete")
+    updated()
+    assert not meshes()
+    bpy.ops.ed.undo()
+    (back,) = find_hands(bpy.context.scene)
+    assert mesh_of(back).parent == back
+
+
+def test_old_hands_stay_as_they_are(hand):
+    mesh = mesh_of(hand)
+    mesh.hide_select = mesh.livehand.is_skin = False
+    updated()
+    select(hand)
+    bpy.ops.object.duplicate()
+    updated()
+    assert meshes() == [mesh]
