@@ -126,12 +126,12 @@ def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureV
 
 
 def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]:
-    from .distances import lpips_distance, vgg19_distance
+    from .distances import lpips_distances, vgg19_distance
 
     found = [vgg19_distance(args.perceptual_weights, device)] if args.perceptual_weights else []
     if args.lpips_weights:
         network, heads = args.lpips_weights
-        found.append(lpips_distance(network, heads, device))
+        found += lpips_distances(network, heads, device)
     return found
 
 
