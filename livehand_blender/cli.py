@@ -20,6 +20,7 @@ from ..backend.captures.importers.transforms_command import COMMAND as IMPORT_TR
 from ..backend.captures.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
+from ..backend.comparison.command import COMMAND as COMPARE
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
@@ -107,6 +108,7 @@ COMMANDS: dict[str, Command] = {
         ),
         TRAIN,
         EVALUATE,
+        COMPARE,
         BENCHMARK,
         SHEET,
         INSPECT,

@@ -97,6 +97,13 @@ def scored_views(
             yield ScoredView(score, truth, image)
 
 
+def spaced_views(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
+    """At most `most` of the views, evenly spaced."""
+    if most is None or len(views) <= most:
+        return views
+    return [views[index * len(views) // most] for index in range(most)]
+
+
 def read_truth(capture: Capture, view: CaptureView) -> np.ndarray:
     """[H, W, 4] of a view, premultiplied: linear colours of a lit capture, encoded ones of another."""
     return capture.read_linear(view) if capture.is_lit else capture.read_image(view)

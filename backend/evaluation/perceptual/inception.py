@@ -92,18 +92,18 @@ class _BlockB(_Block):
 
 class _BlockC(_Block):
     def __init__(self, inputs: int, width: int):
-        conv, row, column = BasicConv2d, {"side": (1, 7), "padding": (0, 3)}, {"side": (7, 1), "padding": (3, 0)}
+        conv = BasicConv2d
         super().__init__(
             {
                 "branch1x1": conv(inputs, 192, 1),
                 "branch7x7_1": conv(inputs, width, 1),
-                "branch7x7_2": conv(width, width, **row),
-                "branch7x7_3": conv(width, 192, **column),
+                "branch7x7_2": conv(width, width, side=(1, 7), padding=(0, 3)),
+                "branch7x7_3": conv(width, 192, side=(7, 1), padding=(3, 0)),
                 "branch7x7dbl_1": conv(inputs, width, 1),
-                "branch7x7dbl_2": conv(width, width, **column),
-                "branch7x7dbl_3": conv(width, width, **row),
-                "branch7x7dbl_4": conv(width, width, **column),
-                "branch7x7dbl_5": conv(width, 192, **row),
+                "branch7x7dbl_2": conv(width, width, side=(7, 1), padding=(3, 0)),
+                "branch7x7dbl_3": conv(width, width, side=(1, 7), padding=(0, 3)),
+                "branch7x7dbl_4": conv(width, width, side=(7, 1), padding=(3, 0)),
+                "branch7x7dbl_5": conv(width, 192, side=(1, 7), padding=(0, 3)),
                 "branch_pool": conv(inputs, 192, 1),
             }
         )
@@ -135,17 +135,17 @@ class _BlockD(_Block):
 
 class _BlockE(_Block):
     def __init__(self, inputs: int, pool: Callable[[Tensor], Tensor]):
-        conv, row, column = BasicConv2d, {"side": (1, 3), "padding": (0, 1)}, {"side": (3, 1), "padding": (1, 0)}
+        conv = BasicConv2d
         super().__init__(
             {
                 "branch1x1": conv(inputs, 320, 1),
                 "branch3x3_1": conv(inputs, 384, 1),
-                "branch3x3_2a": conv(384, 384, **row),
-                "branch3x3_2b": conv(384, 384, **column),
+                "branch3x3_2a": conv(384, 384, side=(1, 3), padding=(0, 1)),
+                "branch3x3_2b": conv(384, 384, side=(3, 1), padding=(1, 0)),
                 "branch3x3dbl_1": conv(inputs, 448, 1),
                 "branch3x3dbl_2": conv(448, 384, 3, padding=1),
-                "branch3x3dbl_3a": conv(384, 384, **row),
-                "branch3x3dbl_3b": conv(384, 384, **column),
+                "branch3x3dbl_3a": conv(384, 384, side=(1, 3), padding=(0, 1)),
+                "branch3x3dbl_3b": conv(384, 384, side=(3, 1), padding=(1, 0)),
                 "branch_pool": conv(inputs, 192, 1),
             }
         )
