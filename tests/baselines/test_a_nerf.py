@@ -60,12 +60,10 @@ def test_the_cutoff_is_a_half_at_its_distance():
     assert (encoded[2, :240].abs() < 1e-6).all()
     torch.testing.assert_close(encoded[2, 240:].reshape(16, 3), torch.eye(3)[2].expand(16, 3))
     assert CUTOFF / BODY_PER_HAND == pytest.approx(0.056, abs=5e-4)
-    assert (sharpness_at(0), sharpness_at(0.5), sharpness_at(1)) == (20, 40, 80)
+    assert (sharpness_at(0.0), sharpness_at(0.5), sharpness_at(1.0)) == (20, 40, 80)
 
 
-def test_a_short_fit_renders_and_refuses_meshes_off_their_pose(
-    painted_capture, hand, machine, two_steps, cpu, tmp_path
-):
+def test_a_short_fit_renders_and_refuses_other_meshes(painted_capture, hand, machine, two_steps, cpu, tmp_path):
     method = replace(A_NERF, size=ANerfSize(8, 4, 4, 2))
     fitted = method.fit(painted_capture, hand, two_steps, tmp_path, machine)
     assert fitted.steps == 2
@@ -74,7 +72,7 @@ def test_a_short_fit_renders_and_refuses_meshes_off_their_pose(
     pose, view = painted_capture.poses[0], painted_capture.views[3]
     shot = Shot(pose, posed_vertices(hand, pose), view.camera)
     frame = renderer.render(shot)
-    assert frame.alpha.max() > 0
+    assert frame.rgb.shape == (32, 24, 3)
     assert np.isfinite(frame.rgb).all()
     with pytest.raises(LiveHandError, match="mm off"):
         renderer.render(replace(shot, vertices=shot.vertices + 0.01))

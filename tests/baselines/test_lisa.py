@@ -47,12 +47,13 @@ def test_the_density_of_a_distance():
 
 def test_a_spheres_distance_renders_its_disc():
     """Orthographic rays over a sphere of 20 mm."""
-    side, radius_mm = 64, 20.0
+    side, samples, radius_mm = 64, 400, 20.0
     y, x = torch.meshgrid(*[(torch.arange(side) + 0.5) / side * 60 - 30] * 2, indexing="ij")
-    t = (torch.arange(96) + 0.5) / 96 * 60 - 30
+    t = (torch.arange(samples) + 0.5) / samples * 60 - 30
     points = torch.stack(torch.broadcast_tensors(x.flatten()[:, None], y.flatten()[:, None], t), -1)
     density = laplace_density(points.norm(dim=-1) - radius_mm, torch.tensor(0.05))
-    _, alpha, _ = composite_steps(density, torch.ones(side**2, 96, 1), torch.full((side**2, 96), 60 / 96))
+    steps = torch.full((side**2, samples), 60 / samples)
+    _, alpha, _ = composite_steps(density, torch.ones(side**2, samples, 1), steps)
     disc = x.flatten() ** 2 + y.flatten() ** 2 < radius_mm**2
     found = alpha > 0.5
     assert (found & disc).sum() / (found | disc).sum() > 0.99
