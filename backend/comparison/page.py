@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..evaluation.report import write_text
+from .curves import svg_curves
 from .published import CONCEPTUAL, PUBLISHED, TITLES
 
 Better = Literal["high", "low", ""]
 _PAPER = "P: "
 
 # Key of a figure, heading, digits, factor, what is better.
-_COLUMNS: tuple[tuple[str, str, int, float, Better], ...] = (
+_COLUMNS: tuple[tuple[str, str, int, float | int, Better], ...] = (
     ("images", "n", 0, 1, ""),
     ("psnr_full", "PSNR dB", 2, 1, "high"),
     ("psnr_hand", "PSNR hand", 2, 1, "high"),
@@ -66,7 +67,7 @@ class Line:
 
     name: str
     label: str
-    figures: Mapping[str, float]
+    figures: Mapping[str, float | int]
     notes: str
 
 
@@ -99,6 +100,15 @@ class Table:
             values = [_scaled(line.figures.get(key), factor) for line in self.lines]
             columns.append(_marked(values, digits, better))
         return [heading, *(list(row) for row in zip(*columns, strict=True))]
+
+    def curves(self) -> str:
+        """Of the misfit: each method's loss over the noise, as SVG; else empty."""
+        series: dict[str, list[tuple[float, float]]] = {}
+        for line in self.lines:
+            name, _, level = line.name.partition("@")
+            if level.endswith("mm") and "gap_db" in line.figures:
+                series.setdefault(name, []).append((float(level.removesuffix("mm")), line.figures["gap_db"]))
+        return svg_curves(series, "noise on landmarks, mm an axis", "PSNR of the hand, dB")
 
     def _published(self) -> list[tuple[str, list[str]]]:
         if self.key == "misfit" or self.split != "novel_pose":
@@ -148,7 +158,8 @@ class Page:
         """The page as one HTML file without scripts."""
         parts = [f"<h1>The paper's tables, on this capture</h1>{_list(self._facts())}"]
         for table in self.tables:
-            parts += [f"<h2>{html.escape(table.title)}</h2>", _html_table(table.cells()), _list(self._notes(table))]
+            parts += [f"<h2>{html.escape(table.title)}</h2>", _html_table(table.cells()), table.curves()]
+            parts.append(_list(self._notes(table)))
         parts += ["<h2>Conceptual comparison (table 1)</h2>", _html_table(_conceptual())]
         parts += [_list([*_FOOTNOTES, *self.remarks])]
         return f"<!doctype html>\n<meta charset='utf-8'>\n<style>{_STYLE}</style>\n" + "\n".join(parts) + "\n"
@@ -194,8 +205,8 @@ def _conceptual() -> list[list[str]]:
     return [heading, *([name, *("yes" if has else "no" for has in features)] for name, *features in CONCEPTUAL)]
 
 
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None or not isfinite(value) else value * factor
+def _scaled(value: float | int | None, factor: float | int) -> float | None:
+    return None if value is None or not isfinite(value) else float(value * factor)
 
 
 def _marked(values: Sequence[float | None], digits: int, better: Better) -> list[str]:
@@ -230,5 +241,5 @@ def _list(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(line.removeprefix('- '))}</li>" for line in lines) + "</ul>"
 
 
-def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+def _finite(figures: Mapping[str, float | int]) -> dict[str, float | int | None]:
     return {key: value if isfinite(value) else None for key, value in figures.items()}

@@ -22,7 +22,15 @@ from . import misfit
 from .misfit import Misfit
 from .published import TITLES
 
-METHODS: tuple[Method, ...] = (MESH_WRAPPING, MESH_TEXTURE, SMPLPIX, A_NERF, LISA, HIERARCHICAL, *AVATAR_ROWS, REFINED)
+_AVATARS = {row.name: row for row in (*AVATAR_ROWS, REFINED)}
+METHODS: tuple[Method, ...] = (
+    *(MESH_WRAPPING, MESH_TEXTURE, SMPLPIX, A_NERF, LISA),
+    *(_AVATARS[name] for name in ("xyz", "bones", "no_pose")),
+    HIERARCHICAL,
+    *(_AVATARS[name] for name in ("no_sr", "no_sr_patch", "no_sr_full", "bilinear")),
+    *(_AVATARS[name] for name in ("paper", "default", "default_refined")),
+)
+"""In the tables' order."""
 TABLES = tuple(TITLES)
 
 # Core-minutes of 2,000 steps on images of 167 x 256, evaluation included: estimates from counts of operations.

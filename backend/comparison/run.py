@@ -17,6 +17,7 @@ from typing import Any
 from ..baselines.method import Budget, Fitted, FittingMachine
 from ..captures.capture import Capture, Split
 from ..evaluation.report import scores_csv, write_text
+from ..evaluation.summary import Summary
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError
 from .grid import load_pictures, save_grids, save_pictures
@@ -34,7 +35,7 @@ class ComparisonPlan:
     """What is compared, and how.
 
     Attributes:
-        rows: that stand in the tables once they are done, in any order.
+        rows: that stand in the tables once they are done, in this order.
         wanted: names of those to fit now, of which cheap ones come first.
         budget: of each fit.
         splits: to measure.
@@ -89,8 +90,8 @@ class Comparison:
         self._machine, self._measures, self._say = machine, measures, say
         if not held_out_views(capture, plan.splits, plan.max_images):
             raise LiveHandError(f"capture {capture.folder} must have views of {', '.join(plan.splits)}, got none")
-        self._rows = sorted(plan.rows, key=self._cost)
-        self._wanted = [row for row in self._rows if row.name in plan.wanted]
+        self._rows = plan.rows
+        self._wanted = sorted((row for row in plan.rows if row.name in plan.wanted), key=self._cost)
         self._remarks: list[str] = []
 
     def run(self) -> Page:
@@ -246,7 +247,7 @@ class Comparison:
             found = {name: _with_gaps(lines) for name, lines in found.items()}
         return [Table(key, name, tuple(lines)) for name, lines in found.items()]
 
-    def _line(self, row: Row, record: dict[str, Any], summary: dict[str, float]) -> Line:
+    def _line(self, row: Row, record: dict[str, Any], summary: Summary) -> Line:
         fitted, speed = record["fitted"], _read(self.folder_of(row) / SPEED)
         figures = {**summary, "parameters_m": fitted["parameters"] / 1e6, "steps": fitted["steps"]}
         figures |= {"core_minutes": fitted["core_minutes"]}
