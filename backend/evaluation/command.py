@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -113,25 +112,20 @@ def _record(avatar: Avatar, summaries: dict[str, Summary], path: Path) -> None:
 
 
 def _views_of(capture: Capture, split: str, most: int | None) -> list[CaptureView]:
+    from .evaluate import spaced_views
+
     present = {view.split for view in capture.views}
     names = sorted(present - {"train"} if split == "held_out" else present) if split in _SEVERAL else [split]
-    return [view for name in names for view in _spaced(capture.of_split(name), most)]  # type: ignore[arg-type]
-
-
-def _spaced(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
-    """At most `most` views, evenly spaced."""
-    if most is None or len(views) <= most:
-        return views
-    return [views[index * len(views) // most] for index in range(most)]
+    return [view for name in names for view in spaced_views(capture.of_split(name), most)]  # type: ignore[arg-type]
 
 
 def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]:
-    from .distances import lpips_distance, vgg19_distance
+    from .distances import lpips_distances, vgg19_distance
 
     found = [vgg19_distance(args.perceptual_weights, device)] if args.perceptual_weights else []
     if args.lpips_weights:
         network, heads = args.lpips_weights
-        found.append(lpips_distance(network, heads, device))
+        found += lpips_distances(network, heads, device)
     return found
 
 

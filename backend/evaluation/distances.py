@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from .metrics import Similarity, mask_box
-from .perceptual.lpips import load_lpips
+from .perceptual.lpips import RangeMode, load_lpips
 from .perceptual.vgg import load_vgg_distance
 
 _MARGIN_PX = 16
@@ -34,14 +34,17 @@ def vgg19_distance(weights: Path, device: torch.device) -> Distance:
     return Distance("vgg19", load_vgg_distance(weights).to(device), device)
 
 
-def lpips_distance(weights: Path, heads: Path, device: torch.device) -> Distance:
-    """`lpips` if both files are the published ones, else `uncalibrated`: the same formula on images in [-1, 1].
+def lpips_distances(weights: Path, heads: Path, device: torch.device) -> list[Distance]:
+    """`lpips` if both files are the published ones, else `uncalibrated`: the same formula, on images in [-1, 1].
+
+    `..._reference` follows: on images in [0, 1], as the paper's authors measured.
 
     Raises:
         LiveHandError: a file is missing or of another network.
     """
-    distance = load_lpips(weights, heads).to(device)
-    return Distance("lpips" if distance.is_lpips else "uncalibrated", distance, device)
+    modes: tuple[tuple[RangeMode, str], ...] = ("standard", ""), ("reference", "_reference")
+    distances = [(load_lpips(weights, heads, mode).to(device), ending) for mode, ending in modes]
+    return [Distance(("lpips" if d.is_lpips else "uncalibrated") + ending, d, device) for d, ending in distances]
 
 
 @torch.inference_mode()

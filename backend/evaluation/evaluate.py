@@ -1,4 +1,4 @@
-"""Renders an avatar in the views of a capture and measures the difference."""
+"""Renders a hand in the views of a capture and measures the difference."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from .distances import Distance
 from .exposure import exposed, exposure_gain
 from .figures import view_figures
 from .posed_hands import PosedHands
+from .shot_renderer import ShotRenderer
 from .train_view_angle import train_view_angles_deg
 
 
@@ -49,7 +50,7 @@ class ScoredView(NamedTuple):
 
 
 def scored_views(
-    renderer: Renderer,
+    renderer: ShotRenderer,
     capture: Capture,
     views: Sequence[CaptureView],
     distances: Sequence[Distance] = (),
@@ -61,7 +62,7 @@ def scored_views(
     Each view of a lit capture is rendered in its own light and exposed by its truth (`exposure`).
 
     Args:
-        renderer: of the avatar.
+        renderer: of what is measured.
         capture: the ground truth.
         views: the capture's views to measure.
         distances: perceptual distances to measure too.
@@ -96,12 +97,19 @@ def scored_views(
             yield ScoredView(score, truth, image)
 
 
+def spaced_views(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:
+    """At most `most` of the views, evenly spaced."""
+    if most is None or len(views) <= most:
+        return views
+    return [views[index * len(views) // most] for index in range(most)]
+
+
 def read_truth(capture: Capture, view: CaptureView) -> np.ndarray:
     """[H, W, 4] of a view, premultiplied: linear colours of a lit capture, encoded ones of another."""
     return capture.read_linear(view) if capture.is_lit else capture.read_image(view)
 
 
-def rendered_pair(renderer: Renderer, shot: Shot, truth: np.ndarray, is_lit: bool) -> tuple[np.ndarray, np.ndarray]:
+def rendered_pair(renderer: ShotRenderer, shot: Shot, truth: np.ndarray, is_lit: bool) -> tuple[np.ndarray, np.ndarray]:
     """Truth and render of a shot [H, W, 4], encoded on black; of a lit capture both are exposed by the truth."""
     frame = renderer.render(shot)
     if not is_lit:
@@ -111,7 +119,7 @@ def rendered_pair(renderer: Renderer, shot: Shot, truth: np.ndarray, is_lit: boo
 
 
 def score_views(
-    renderer: Renderer, capture: Capture, views: Iterable[CaptureView], distances: Sequence[Distance] = ()
+    renderer: ShotRenderer, capture: Capture, views: Iterable[CaptureView], distances: Sequence[Distance] = ()
 ) -> list[ViewScore]:
     """The scores of all views that show the hand.
 

@@ -13,7 +13,7 @@ from ..geometry.mesh import Topology
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import MAP_PX, ShadowMapPoints, visibility_transfer
 from ..nerf.backend import Precision, RayRenderer
-from ..nerf.field import PaperField, PlaneField
+from ..nerf.field import MlpField, PlaneField
 from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
@@ -54,7 +54,7 @@ class NumbaBackend:
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 
-    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+    def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """As the protocol; the paper's field is traced by the kernels and queried by torch."""
         if isinstance(field, PlaneField):
             return FusedRayRenderer(field, config, precision)

@@ -17,7 +17,7 @@ from torch.nn.functional import softplus
 from ..geometry.mesh import Topology
 from ..geometry.uvh import SurfaceSamples
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
-from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PaperField, PlaneField
+from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, MlpField, PlaneField
 from ..nerf.rays import HandInView, SurfaceRays
 from ..nerf.shade import RayGeometry
 from ..nerf.shade import shade as shade_reference
@@ -52,7 +52,7 @@ class Samples(NamedTuple):
 
 
 def shade(
-    field: PaperField | PlaneField,
+    field: MlpField | PlaneField,
     rays: SurfaceRays,
     hand: HandInView,
     conditions: FrameConditions,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,12 @@ import torch
 from torch import nn
 
 from ..records.light import Sky
-from .field import BakedField, FieldConfig, PaperField, PlaneField
+from .bone_fields import BonesField
+from .field import BakedField, FieldConfig, MlpField, PaperField, PlaneField
 from .lit_field import LitField
 from .sampler import SamplerConfig
 from .superres import SuperResConfig, build_superres
+from .xyz_field import XyzField
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Avatar:
     hand_name: str
     hand_sha256: str
     config: AvatarConfig
-    field: PaperField | PlaneField
+    field: MlpField | PlaneField
     superres: nn.Module
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -68,10 +71,11 @@ class Avatar:
     sky: Sky | None = None
 
 
-def build_field(config: FieldConfig) -> PaperField | PlaneField:
+def build_field(config: FieldConfig) -> MlpField | PlaneField:
     """The field the configuration names, with fresh weights."""
-    if config.kind == "paper":
-        return PaperField()
+    kinds: dict[str, Callable[[bool], MlpField]] = {"paper": PaperField, "xyz": XyzField, "bones": BonesField}
+    if config.kind in kinds:
+        return kinds[config.kind](config.pose)
     return LitField(config) if config.light == "linear" else BakedField(config)
 
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.shadow_maps import LightViews, PointShadows
 from .conditions import FrameConditions
-from .field import PaperField, PlaneField
+from .field import MlpField, PlaneField
 from .light_samples import LightSamples
 from .lighting import LightFeatures, LightShadows, SurfacePoints
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
@@ -103,7 +103,7 @@ class RenderBackend(Protocol):
 
     def shade(
         self,
-        field: PaperField | PlaneField,
+        field: MlpField | PlaneField,
         rays: SurfaceRays,
         hand: HandInView,
         conditions: FrameConditions,
@@ -112,7 +112,7 @@ class RenderBackend(Protocol):
         """As `nerf.shade.shade`, with gradients to the weights and, if required, to the geometry."""
         ...
 
-    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+    def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """A renderer of this field; the field's weights must not change while it is used."""
         ...
 

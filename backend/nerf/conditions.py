@@ -30,6 +30,7 @@ class FieldInputs(NamedTuple):
         view: [R, 3] unit direction of each ray, world.
         theta: [48] the whole hand's axis-angle pose, rad.
         footprint_m: [S] width of a pixel at the sample, in the template's metres.
+        place: where the sample lies in space, for fields that ask for it.
     """
 
     uv: Tensor
@@ -41,6 +42,21 @@ class FieldInputs(NamedTuple):
     view: Tensor
     theta: Tensor
     footprint_m: Tensor
+    place: SamplePlaces | None = None
+
+
+class SamplePlaces(NamedTuple):
+    """S samples in space.
+
+    Attributes:
+        world: [S, 3] m.
+        in_bones: [S, 16, 3] in each bone's frame, in the template's metres; [S, 0, 3] where no field asks for it.
+        bone_weights: [S, 16] skinning weights of the surface point below; or [S, 0].
+    """
+
+    world: Tensor
+    in_bones: Tensor
+    bone_weights: Tensor
 
 
 def vertex_local_pose(theta: Float[Tensor, "16 3"], skinning: Skinning) -> Float[Tensor, "V 9"]:
@@ -64,11 +80,15 @@ class FrameConditions(NamedTuple):
         theta: [48] rad.
         vertex_channels: [V, 21] posed normal, local rotation (row-major) and local pose.
         visibility: [V, K] cosine-weighted visibility of the sky's directions.
+        bones: [16, 4, 4] bone frames to the world, for fields that look at bones; None: not known.
+        bone_weights: [V, 16] skinning weights; None with `bones`.
     """
 
     theta: Tensor
     vertex_channels: Tensor
     visibility: Tensor
+    bones: Tensor | None = None
+    bone_weights: Tensor | None = None
 
     @classmethod
     def of(

@@ -24,19 +24,29 @@ BUCKET_PX = 16
 
 @dataclass(frozen=True)
 class Crop:
-    """Upper left corner (may be negative) and size, in low-resolution pixels."""
+    """Upper left corner (may be negative) and size, in low-resolution pixels.
+
+    Attributes:
+        scale: pixels of the image per low-resolution pixel, along each side; 1 where every pixel has a ray.
+    """
 
     x0: int
     y0: int
     width: int
     height: int
+    scale: int = 2
+
+    @property
+    def full_size_px(self) -> tuple[int, int]:
+        """(width, height) in pixels of the image."""
+        return self.scale * self.width, self.scale * self.height
 
     def camera_of(self, camera: Camera) -> Camera:
         """The low-resolution camera of the crop."""
-        return camera.scaled(0.5).cropped(self.x0, self.y0, (self.width, self.height))
+        return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))
 
     def paste(self, values: np.ndarray, image: np.ndarray) -> None:
-        """Copy full-resolution crop values [2 height, 2 width, ...] into the image, in place."""
+        """Copy full-resolution crop values [2 height, 2 width, ...] (times `scale`) into the image, in place."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
         image[rows, columns] = values[inner_rows, inner_columns]
 
@@ -49,40 +59,42 @@ class Crop:
     def cut(self, image: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """The full-resolution crop [2 height, 2 width, ...] of an image; `outside` fills what lies beyond it."""
         rows, columns, inner_rows, inner_columns = self._overlap(image.shape[:2])
-        values = np.full((2 * self.height, 2 * self.width, *image.shape[2:]), outside, image.dtype)
+        width, height = self.full_size_px
+        values = np.full((height, width, *image.shape[2:]), outside, image.dtype)
         values[inner_rows, inner_columns] = image[rows, columns]
         return values
 
     def _overlap(self, shape: tuple[int, ...]) -> tuple[slice, slice, slice, slice]:
-        rows, inner_rows = _overlap_1d(2 * self.y0, 2 * self.height, shape[0])
-        columns, inner_columns = _overlap_1d(2 * self.x0, 2 * self.width, shape[1])
+        width, height = self.full_size_px
+        rows, inner_rows = _overlap_1d(self.scale * self.y0, height, shape[0])
+        columns, inner_columns = _overlap_1d(self.scale * self.x0, width, shape[1])
         return rows, columns, inner_rows, inner_columns
 
 
-def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig) -> Crop | None:
+def crop_of(mesh: PosedMesh, camera: Camera, config: SamplerConfig, scale: int = 2) -> Crop | None:
     """The crop of a posed hand and its shell; None if nothing of it is in view."""
     tensors = camera_tensors(camera, mesh.vertices.device)
     positions_px, depth = project(tensors, mesh.vertices)
     reach_px = tensors.K.diagonal()[:2].abs().amax() * config.shell_m * mesh.scale / depth
-    return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px)
+    return hand_crop(positions_px.cpu().numpy(), depth.cpu().numpy(), reach_px.cpu().numpy(), camera.size_px, scale)
 
 
 def hand_crop(
-    positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int]
+    positions_px: np.ndarray, depth: np.ndarray, reach_px: np.ndarray, size_px: tuple[int, int], scale: int = 2
 ) -> Crop | None:
     """The crop of projected vertices [V, 2], each extended by `reach_px` [V]; None if nothing is in view."""
     in_front = depth > NEAR_M
     if not in_front.any():
         return None
-    low, reach = positions_px[in_front] / 2, reach_px[in_front, None] / 2
-    limit = (np.array(size_px) + 1) // 2
+    low, reach = positions_px[in_front] / scale, reach_px[in_front, None] / scale
+    limit = (np.array(size_px) + scale - 1) // scale
     first = np.maximum(np.floor((low - reach).min(0)), 0)
     last = np.minimum(np.ceil((low + reach).max(0)), limit)
     if (last <= first).any():
         return None
     first, last = first.astype(int) - MARGIN_PX, last.astype(int) + MARGIN_PX
     width, height = (-(-(last - first) // BUCKET_PX) * BUCKET_PX).tolist()
-    return Crop(int(first[0]), int(first[1]), width, height)
+    return Crop(int(first[0]), int(first[1]), width, height, scale)
 
 
 def _overlap_1d(start: int, length: int, limit: int) -> tuple[slice, slice]:

@@ -34,8 +34,10 @@ RELIEF_GAIN = 0.25
 class FieldConfig:
     """Which field, and its size."""
 
-    kind: Literal["paper", "planes"] = "planes"
-    """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes."""
+    kind: Literal["paper", "planes", "xyz", "bones"] = "planes"
+    """`paper`: positional encoding and a 4 x 128 MLP, 92,577 parameters. `planes`: learned feature planes. The paper's
+    ablations: `xyz`, an MLP of places in the world (`nerf.xyz_field`), and `bones`, one of places in each bone's frame
+    (`nerf.bone_fields`)."""
     width: int = 192
     """Width of the decoder, which is queried once per ray."""
     density_width: int = 32
@@ -52,39 +54,64 @@ class FieldConfig:
     """`baked`: colours in the light of the capture. `linear`: coefficients for any light (`nerf.lit_field`)."""
 
 
-class PaperField(nn.Module):
+POSITION_OCTAVES, VIEW_OCTAVES = 10, 4
+"""Of the positional encodings of the paper's networks."""
+POSITION_INPUTS, VIEW_INPUTS = 3 * (1 + 2 * POSITION_OCTAVES), 3 * (1 + 2 * VIEW_OCTAVES)
+
+
+class MlpField(nn.Module):
+    """A field without planes: an MLP at every sample.
+
+    Attributes:
+        asks: which places of its samples it needs; `surface`: only those on the atlas.
+    """
+
+    asks: Literal["surface", "world", "bones"] = "surface"
+
+    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
+        """Empty: these fields have no input for self-shadowing."""
+        return visibility[:, :0]
+
+    def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
+        """Volume-rendered channels [R, 32], premultiplied; there are no planes to read."""
+        raise NotImplementedError
+
+
+class PaperField(MlpField):
     """The paper's MLP (supplement; sizes as published), in corrected units: h in units of the shell.
 
     The first layer's product with the pose is the same for all samples of a frame and is computed once.
     """
 
-    POSITION_OCTAVES, VIEW_OCTAVES, WIDTH = 10, 4, 128
+    WIDTH = 128
 
-    def __init__(self):
+    def __init__(self, has_pose: bool = True):
         super().__init__()
         width = self.WIDTH
-        self.position = nn.Linear(3 * (1 + 2 * self.POSITION_OCTAVES), width)
-        self.pose = nn.Linear(48, width, bias=False)
+        self.position = nn.Linear(POSITION_INPUTS, width)
+        self.pose = nn.Linear(48, width, bias=False) if has_pose else None
         self.trunk = nn.ModuleList(nn.Linear(width, width) for _ in range(3))
         self.density = nn.Linear(width, 1)
         self.bottleneck = nn.Linear(width, width)
-        self.view = nn.Linear(width + 3 * (1 + 2 * self.VIEW_OCTAVES), 64)
+        self.view = nn.Linear(width + VIEW_INPUTS, 64)
         self.channels = nn.Linear(64, CHANNELS)
 
-    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
-        """Empty: the paper's field has no input for self-shadowing."""
-        return visibility[:, :0]
-
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
-        """Volume-rendered channels [R, 32], premultiplied; this field has no planes to read."""
+        """As `MlpField`."""
+        sigma, channels = self.ask(inputs, steps.t.shape[1])
+        return composite(sigma, channels, steps)
+
+    def ask(self, inputs: FieldInputs, per_ray: int) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 32"]]:
+        """Density per mm and channels at samples, of which each ray has so many."""
         uvh = torch.cat([inputs.uv, inputs.height[:, None]], -1)
-        hidden = relu(self.position(positional_encoding(uvh, self.POSITION_OCTAVES)) + self.pose(inputs.theta))
+        first = self.position(positional_encoding(uvh, POSITION_OCTAVES))
+        hidden = relu(first + self.pose(inputs.theta) if self.pose is not None else first)
         for layer in self.trunk:
             hidden = relu(layer(hidden))
         sigma = _density(self.density(hidden)[:, 0], inputs.height)
-        view = positional_encoding(inputs.view, self.VIEW_OCTAVES).repeat_interleave(steps.t.shape[1], 0)
+        view = positional_encoding(inputs.view, VIEW_OCTAVES).repeat_interleave(per_ray, 0)
         seen = torch.cat([self.bottleneck(hidden), view], -1)
-        return composite(sigma, _channels(self.channels(relu(self.view(seen)))), steps)
+        return sigma, straight_channels(self.channels(relu(self.view(seen))))
 
 
 class PlaneField(nn.Module):
@@ -185,7 +212,7 @@ class BakedField(PlaneField):
         hidden = torch.cat([mean, view_features(normal, view)], -1)
         for layer in self.trunk:
             hidden = relu(layer(hidden), inplace=True)
-        return gathered._replace(channels=_channels(self.channels(hidden)) * gathered.alpha[:, None])
+        return gathered._replace(channels=straight_channels(self.channels(hidden)) * gathered.alpha[:, None])
 
 
 def mean_features(gathered: Composite) -> Float[Tensor, "R K"]:
@@ -206,6 +233,11 @@ def _density(logit: Tensor, height: Tensor) -> Tensor:
     return softplus(logit.float() + PRIOR_SLOPE * height + PRIOR_OFFSET)
 
 
-def _channels(raw: Tensor) -> Tensor:
+def density_without_height(logit: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
+    """Density per mm of fields that do not know the height: the prior has only its offset."""
+    return softplus(logit.float() + PRIOR_OFFSET)
+
+
+def straight_channels(raw: Tensor) -> Tensor:
     """Colour through a sigmoid; features as they are."""
     return torch.cat([raw[:, :3].sigmoid(), raw[:, 3:]], -1)

@@ -12,6 +12,7 @@ from torch import Tensor
 from ..records.depth_profile import DepthProfile
 from .crop import MARGIN_PX, Crop
 from .rays import RenderedRays
+from .superres import NoSuperRes
 from .volume import Composite
 
 
@@ -28,8 +29,13 @@ def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> D
 def image_of(
     superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int]
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
-    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand), at twice `size_px`."""
+    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand), at twice `size_px`.
+
+    Without super-resolution, at `size_px` itself.
+    """
     maps, depth = low_resolution_maps(low, pixel, size_px)
+    if isinstance(superres, NoSuperRes):
+        return superres(maps[None])[0], depth
     return enlarge_maps(superres, maps), depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
 
 

@@ -10,7 +10,7 @@ from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, in_precision
 from .conditions import FrameConditions
-from .field import PaperField, PlaneField
+from .field import MlpField, PlaneField
 from .lighting import light_features
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
@@ -33,7 +33,7 @@ class ReferenceBackend:
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 
-    def ray_renderer(self, field: PaperField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
+    def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """As the protocol."""
         return ChunkedRayRenderer(self, field, config, precision)
 
@@ -43,7 +43,7 @@ class ChunkedRayRenderer:
     """Traces all rays with a backend, then shades them in chunks of `samples_per_chunk`, which bounds memory."""
 
     backend: RenderBackend
-    field: PaperField | PlaneField
+    field: MlpField | PlaneField
     config: SamplerConfig
     precision: Precision = "fp32"
     samples_per_chunk: int = 65536

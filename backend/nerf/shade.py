@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from .conditions import FrameConditions, gather_field_inputs
+from ..geometry.bones import points_in_bones
+from ..geometry.uvh import interpolate
+from .conditions import FrameConditions, SamplePlaces, gather_field_inputs
 from .encoding import FeaturePlane, PlaneReader
-from .field import PaperField, PlaneField
-from .rays import HandInView, SurfaceRays
+from .field import MlpField, PlaneField
+from .rays import HandInView, SurfaceRays, ray_origin
 from .volume import Composite, Steps
 
 
@@ -36,7 +38,7 @@ class RayGeometry(NamedTuple):
 
 
 def shade(
-    field: PaperField | PlaneField,
+    field: MlpField | PlaneField,
     rays: SurfaceRays,
     hand: HandInView,
     conditions: FrameConditions,
@@ -47,4 +49,15 @@ def shade(
     steps, view, footprint_m = RayGeometry.of(rays, hand)
     light = field.light_code(conditions.visibility)
     inputs = gather_field_inputs(rays.samples, hand.topology, conditions, light, view, footprint_m, shell_m)
+    if isinstance(field, MlpField) and field.asks != "surface":
+        inputs = inputs._replace(place=_places(rays, hand, conditions, field.asks == "bones"))
     return field(inputs, steps, read_plane)
+
+
+def _places(rays: SurfaceRays, hand: HandInView, conditions: FrameConditions, in_bones: bool) -> SamplePlaces:
+    """Where the samples lie in space."""
+    points = (ray_origin(hand.camera) + rays.t[..., None] * rays.directions[:, None, :]).flatten(0, 1)
+    if not in_bones or conditions.bones is None or conditions.bone_weights is None:
+        return SamplePlaces(points, points.new_zeros(len(points), 0, 3), points.new_zeros(len(points), 0))
+    weights = interpolate(conditions.bone_weights, hand.topology, rays.samples)
+    return SamplePlaces(points, points_in_bones(points, conditions.bones) / hand.mesh.scale, weights)

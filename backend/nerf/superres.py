@@ -6,6 +6,7 @@ pixel grids share their corners: low-resolution pixel (i, j) covers the full-res
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,9 +29,10 @@ LIT_DETAIL = COEFFICIENTS - SMOOTH + 3 + 1
 class SuperResConfig:
     """Which network, and its size."""
 
-    kind: Literal["paper", "light", "lit"] = "light"
+    kind: Literal["paper", "light", "lit", "bilinear", "none"] = "light"
     """`paper`: the published blocks, 128 and 64 wide, with their constant modulation folded in. `light`: plain
-    convolutions at low resolution and a pixel shuffle. `lit`: the same for the coefficients of a relightable field."""
+    convolutions at low resolution and a pixel shuffle. `lit`: the same for the coefficients of a relightable field.
+    Ablations: `bilinear` enlarges and learns nothing; `none` asks the field at every pixel of the image."""
     width: int = 64
     """Of `light` and `lit`."""
     depth: int = 4
@@ -40,11 +42,46 @@ class SuperResConfig:
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Added to the colour, times alpha."""
 
+    @property
+    def scale(self) -> int:
+        """Pixels of the image per ray, along each side."""
+        return 1 if self.kind == "none" else 2
+
 
 def build_superres(config: SuperResConfig) -> nn.Module:
     """The network the configuration names, with fresh weights."""
-    networks = {"paper": PaperSuperRes, "light": LightSuperRes, "lit": LitSuperRes}
+    networks: dict[str, Callable[[SuperResConfig], nn.Module]] = {
+        "paper": PaperSuperRes,
+        "light": LightSuperRes,
+        "lit": LitSuperRes,
+        "bilinear": BilinearSuperRes,
+        "none": NoSuperRes,
+    }
     return networks[config.kind](config)
+
+
+class BilinearSuperRes(nn.Module):
+    """Enlarges colour and alpha; it has no parameters."""
+
+    def __init__(self, config: SuperResConfig):
+        super().__init__()
+        self.config = config
+
+    def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 2*H 2*W"]:
+        """RGBA."""
+        return _graded(enlarge(_rgba(maps)), self.config)
+
+
+class NoSuperRes(nn.Module):
+    """Colour and alpha of rays through every pixel, as they are."""
+
+    def __init__(self, config: SuperResConfig):
+        super().__init__()
+        self.config = config
+
+    def forward(self, maps: Float[Tensor, "B 33 H W"]) -> Float[Tensor, "B 4 H W"]:
+        """RGBA."""
+        return _graded(_rgba(maps), self.config)
 
 
 class ResidualSuperRes(nn.Module):

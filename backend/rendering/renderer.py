@@ -19,12 +19,13 @@ from torch import Tensor, nn
 
 from ..geometry.mesh import Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
+from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
-from ..nerf.field import PaperField, PlaneField
+from ..nerf.field import MlpField, PlaneField
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
@@ -106,7 +107,8 @@ class Renderer:
         if known:
             return self._in_light(known[0], shot, on_stage)
         mesh = posed_mesh(topology, self._tensor(shot.vertices))
-        crop = crop_of(mesh, shot.camera, self.avatar.config.sampler)
+        scale = self.avatar.config.superres.scale
+        crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
@@ -118,7 +120,8 @@ class Renderer:
         image, depth = image_of(_asking(self._superres, check), rays.composite, rays.pixel, hand.camera.size_px)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
-        frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
+        if scale == 2:
+            frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
         if shot.light is None or self._rough_light is None:
             return frame
         on_stage("light")
@@ -153,7 +156,7 @@ class Renderer:
         return self.backend or choose_backend(self.torch_device)
 
     @cached_property
-    def _field(self) -> PaperField | PlaneField:
+    def _field(self) -> MlpField | PlaneField:
         return self._own(self.avatar.field)
 
     @cached_property
@@ -216,7 +219,12 @@ class Renderer:
             visibility = hand.mesh.vertices.new_zeros(len(hand.mesh.vertices), 0)
         else:
             visibility = self._backend.visibility(hand.mesh, hand.topology)
-        return FrameConditions.of(self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility)
+        conditions = FrameConditions.of(self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility)
+        if not isinstance(self._field, MlpField) or self._field.asks != "bones":
+            return conditions
+        check_on_pose(shot, self.hand)
+        bones = self._tensor(bone_frames(self.hand, shot.pose))
+        return conditions._replace(bones=bones, bone_weights=self._skinning.lbs_weights)
 
     def _canonical_theta(self, pose: HandPose) -> np.ndarray:
         """The pose mirrored to the avatar's own side."""

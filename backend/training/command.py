@@ -48,7 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--half-size", action="store_true", help="train on images of half their size, as a start for --from")
     add_options(parser, TrainConfig, "ema_decay")
-    add_options(parser, LossConfig, "perceptual", "perceptual_region")
+    add_options(parser, LossConfig, "perceptual", "perceptual_share", "perceptual_region")
     add(
         "--perceptual-weights",
         type=Path,

@@ -15,7 +15,7 @@ from ..runtime.options import number_parser
 
 
 def parse_region(text: str) -> str:
-    """`crop` or `patch`; `window` is the earlier name of `crop`."""
+    """`crop`, `patch` or `patch_all`; `window` is the earlier name of `crop`."""
     return "crop" if text == "window" else text
 
 
@@ -23,7 +23,7 @@ Count = Annotated[int, parse_count]
 Minutes = Annotated[float, number_parser("a number of minutes", lambda value: 0 <= value < inf)]
 Budget = Annotated[float, number_parser("a number of minutes above 0", lambda value: 0 < value < inf)]
 Decay = Annotated[float, number_parser("a number from 0 to below 1", lambda value: 0 <= value < 1)]
-Region = Annotated[Literal["crop", "patch"], parse_region]
+Region = Annotated[Literal["crop", "patch", "patch_all"], parse_region]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class LossConfig:
     """Share of that part, at its start, over which the weight of the term rises linearly from 0."""
     perceptual_region: Region = "crop"
     """What the perceptual loss sees: the whole crop that holds the hand (the paper's full image without its empty
-    border), or one random 64x64 patch on the hand (the paper's ablation)."""
+    border), or one random 64x64 patch on the hand. `patch_all`: every term sees that patch alone (the paper's
+    ablation)."""
     perceptual_patch_px: int = 64
     """Side of that patch at full resolution; at half resolution it covers the same skin."""
 

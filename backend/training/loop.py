@@ -142,8 +142,11 @@ def _training_views(setup: TrainingSetup, config: TrainConfig, compute: ComputeS
             f"give --batch {count} or a multiple of it"
         )
     capture, sampler = setup.capture, setup.avatar_config.sampler
-    kind = LitTrainingViews if setup.avatar_config.field.light == "linear" else TrainingViews
-    views = kind(capture, capture.of_split("train"), setup.hand, sampler, compute.device, config.seed)
+    arguments = capture, capture.of_split("train"), setup.hand, sampler, compute.device, config.seed
+    if setup.avatar_config.field.light == "linear":
+        views = LitTrainingViews(*arguments)
+    else:
+        views = TrainingViews(*arguments, setup.avatar_config.superres.scale)
     if not len(views):
         raise LiveHandError(f"capture {capture.folder} must have training images that show the hand, got none")
     return views

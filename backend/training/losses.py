@@ -63,6 +63,8 @@ def crop_loss(
         perceptual_factor: factor of the perceptual term's weight.
         generator: on the CPU; draws the patch if the perceptual term sees a patch.
     """
+    if config.perceptual_region == "patch_all":
+        (image, target, is_inside), (low,) = _cut((image, target, is_inside), (low,), target[3], config, generator)
     error = (image - target) * is_inside
     low_target = avg_pool2d(target[None], 2)[0]
     low_inside = avg_pool2d(is_inside[None].float(), 2)[0] == 1
@@ -78,20 +80,25 @@ def crop_loss(
     else:
         full, half = (image * is_inside, target * is_inside), (low * low_inside, low_target * low_inside)
         if config.perceptual_region == "patch":
-            full, half = _patches(full, half, config.perceptual_patch_px, generator)
+            full, half = _cut(full, half, full[1][3], config, generator)
         distances = [perceptual(ours[None, :3], truth[None, :3]) for ours, truth in (full, half)]
         weighted.append(perceptual_factor * config.perceptual * torch.stack(distances).sum())
     return LossTerms(*weighted, total=torch.stack(weighted).sum())
 
 
-def _patches(
-    full: tuple[Tensor, Tensor], half: tuple[Tensor, Tensor], side_px: int, generator: torch.Generator | None
-) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-    """The same patch of the prediction and the ground truth, at both resolutions."""
-    row, column = patch_corner(full[1][3], side_px, generator)
+def _cut(
+    full: tuple[Tensor, ...],
+    half: tuple[Tensor, ...],
+    alpha: Tensor,
+    config: LossConfig,
+    generator: torch.Generator | None,
+) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """The same patch of images at both resolutions."""
+    side_px = config.perceptual_patch_px
+    row, column = patch_corner(alpha, side_px, generator)
     large = slice(row, row + side_px), slice(column, column + side_px)
     small = slice(row // 2, (row + side_px) // 2), slice(column // 2, (column + side_px) // 2)
-    return (full[0][:, *large], full[1][:, *large]), (half[0][:, *small], half[1][:, *small])
+    return tuple(image[..., *large] for image in full), tuple(image[..., *small] for image in half)
 
 
 def patch_corner(alpha: Float[Tensor, "H W"], side_px: int, generator: torch.Generator | None) -> tuple[int, int]:

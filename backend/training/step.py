@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import avg_pool2d
 
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
@@ -18,6 +19,7 @@ from ..nerf.lit_rays import skin_depth, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
+from ..nerf.superres import NoSuperRes
 from ..nerf.volume import Composite
 from ..records.errors import LiveHandError
 from .clock import Clock
@@ -164,6 +166,8 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
         if not isinstance(avatar.field, LitField):
             maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
             image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px)
+            if isinstance(avatar.superres, NoSuperRes):
+                return Rendered(avg_pool2d(image[None], 2)[0], image)
             return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
     return _render_lit(avatar.field, avatar.superres, composite, hand, views, view, precision)
 

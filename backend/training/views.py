@@ -19,6 +19,7 @@ from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
+from ..hand.posed_bones import bone_frames
 from ..hand.topology import Skinning, topology_of
 from ..nerf.backend import RenderBackend
 from ..nerf.conditions import FrameConditions
@@ -35,7 +36,7 @@ class TrainingView(NamedTuple):
 
     Attributes:
         camera: the low-resolution camera of the crop.
-        target: [4, 2h, 2w] RGBA of the crop: sRGB-encoded colour times alpha, and alpha.
+        target: [4, 2h, 2w] (times `scale`) RGBA of the crop: sRGB-encoded colour times alpha, and alpha.
         is_inside: [2h, 2w] whether the pixel of the crop lies in the image.
         rays: with samples on the surface.
         conditions: of the pose.
@@ -60,6 +61,7 @@ class TrainingViews:
 
     Attributes:
         views: those of the given views that show the hand.
+        scale: pixels of the image per ray, along each side.
     """
 
     def __init__(
@@ -70,12 +72,14 @@ class TrainingViews:
         sampler: SamplerConfig,
         device: torch.device,
         seed: int,
+        scale: int = 2,
     ):
         if capture.hand_sha256 != hand.sha256:
             raise LiveHandError(
                 f"capture {capture.folder} must be of hand '{hand.name}', got one of hand {capture.hand_sha256[:12]}..."
             )
         self.capture, self.hand, self.sampler, self.device, self.seed = capture, hand, sampler, device, seed
+        self.scale = scale
         crops = [(view, crop) for view in views if (crop := self._crop(view)) is not None]
         self.views = [view for view, _ in crops]
         self._crops = [crop for _, crop in crops]
@@ -122,7 +126,9 @@ class TrainingViews:
             arrays = (pose.theta, pose.beta, pose.transl)
             theta, beta, transl = (torch.as_tensor(a, dtype=torch.float32, device=self.device) for a in arrays)
             mesh = posed_mesh(self.topology, pose_hand(skin, theta, beta, transl).vertices)
-            posed.append((mesh, self._conditions(theta, mesh)))
+            bones = torch.as_tensor(bone_frames(self.hand, pose), dtype=torch.float32, device=self.device)
+            conditions = self._conditions(theta, mesh)
+            posed.append((mesh, conditions._replace(bones=bones, bone_weights=self._skinning.lbs_weights)))
         return posed
 
     def get(self, index: int, jitter: int) -> TrainingView:
@@ -154,7 +160,7 @@ class TrainingViews:
 
     def _crop(self, view: CaptureView) -> Crop | None:
         mesh, _ = self._poses[view.pose_index]
-        return crop_of(mesh, view.camera, self.sampler)
+        return crop_of(mesh, view.camera, self.sampler, self.scale)
 
     def _target(self, index: int) -> Float[Tensor, "4 H W"]:
         pixels = torch.as_tensor(self._pixels.get(index)).to(self.device)
@@ -164,7 +170,7 @@ class TrainingViews:
 
     @cached_property
     def _pixels(self) -> CropStore:
-        sizes_px = [(2 * crop.width, 2 * crop.height) for crop in self._crops]
+        sizes_px = [crop.full_size_px for crop in self._crops]
         capture, views, crops = self.capture, self.views, self._crops  # the store's threads must not reference self
 
         def decode(index: int) -> np.ndarray:
@@ -174,8 +180,9 @@ class TrainingViews:
 
     def _inside(self, index: int, crop: Crop) -> Tensor:
         width, height = self.views[index].camera.size_px
-        x = torch.arange(2 * crop.width, device=self.device) + 2 * crop.x0
-        y = torch.arange(2 * crop.height, device=self.device) + 2 * crop.y0
+        columns, rows = crop.full_size_px
+        x = torch.arange(columns, device=self.device) + crop.scale * crop.x0
+        y = torch.arange(rows, device=self.device) + crop.scale * crop.y0
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
     def _rays(self, index: int, jitter: int, camera: CameraTensors, mesh: PosedMesh) -> SurfaceRays:

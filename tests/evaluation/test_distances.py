@@ -3,7 +3,7 @@
 import pytest
 import torch
 from livehand.backend.evaluation import distances
-from livehand.backend.evaluation.distances import Distance, distance_of, lpips_distance, vgg19_distance
+from livehand.backend.evaluation.distances import Distance, distance_of, lpips_distances, vgg19_distance
 
 CPU = torch.device("cpu")
 
@@ -21,8 +21,9 @@ class Network(torch.nn.Module):
 def test_only_the_published_weights_make_lpips(is_lpips, name, monkeypatch, tmp_path):
     named = []
     monkeypatch.setattr(distances, "load_lpips", lambda *files: named.append(files) or Network(is_lpips))
-    assert lpips_distance(tmp_path / "net.pth", tmp_path / "heads.pth", CPU).name == name
-    assert named == [(tmp_path / "net.pth", tmp_path / "heads.pth")]
+    files = tmp_path / "net.pth", tmp_path / "heads.pth"
+    assert [distance.name for distance in lpips_distances(*files, CPU)] == [name, f"{name}_reference"]
+    assert named == [(*files, "standard"), (*files, "reference")]
 
 
 def test_the_distance_of_training_is_not_called_lpips(monkeypatch, tmp_path):

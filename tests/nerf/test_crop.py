@@ -62,6 +62,20 @@ def test_pasting_what_was_cut_gives_the_image_back_inside_the_window(size_px, wi
     assert (cut == 7.0).sum() == cut.size - image[rows, columns].size
 
 
+@pytest.mark.parametrize("scale", [1, 2])
+def test_without_superresolution_a_window_counts_pixels_of_the_image(scale):
+    image = np.random.default_rng(0).normal(size=(47, 33, 3))
+    window = Crop(-3, 5, 16, 32, scale)
+    assert window.cut(image).shape == (32 * scale, 16 * scale, 3)
+    target = np.zeros_like(image)
+    window.paste(window.cut(image), target)
+    inside = slice(5 * scale, 37 * scale), slice(0, 13 * scale)
+    np.testing.assert_array_equal(target[inside], image[inside])
+    assert (target != 0).sum() == image[inside].size
+    camera = Camera(np.diag([100.0, 100.0, 1.0]), np.eye(4), (66, 42))
+    np.testing.assert_allclose(window.camera_of(camera).K[0, 0], 100 / scale)
+
+
 def test_a_window_beside_the_image_touches_nothing():
     image = np.ones((10, 10))
     for window in (Crop(20, 0, 4, 4), Crop(-20, 0, 4, 4), Crop(0, 30, 4, 4)):

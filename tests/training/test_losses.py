@@ -116,6 +116,20 @@ def test_a_patch_is_seen_at_both_resolutions(perceptual):
     torch.testing.assert_close(ours.total, 2 * expected)
 
 
+def test_a_patch_for_all_terms_starves_the_others_too(perceptual):
+    low, image, target, inside = crops(24, 32)
+    config = replace(NOTHING, colour_l2=1.0, low_l2=1.0, perceptual=2.0, perceptual_region="patch_all")
+    config = replace(config, perceptual_patch_px=8)
+    row, column = patch_corner(target[3], 8, torch.Generator().manual_seed(3))
+    cut = slice(row, row + 8), slice(column, column + 8)
+    half_cut = slice(row // 2, row // 2 + 4), slice(column // 2, column // 2 + 4)
+    parts = low[:, *half_cut], image[:, *cut], target[:, *cut], inside[cut]
+    expected = crop_loss(*parts, replace(config, perceptual_region="crop"), perceptual)
+    ours = crop_loss(low, image, target, inside, config, perceptual, generator=torch.Generator().manual_seed(3))
+    torch.testing.assert_close(ours.total, expected.total)
+    assert float(ours.colour_l2) > 0
+
+
 def test_patches_lie_on_the_hand_and_in_the_crop():
     alpha = torch.zeros(40, 60)
     alpha[30:34, 2:6] = 1

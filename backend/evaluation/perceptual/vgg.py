@@ -43,10 +43,11 @@ class PerceptualLoss(nn.Module):
 
     def forward(self, image: Float[Tensor, "B 3 H W"], target: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
         """Distance of sRGB-encoded images in [0, 1]."""
-        pairs = zip(self._features(image), self._features(target), strict=True)
+        pairs = zip(self.features(image), self.features(target), strict=True)
         return torch.stack([(a - b).abs().mean() / (b.mean() + _MIN_FEATURE) for a, b in pairs]).sum()
 
-    def _features(self, image: Tensor) -> list[Tensor]:
+    def features(self, image: Float[Tensor, "B 3 H W"]) -> list[Tensor]:
+        """relu1_2, relu2_2 and relu3_4 of sRGB-encoded images in [0, 1]."""
         hidden, compared = (image - self.mean) / self.std, []
         for k, _, _, is_pooled in _LAYERS:
             hidden = self.layers[str(k)](avg_pool2d(hidden, 2) if is_pooled else hidden).relu()

@@ -12,8 +12,10 @@ import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix
 from ...hand.gestures import FingerAxes
+from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...hand.model_file import load_default_hand
+from ...records.shot import HandPose
 
 NODES_OF_LANDMARKS = (0, 17, 18, 19, 20, 1, 2, 3, 4, 5, 6, 7, 8, 13, 14, 15, 16, 9, 10, 11, 12)
 """The node of each of MediaPipe's landmarks, which are the wrist and then thumb, index, middle, ring and pinky."""
@@ -92,6 +94,15 @@ class HandSkeleton:
         of_beta = _chained(rotations, _steps(self.shape))
         wrist = ((0, 0), (1, 0), (0, 0))
         return np.pad(of_rest[..., 0], wrist), np.pad(of_beta, (*wrist, (0, 0)))
+
+
+def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
+    """[21, 3] m, world: a posed hand's landmarks in MediaPipe's order, as `fit_landmarks` takes them."""
+    vertices, joints = posed_arrays(model, pose)
+    right = model.for_side("right")
+    tips = [vertices[np.argmax(_finger_rows(right, finger)[3])] for finger in range(5)]
+    fingers = [[*joints[3 * finger + 1 : 3 * finger + 4], tips[finger]] for finger in range(5)]
+    return np.concatenate([joints[:1], *fingers])[list(NODES_OF_LANDMARKS)]
 
 
 def node_jacobian(posed: PosedSkeleton) -> np.ndarray:

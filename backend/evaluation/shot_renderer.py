@@ -1,0 +1,28 @@
+"""All that an evaluation knows of what it measures: something that renders the shots of a hand model."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from ..hand.model import HandModel
+from ..nerf.backend import OnStage
+from ..records.frame import Frame
+from ..records.shot import Shot
+
+
+def no_stage(stage: str) -> None:
+    """Ignores the stages of a frame."""
+
+
+@runtime_checkable
+class ShotRenderer(Protocol):
+    """Renders hands of one model: an avatar's renderer, or one of another method."""
+
+    @property
+    def hand(self) -> HandModel:
+        """The model of the shots' meshes."""
+        ...
+
+    def render(self, shot: Shot, *, on_stage: OnStage = no_stage) -> Frame:
+        """A frame of the shot's size; `on_stage` is called when a stage begins."""
+        ...
