@@ -123,10 +123,9 @@ class HierarchicalNetworks(nn.Module):
         points = rays.points(t).flatten(0, 1)
         samples = skin.at(points)
         height = (samples.height_m / SHELL_M).clamp(-_MAX_SHELLS, _MAX_SHELLS)
-        empty = {name: height.new_zeros(0) for name in FieldInputs._fields if name != "place"}
         view = normalize(rays.directions, dim=-1)
-        given = {"uv": atlas_uv(topology, samples), "height": height, "view": view, "theta": theta}
-        sigma, channels = field.ask(FieldInputs(**(empty | given)), t.shape[1])
+        inputs = FieldInputs.of_paper(atlas_uv(topology, samples), height, view, theta)
+        sigma, channels = field.ask(inputs, t.shape[1])
         of_rays = channels.reshape(*t.shape, -1).to(sigma.dtype)
         summed, alpha, weights = composite_steps(sigma.reshape(t.shape), of_rays, rays.steps_mm(t))
         depth = (weights * t).sum(1) / alpha.clamp(min=1e-6)

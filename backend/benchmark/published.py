@@ -99,7 +99,7 @@ class PublishedRenderer:
         by_sample = (values.split(_RAYS_AT_ONCE * count) for values in of_samples)
         by_ray = (values.split(_RAYS_AT_ONCE) for values in of_rays)
         parts = [
-            self._field(_inputs(uv, height, view, theta), Steps(*steps))
+            self._field(FieldInputs.of_paper(uv, height, view, theta), Steps(*steps))
             for uv, height, view, *steps in zip(*by_sample, *by_ray, strict=True)
         ]
         return Composite(*(torch.cat(values) for values in zip(*parts, strict=True)))
@@ -129,9 +129,3 @@ def nearest_samples(points: Float[Tensor, "S 3"], topology: Topology, mesh: Pose
 
 def _points(rays: WholeRays, view: CameraTensors) -> Float[Tensor, "S 3"]:
     return (ray_origin(view) + rays.t[..., None] * rays.directions[:, None, :]).reshape(-1, 3)
-
-
-def _inputs(uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
-    """The inputs that the paper's field reads; the others are empty."""
-    empty = {name: height.new_zeros(0) for name in FieldInputs._fields}
-    return FieldInputs(**(empty | {"uv": uv, "height": height, "view": view, "theta": theta}))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files.picture_file import opened_picture
 from ..records.errors import LiveHandError
 from ..runtime.command import Command, parse_count
 from .contact_sheet import on_background, save_sheet, tile

@@ -32,8 +32,8 @@ from .kernels.vectors import has_bf16_products
 
 def superres(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
     """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
-    fits = isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS
-    if fits and precision == "bf16" and has_bf16_products():
+    is_exact = precision != "bf16" or not has_bf16_products()
+    if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and not is_exact:
         return RowSuperRes.of(network)
     return in_precision(network, device, precision)
 
@@ -67,6 +67,7 @@ class RowSuperRes:
         """The network with its weights packed."""
         layers, nothing = [], torch.zeros(_even(network.head.in_channels))
         for layer in (network.head, *network.body):
+            assert isinstance(layer, nn.Conv2d)
             packed, answer = _packed(layer, nothing, is_residual=layer is not network.head)
             layers.append(packed)
             nothing = answer

@@ -44,6 +44,12 @@ class FieldInputs(NamedTuple):
     footprint_m: Tensor
     place: SamplePlaces | None = None
 
+    @classmethod
+    def of_paper(cls, uv: Tensor, height: Tensor, view: Tensor, theta: Tensor) -> FieldInputs:
+        """Those that the paper's field reads; the others are empty."""
+        none = height.new_zeros(0)
+        return cls(uv, height, none, none, none, none, view, theta, none)
+
 
 class SamplePlaces(NamedTuple):
     """S samples in space.

@@ -21,12 +21,12 @@ class KeyedFrames(NamedTuple):
     """What was keyed.
 
     Attributes:
-        count: of the frames.
+        frames: how many.
         armature: name of the source.
         doubt: what speaks against the result; None: nothing.
     """
 
-    count: int
+    frames: int
     armature: str
     doubt: str | None
 

@@ -78,11 +78,10 @@ def _colour_without(node: bpy.types.Node) -> tuple[float, ...]:
     for link in node.outputs[0].links:
         if link.to_node.type == "NORMAL_MAP":
             return _FLAT_NORMAL
-        value = getattr(link.to_socket, "default_value", None)
         if link.to_socket.type == "RGBA":
-            return tuple(value)
+            return tuple(link.to_socket.default_value)
         if link.to_socket.type == "VALUE":
-            return (value, value, value, 1.0)
+            return (*[link.to_socket.default_value] * 3, 1.0)
     return _GREY
 
 

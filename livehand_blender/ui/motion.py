@@ -92,7 +92,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         side, unit = (None if value == "AUTO" else value for value in (self.side, self.unit))
         file = RigFile(paths[0], side, unit, self.fps or None)
         keyed = bake_file(context, hand, file, self._placement())
-        return f"{keyed.count} frames of {keyed.armature}", keyed.doubt
+        return f"{keyed.frames} frames of {keyed.armature}", keyed.doubt
 
     def _placement(self) -> Placement:
         return Placement(

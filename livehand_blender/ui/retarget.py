@@ -101,7 +101,7 @@ class LIVEHAND_OT_bake_rig(_OnRig, FrameRange, bpy.types.Operator):
             stop_following(context, hand, keeps_pose=False)
         if keyed.doubt:
             self.report({"WARNING"}, f"Check the motion: {keyed.doubt}")
-        self.report({"INFO"}, f"Keyed {keyed.count} frames")
+        self.report({"INFO"}, f"Keyed {keyed.frames} frames")
 
 
 class LIVEHAND_OT_stop_following(OnHand, bpy.types.Operator):

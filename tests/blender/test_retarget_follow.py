@@ -65,7 +65,7 @@ def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record
     if way == "live":
         follow(bpy.context, RiggedHand.of(ours), SourceRig(source, found))
     else:
-        assert bake(bpy.context, RiggedHand.of(ours), SourceRig(source, found), frames).count == len(frames)
+        assert bake(bpy.context, RiggedHand.of(ours), SourceRig(source, found), frames).frames == len(frames)
     errors = tip_errors_m(ours, made, frames)
     record_property("fingertips, mm", [round(1e3 * error, 2) for error in (errors.mean(), errors.max())])
     assert errors.mean() < MEAN_M
