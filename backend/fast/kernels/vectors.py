@@ -6,6 +6,7 @@ or LLVM does not know it by this signature, `has_bf16_products` is false and tor
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import llvmlite.binding
@@ -46,8 +47,7 @@ def has_bf16_products() -> bool:
     return is_known and bool(llvmlite.binding.get_host_cpu_features().get("avx512bf16"))
 
 
-@intrinsic(prefer_literal=True)
-def window_sums(typingctx, pixels, vectors, source, pixel_bytes, row_bytes, pairs, weights, sums):
+def _window_sums(typingctx, pixels, vectors, source, pixel_bytes, row_bytes, pairs, weights, sums):
     """Store the sums of 3 x 3 windows over bf16 channels: fp32 [pixels, 16 * vectors].
 
     Args:
@@ -71,6 +71,10 @@ def window_sums(typingctx, pixels, vectors, source, pixel_bytes, row_bytes, pair
         return context.get_dummy_value()
 
     return signature, codegen
+
+
+window_sums: Callable[..., None] = intrinsic(prefer_literal=True)(_window_sums)
+"""Called by kernels, without `typingctx`."""
 
 
 class _Block:
