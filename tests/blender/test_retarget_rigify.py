@@ -22,7 +22,7 @@ SCRIPT = """
 import os, sys, bpy
 import addon_utils
 bpy.ops.wm.read_homefile(use_empty=True)
-addon_utils.enable("rigify")
+addon_utils.enable("rigify", default_set=True)  # its parameters need the preferences
 bpy.ops.object.armature_human_metarig_add()
 armature = bpy.context.active_object
 bpy.ops.object.mode_set(mode="EDIT")
