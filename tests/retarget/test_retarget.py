@@ -253,6 +253,23 @@ def test_a_known_shape_and_size_are_found(hand, seed):
     np.testing.assert_allclose(lengths[0], lengths[1], atol=0.001 * scale)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hand_that_is_unlike_ours_gets_a_natural_shape(hand, seed):
+    """Fingers up to a fifth longer or shorter than ours, in a palm that is wider: no beta is at its bound."""
+    rng = np.random.default_rng(seed)
+    rest, *_ = ours_elsewhere("right", seed)
+    heads, stretched = rest.heads.copy(), rest.heads.copy()
+    for finger in range(5):
+        rows = [3 * finger + 1, 3 * finger + 2, 3 * finger + 3, 16 + finger]
+        knuckle = heads[0] + rng.uniform(0.9, 1.1) * (heads[rows[0]] - heads[0])
+        stretched[rows] = knuckle + rng.uniform(0.8, 1.2) * (heads[rows] - heads[rows[0]])
+    alignment = align(replace(rest, heads=stretched), joint_map("right"), hand)
+    error_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale
+    assert np.abs(alignment.shape.beta).max() < 3.9
+    assert error_mm.mean() < 4
+    assert rest_doubts(alignment) is None
+
+
 def test_a_left_hand_drives_a_right_one_as_in_a_mirror(hand):
     thetas = np.array([gesture("fist", "left"), gesture("point", "left")])
     rest, posed, *_ = ours_elsewhere("left", 2)
