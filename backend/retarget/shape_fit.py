@@ -19,7 +19,10 @@ _PALM_PAIRS = [(a, b) for row, a in enumerate(_PALM) for b in _PALM[row + 1 :]]
 _PAIRS = np.array([*_BONES, *_PALM_PAIRS, *_TIP_BONES])
 _TIP_WEIGHT = 0.3
 _WEIGHTS = np.r_[np.ones(len(_BONES) + len(_PALM_PAIRS)), np.full(len(_TIP_BONES), _TIP_WEIGHT)]
-_PRIOR = 0.03  # one unit of beta costs as much as an error of this share of the mean length
+# One unit of beta costs as much as an error of this share of the mean length. The first with which no beta is unnatural
+# is taken: little for a hand of the model's shapes, more for one that is unlike any of them.
+_PRIORS = (0.004, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2)
+_NATURAL_BETA = 3.8
 MOST_BETA = 4.0
 """Bound of a fitted shape's betas."""
 _STEPS = 12
@@ -42,29 +45,36 @@ def rest_nodes(model: HandModel, beta: np.ndarray) -> np.ndarray:
 
 
 def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
-    """Fit a shape to another hand's nodes [21, 3] m in any rest pose, NaN for unknown tips (Gauss-Newton).
+    """Fit a shape to another hand's nodes [21, 3] m in any rest pose, NaN for those that are unknown (Gauss-Newton).
 
-    The prior keeps a hand that is unlike any of the model's shapes natural.
+    The shape of a hand that is unlike any of the model's stays natural, and does not fit well.
     """
-    skeleton = HandSkeleton.of(model)
-    wanted = _lengths(nodes)
+    skeleton, wanted = HandSkeleton.of(model), _lengths(nodes)
+    for prior in _PRIORS:
+        shape = _fit(skeleton, wanted, prior)
+        if np.abs(shape.beta).max() < _NATURAL_BETA:
+            break
+    return shape
+
+
+def _fit(skeleton: HandSkeleton, wanted: np.ndarray, prior: float) -> HandShape:
+    """The shape whose lengths are nearest to those wanted [P], NaN for unknown ones."""
     known = np.isfinite(wanted)
-    wanted, weights = wanted[known], _WEIGHTS[known]
+    weights = _WEIGHTS[known]
+    wanted = wanted[known] * weights
 
     def lengths(beta: np.ndarray) -> np.ndarray:
-        return (_lengths(skeleton.rest + skeleton.shape @ beta)[known]) * weights
+        return _lengths(skeleton.rest + skeleton.shape @ beta)[known] * weights
 
-    wanted = wanted * weights
     beta, scale = np.zeros(10), _scale(lengths(np.zeros(10)), wanted)
-    prior = _PRIOR * lengths(beta).mean()
+    cost = (prior * lengths(beta).mean()) ** 2 * np.eye(10)
     for _ in range(_STEPS):
         now = lengths(beta)
         jacobian = np.stack([lengths(beta + step) - now for step in _STEP_BETA * np.eye(10)], 1) / _STEP_BETA
         # The scale is free, so the part of each column that changes the size only is projected out.
         jacobian -= np.outer(now, now @ jacobian) / (now @ now)
         residual = wanted / scale - now
-        normal = jacobian.T @ jacobian + prior**2 * np.eye(10)
-        beta = _bounded_solution(normal, jacobian.T @ (residual + jacobian @ beta), beta)
+        beta = _bounded_solution(jacobian.T @ jacobian + cost, jacobian.T @ (residual + jacobian @ beta), beta)
         scale = _scale(lengths(beta), wanted)
     return HandShape(beta, scale)
 
