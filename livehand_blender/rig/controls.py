@@ -78,7 +78,7 @@ def has_masters(armature: bpy.types.Object) -> bool:
 
 
 def clear_controls(hand: RiggedHand) -> None:
-    """Set controls, master bones and IK sliders to zero, so that the bones alone pose the fingers; keyframes of controls remain."""
+    """Set controls, master bones and IK sliders to zero, so that bones alone pose the fingers; their keys remain."""
     hand.properties.fist = hand.properties.opposition = 0.0
     for finger in FINGERS:
         controls = getattr(hand.properties, finger)

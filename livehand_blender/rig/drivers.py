@@ -62,6 +62,8 @@ def drive_by_properties(
         else:
             target.id = armature
             target.data_path = f"livehand.{paths[name]}"
+            # Where LiveHand is not enabled, its properties are missing; what else drives the channel still counts.
+            target.use_fallback_value, target.fallback_value = True, 0.0
 
 
 def drive_by_rotation(

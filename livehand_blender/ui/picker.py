@@ -27,8 +27,9 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         armature = polled_hand(context)
         if not is_library_added(context):  # at the top, because it would be overlooked below the sliders
             self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
-        self.layout.operator("livehand.key_hand", icon="KEY_HLT")
-        self.layout.operator("livehand.mirror_pose", icon="MOD_MIRROR")
+        row = self.layout.row(align=True)
+        row.operator("livehand.key_hand", icon="KEY_HLT")
+        row.operator("livehand.mirror_pose", text="Mirror", icon="MOD_MIRROR")
         _draw_collections(self.layout, armature)
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import bpy
+import livehand
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
@@ -73,6 +74,19 @@ def test_a_master_bone_curls_and_spreads_its_finger(hand, model, finger):
     if finger != "thumb":  # the finger turns the way the bone does
         axis = np.array(master.bone.matrix_local.to_3x3()) @ (0, 0, 1)
         assert turned[finger_joints(finger)[0]] @ axis == pytest.approx(math.radians(6), abs=0.02)
+
+
+def test_master_bones_play_without_the_add_on(hand, model):
+    finger, suffix = bone_name(finger_joints("index")[1], model.side), model.side[0].upper()
+    livehand.unregister()
+    try:
+        hand.pose.bones[f"CTL-index.{suffix}"].rotation_euler.x = 1.0
+        hand.update_tag()
+        bone = hand.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[finger]
+        bent = bone.matrix.to_quaternion().rotation_difference(bone.bone.matrix_local.to_quaternion()).angle
+    finally:
+        livehand.register()
+    assert bent > 1.5  # both joints up to it
 
 
 def test_writing_a_pose_resets_the_master_bones(hand, model, random_pose):
