@@ -51,6 +51,11 @@ def control_name(joint: int, side: Side) -> str:
     return f"MCH-{bone_name(joint, side)}"
 
 
+def master_name(finger: str, side: Side) -> str:
+    """The bone that curls and spreads a whole finger."""
+    return f"CTL-{finger}.{side[0].upper()}"
+
+
 def target_name(finger: str, side: Side) -> str:
     """The bone that a fingertip reaches for."""
     return f"IK-{finger}.{side[0].upper()}"

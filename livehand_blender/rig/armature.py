@@ -19,6 +19,7 @@ from ...backend.hand.bones import (
     control_name,
     deform_name,
     finger_joints,
+    master_name,
     rest_bones,
     root_name,
     target_name,
@@ -29,6 +30,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from .drivers import drive_by_beta
 
+COLLECTIONS = ("FK", "IK", "Masters", "Mechanism")
 _TARGET_M = 0.01  # length of a fingertip target's bone
 
 
@@ -95,6 +97,9 @@ def _add_bones(armature: bpy.types.Object, rest: RestBones, anatomical: np.ndarr
         # Not a child of the finger's bones: they depend on it, and IK solves them all at once.
         _add_bone(armature, control_name(joint, side), root_name(side), placement)
     for finger in FINGERS:
+        first = finger_joints(finger)[0]
+        placement = _along(rest, first)._replace(frame=anatomical[first])
+        _add_bone(armature, master_name(finger, side), root_name(side), placement)
         last = _along(rest, finger_joints(finger)[-1])
         tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=_TARGET_M)
         _add_bone(armature, target_name(finger, side), root_name(side), tip)
@@ -124,11 +129,12 @@ def _add_bone(armature: bpy.types.Object, name: str, parent: str | None, placeme
 
 
 def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
-    """Bone collections: FK and IK for the animator, Mechanism hidden."""
-    fk, ik, hidden = (armature.data.collections.new(name) for name in ("FK", "IK", "Mechanism"))
+    """Bone collections: FK, IK and Masters for the animator, Mechanism hidden."""
+    fk, ik, masters, hidden = (armature.data.collections.new(name) for name in COLLECTIONS)
     hidden.is_visible = False
     collection_of = {bone_name(joint, side): fk for joint in range(16)}
     collection_of |= {target_name(finger, side): ik for finger in FINGERS}
+    collection_of |= {master_name(finger, side): masters for finger in FINGERS}
     for bone in armature.data.bones:
         collection_of.get(bone.name, hidden).assign(bone)
         bone.use_deform = bone.name.startswith("DEF-")
@@ -140,3 +146,6 @@ def _set_channels(armature: bpy.types.Object, side: Side) -> None:
         bone.rotation_mode = "QUATERNION"
         bone.lock_location = (bone.name not in movable,) * 3
         bone.lock_scale = (True,) * 3
+    for finger in FINGERS:
+        master = armature.pose.bones[master_name(finger, side)]
+        master.rotation_mode, master.lock_rotation = "XYZ", (False, True, False)

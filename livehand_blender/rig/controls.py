@@ -6,15 +6,18 @@ anatomical frame; the animator's bone copies its rotation before its own. A cont
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import FINGERS, bone_name, control_name
+from ...backend.hand.bones import FINGERS, bone_name, control_name, master_name
 from ...backend.hand.gestures import Gesture
 from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
 from ...backend.hand.poses import POSES
-from .drivers import drive_by_properties
+from ...backend.records.side import Side
+from .drivers import BoneTurn, drive_by_properties
 from .hand import RiggedHand
 
 _FIST = POSES["Fist"].gesture
@@ -38,21 +41,50 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
     """Drive the control bones, and let the fingers' bones copy them."""
     paths = list(CONTROLS)
     per_unit = np.array([euler_rad(CONTROLS[path].angles_deg(), model.side) for path in paths])  # [C, 15, 3]
+    largest = {path: _largest(angles) for path, angles in zip(paths, per_unit, strict=True)}
     for joint in range(1, 16):
         control = armature.pose.bones[control_name(joint, model.side)]
         control.rotation_mode = "YZX"
         for axis in range(3):
             weights = dict(zip(paths, per_unit[:, joint - 1, axis].tolist(), strict=True))
-            drive_by_properties(control, "rotation_euler", axis, weights, armature)
+            turns = _turns(weights, largest, model.side)
+            drive_by_properties(control, "rotation_euler", axis, weights, armature, turns)
         _copy_control(armature.pose.bones[bone_name(joint, model.side)], armature, control.name)
 
 
+def _largest(angles: np.ndarray) -> float:
+    """Of a control's angles [15, 3], rad, that which is farthest from zero, with its sign."""
+    return float(angles.flat[np.abs(angles).argmax()])
+
+
+def _turns(weights: Mapping[str, float], largest: Mapping[str, float], side: Side) -> dict[BoneTurn, float]:
+    """The weights of the master bones: a finger curls by its master's turn about X, and spreads by that about Z.
+
+    The joint that moves farthest turns as far as the master. The thumb spreads by bending, so its sign is chosen.
+    """
+    turns = {}
+    for finger in FINGERS:
+        curl, spread = f"{finger}.curl", f"{finger}.spread"
+        outwards = abs(largest[spread]) * (1 if side == "right" else -1) if finger == "thumb" else largest[spread]
+        master = master_name(finger, side)
+        turns[BoneTurn(master, "X")] = weights[curl] / largest[curl]
+        turns[BoneTurn(master, "Z")] = weights[spread] / outwards
+    return turns
+
+
+def has_masters(armature: bpy.types.Object) -> bool:
+    """Whether a hand has master bones; hands made before LiveHand had them have none."""
+    return all(master_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
+
+
 def clear_controls(hand: RiggedHand) -> None:
-    """Set controls and IK sliders to zero, so that the bones alone pose the fingers; keyframes of controls remain."""
+    """Set controls, master bones and IK sliders to zero, so that bones alone pose the fingers; their keys remain."""
     hand.properties.fist = hand.properties.opposition = 0.0
     for finger in FINGERS:
         controls = getattr(hand.properties, finger)
         controls.curl = controls.spread = controls.ik = 0.0
+        if has_masters(hand.armature):
+            hand.armature.pose.bones[master_name(finger, hand.side)].rotation_euler = (0, 0, 0)
     hand.armature.update_tag()
 
 

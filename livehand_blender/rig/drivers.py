@@ -6,6 +6,8 @@ Blender evaluates sums of products itself ("simple expressions"). An expression 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
 
 import bpy
 
@@ -14,28 +16,54 @@ _MAX_EXPRESSION = 255
 _NEGLIGIBLE = 1e-9
 
 
+class BoneTurn(NamedTuple):
+    """A bone's own rotation about its axis X, Y or Z, rad."""
+
+    bone: str
+    axis: str
+
+
+NO_TURNS: Mapping[BoneTurn, float] = MappingProxyType({})
+
+
 def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights, armature: bpy.types.Object) -> None:
     """Drive a channel by the weighted sum [10] of the hand's beta; index -1 if the channel is not an array."""
     drive_by_properties(owner, channel, index, {f"beta[{k}]": float(w) for k, w in enumerate(weights)}, armature)
 
 
 def drive_by_properties(
-    owner: bpy.types.bpy_struct, channel: str, index: int, weights: Mapping[str, float], armature: bpy.types.Object
+    owner: bpy.types.bpy_struct,
+    channel: str,
+    index: int,
+    weights: Mapping[str, float],
+    armature: bpy.types.Object,
+    turned: Mapping[BoneTurn, float] = NO_TURNS,
 ) -> None:
-    """Drive a channel by a weighted sum of the hand's properties, named like `beta[3]` or `index.curl`.
+    """Drive a channel by a weighted sum of the hand's properties, named like `beta[3]` or `index.curl`, and of turns.
 
     Properties of weight zero are left out; if none remains, no driver is made.
     """
     paths = {f"b{k}": path for k, path in enumerate(weights)}
-    expression, names = weighted_sum({name: weights[path] for name, path in paths.items()})
+    turns = {f"m{k}": turn for k, turn in enumerate(turned)}
+    weights_by_name = {name: weights[path] for name, path in paths.items()}
+    expression, names = weighted_sum(weights_by_name | {name: turned[turn] for name, turn in turns.items()})
     if not names:
         return
     driver = _new_driver(owner, channel, index, expression)
     for name in names:
         variable = driver.variables.new()
         variable.name = name
-        variable.targets[0].id = armature
-        variable.targets[0].data_path = f"livehand.{paths[name]}"
+        target = variable.targets[0]
+        if name in turns:
+            variable.type = "TRANSFORMS"
+            target.bone_target, target.transform_type = turns[name].bone, f"ROT_{turns[name].axis}"
+            target.rotation_mode, target.transform_space = "XYZ", "LOCAL_SPACE"
+            target.id = armature
+        else:
+            target.id = armature
+            target.data_path = f"livehand.{paths[name]}"
+            # Where LiveHand is not enabled, its properties are missing; what else drives the channel still counts.
+            target.use_fallback_value, target.fallback_value = True, 0.0
 
 
 def drive_by_rotation(

@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 
 from ...backend.geometry.rotation import continuous
-from ...backend.hand.bones import FINGERS, finger_joints
+from ...backend.hand.bones import FINGERS, finger_joints, master_name
 from ...backend.records.errors import LiveHandError
-from .controls import clear_controls
+from .controls import clear_controls, has_masters
 from .hand import RiggedHand
 from .pose import bone_quaternions, wrist_locations
 
@@ -66,6 +66,8 @@ def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
         yield _rotation_channel(hand.bone(joint))
     target = hand.target(finger)
     yield target.path_from_id("location"), target.name
+    if has_masters(hand.armature):
+        yield _rotation_channel(hand.armature.pose.bones[master_name(finger, hand.side)])
     for control in ("curl", "spread", "ik"):
         yield f"livehand.{finger}.{control}", finger.title()
 

@@ -85,6 +85,21 @@ def write_transl(hand: RiggedHand, transl: np.ndarray) -> None:
     hand.bone(0).location = wrist_locations(hand, transl)
 
 
+def mirror_pose(hand: RiggedHand, other: RiggedHand, depsgraph: bpy.types.Depsgraph, turns_wrist: bool) -> None:
+    """Give a hand of the other side the mirror image of this hand's pose.
+
+    Args:
+        hand: whose pose is read, constraints, controls and IK included.
+        other: to be posed.
+        depsgraph: of the frame.
+        turns_wrist: whether the wrist turns as well, in the armature's own space.
+    """
+    theta = read_pose(hand, depsgraph).mirrored().theta
+    if not turns_wrist:
+        theta[0] = read_pose(other, depsgraph).theta[0]
+    write_theta(other, theta)
+
+
 def bone_quaternions(hand: RiggedHand, theta: np.ndarray) -> np.ndarray:
     """[..., 16, 4] each bone's own rotation (wxyz) for theta [..., 16, 3]: basis = B^T R B."""
     frames = rest_frames(hand.armature, hand.side)

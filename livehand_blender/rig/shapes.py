@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, master_name, target_name
 from ...backend.records.side import Side
 
 _COLLECTION = "LiveHand Bone Shapes"
@@ -18,7 +18,8 @@ _RING_CORNERS = 24
 _FINGER_RADIUS_M, _THUMB_RADIUS_M, _WRIST_RADIUS_M = 0.0105, 0.0125, 0.038
 _DIAMOND_RADIUS_M = 0.005
 # Seen on Blender's grey and on skin; the selected and the active bone are brighter.
-_BONE_RGB, _TARGET_RGB = (1.0, 0.85, 0.1), (1.0, 0.2, 0.15)
+_BONE_RGB, _TARGET_RGB, _MASTER_RGB = (1.0, 0.85, 0.1), (1.0, 0.2, 0.15), (0.2, 0.7, 1.0)
+_MASTER_HEIGHT_M = 0.025
 _WIRE_PX = 2.0
 
 
@@ -34,6 +35,10 @@ def set_bone_shapes(armature: bpy.types.Object, side: Side) -> None:
             _set_shape(bone, ring, radius_m, _BONE_RGB)
             bone.custom_shape_translation = (0, bone.bone.length / 2, 0)
         _set_shape(armature.pose.bones[target_name(finger, side)], diamond, _DIAMOND_RADIUS_M, _TARGET_RGB)
+        master = armature.pose.bones[master_name(finger, side)]
+        _set_shape(master, diamond, _DIAMOND_RADIUS_M, _MASTER_RGB)
+        # Over the back of the finger, and the end of a lever: it moves when the master turns.
+        master.custom_shape_translation = (0, master.bone.length / 2, -_MASTER_HEIGHT_M)
 
 
 def _set_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, radius_m: float, rgb: tuple) -> None:

@@ -34,7 +34,9 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         draw_choice(layout, armature)
         layout.prop(hand, "mesh")
         if hand.mesh:
-            layout.prop(hand.mesh, "hide_select", text="Mesh Selectable", invert_checkbox=True)
+            row = layout.row()
+            row.use_property_split = False
+            row.prop(hand.mesh, "hide_select", text="Mesh Selectable", invert_checkbox=True)
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 
 

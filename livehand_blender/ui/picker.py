@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ..rig.armature import COLLECTIONS
 from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
@@ -26,7 +27,10 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         armature = polled_hand(context)
         if not is_library_added(context):  # at the top, because it would be overlooked below the sliders
             self.layout.operator("livehand.add_pose_library", icon="ASSET_MANAGER")
-        self.layout.operator("livehand.key_hand", icon="KEY_HLT")
+        row = self.layout.row(align=True)
+        row.operator("livehand.key_hand", icon="KEY_HLT")
+        row.operator("livehand.mirror_pose", text="Mirror", icon="MOD_MIRROR")
+        _draw_collections(self.layout, armature)
         _draw_picker(self.layout, armature)
         _draw_controls(self.layout, armature.livehand)
         row = self.layout.row(align=True)
@@ -35,6 +39,15 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
 
 
 CLASSES = (LIVEHAND_PT_posing,)
+
+
+def _draw_collections(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
+    """A switch for each of the rig's bone collections."""
+    row = layout.row(align=True)
+    for name in COLLECTIONS:
+        collection = armature.data.collections.get(name)
+        if collection is not None:
+            row.prop(collection, "is_visible", text=name, toggle=True)
 
 
 def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:

@@ -13,6 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik, move_targets_to_fingertips
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels, key_finger, key_hand
+from ..rig.pose import mirror_pose
 from ..rig.selection import select_bones, selected_bones
 from .mixins import polled_hand, reports_errors
 
@@ -122,6 +123,35 @@ class LIVEHAND_OT_snap_fk_to_ik(_Snap, bpy.types.Operator):
     move = staticmethod(move_bones_to_ik)
 
 
+class LIVEHAND_OT_mirror_pose(_OnControls, bpy.types.Operator):
+    """Give the nearest hand of the other side the mirror image of this hand's pose."""
+
+    bl_idname = "livehand.mirror_pose"
+    bl_label = "Mirror to Other Hand"
+
+    turn_wrist: BoolProperty(name="Wrist", description="Turn the wrist as well", default=True)
+
+    @reports_errors
+    def execute(self, context):
+        """Pose the other hand, and key it if automatic keying is on."""
+        hand = RiggedHand.active(context)
+        other = _other_hand(context, hand)
+        mirror_pose(hand, other, context.evaluated_depsgraph_get(), self.turn_wrist)
+        if context.scene.tool_settings.use_keyframe_insert_auto:
+            key_hand(other, context.scene.frame_current)
+        self.report({"INFO"}, f"Posed {other.armature.name}")
+
+
+def _other_hand(context: bpy.types.Context, hand: RiggedHand) -> RiggedHand:
+    """The nearest hand of the other side that can be posed."""
+    others = [one for one in RiggedHand.all_in(context.scene) if one.side != hand.side and one.armature.is_editable]
+    if not others:
+        side = "left" if hand.side == "right" else "right"
+        raise LiveHandError(f"the scene must have a {side} hand, it has none; add one with Add Hand")
+    place = hand.armature.matrix_world.translation
+    return min(others, key=lambda one: (one.armature.matrix_world.translation - place).length)
+
+
 class LIVEHAND_OT_key_hand(_OnControls, bpy.types.Operator):
     """Key the whole pose in the current frame: bones, fingertip targets and finger controls."""
 
@@ -160,6 +190,7 @@ CLASSES = (
     LIVEHAND_OT_select_bone,
     LIVEHAND_OT_snap_ik_to_fk,
     LIVEHAND_OT_snap_fk_to_ik,
+    LIVEHAND_OT_mirror_pose,
     LIVEHAND_OT_key_hand,
     LIVEHAND_KS_hand,
 )

@@ -38,12 +38,12 @@ def shots(scene):
 
 
 def keyframes(curves_of):
-    """(object, channel, index) -> [K, 2] frames and values, of the open file."""
+    """(type of object, channel, index) -> [K, 2] frames and values, of the open file."""
     curves = {}
     for thing in bpy.data.objects:
         for curve in curves_of(thing.animation_data.action) if thing.animation_data else ():
             points = np.array([point.co for point in curve.keyframe_points])
-            curves[thing.name, curve.data_path, curve.array_index] = points
+            curves[thing.type, curve.data_path, curve.array_index] = points
     return curves
 
 

@@ -122,6 +122,29 @@ def test_one_click_keys_the_hand(hand):
         np.testing.assert_allclose(read(hand), theta, atol=1e-5)
 
 
+@pytest.mark.parametrize("turn_wrist", [True, False])
+def test_a_pose_is_mirrored_to_the_nearest_other_hand(turn_wrist):
+    right, left, far = (
+        add_hand(bpy.context, load_default_hand().for_side(side), name=side) for side in ("right", "left", "left")
+    )
+    far.location.x = 3
+    theta = theta_of(GESTURES["point"].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.3, 0.4]))
+    write_theta(RiggedHand.of(right), theta)
+    right.livehand.fist = 0.2
+    bpy.context.view_layer.objects.active = right
+    mirrored = read(right) * MIRROR_AXIS_ANGLE
+    if not turn_wrist:
+        mirrored[0] = 0
+    assert bpy.ops.livehand.mirror_pose(turn_wrist=turn_wrist) == {"FINISHED"}
+    np.testing.assert_allclose(read(left), mirrored, atol=1e-5)
+    np.testing.assert_allclose(read(far), 0, atol=1e-6)
+
+
+def test_without_another_hand_nothing_is_mirrored(hand):
+    with pytest.raises(RuntimeError, match=r"the scene must have a (left|right) hand"):
+        bpy.ops.livehand.mirror_pose()
+
+
 def copy_and_paste_flipped(source, target):
     """As an animator does it: Ctrl-C on one armature, Shift-Ctrl-V on the other, both in pose mode."""
     for hand, run in ((source, bpy.ops.pose.copy), (target, lambda: bpy.ops.pose.paste(flipped=True))):
@@ -158,5 +181,5 @@ def test_bone_shapes_are_made_once_and_are_in_no_scene(hand, model):
     assert len(worn) == 2
     assert all(not shape.users_scene for shape in worn)
     shown = {c.name: {bone.name for bone in c.bones} for c in hand.data.collections if c.is_visible}
-    assert {name: len(bones) for name, bones in shown.items()} == {"FK": 16, "IK": 5}
-    assert {bone.name for bone in hand.pose.bones if bone.custom_shape} == shown["FK"] | shown["IK"]
+    assert {name: len(bones) for name, bones in shown.items()} == {"FK": 16, "IK": 5, "Masters": 5}
+    assert {bone.name for bone in hand.pose.bones if bone.custom_shape} == shown["FK"] | shown["IK"] | shown["Masters"]

@@ -4,10 +4,11 @@ import math
 from dataclasses import replace
 
 import bpy
+import livehand
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
-from livehand.backend.hand.bones import FINGERS, bone_name, finger_joints
+from livehand.backend.hand.bones import FINGERS, bone_name, finger_joints, master_name
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
@@ -56,6 +57,43 @@ def test_controls_sum_and_come_before_the_bones_own_rotation(
     wanted = axis_angle_to_matrix(theta_of_controls(values, model.side)) @ axis_angle_to_matrix(pose.theta)
     np.testing.assert_allclose(axis_angle_to_matrix(both.theta), wanted, atol=2e-6)
     assert np.abs(evaluated_vertices(hand) - backend_vertices(model, both)).max() <= 1e-5
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+def test_a_master_bone_curls_and_spreads_its_finger(hand, model, finger):
+    master = hand.pose.bones[master_name(finger, model.side)]
+    master.rotation_euler.x = math.radians(45)
+    by_master = read(hand).theta
+    farthest = np.abs(CONTROLS[f"{finger}.curl"].angles_deg()).max()
+    np.testing.assert_allclose(by_master, theta_of_controls({f"{finger}.curl": 45 / farthest}, model.side), atol=2e-6)
+    master.rotation_euler = (0, 0, math.radians(6))
+    turned = read(hand).theta
+    share = 6 / np.abs(CONTROLS[f"{finger}.spread"].angles_deg()).max()
+    both = [theta_of_controls({f"{finger}.spread": sign * share}, model.side) for sign in (-1, 1)]
+    assert min(np.abs(turned - one).max() for one in both) < 2e-6
+    if finger != "thumb":  # the finger turns the way the bone does
+        axis = np.array(master.bone.matrix_local.to_3x3()) @ (0, 0, 1)
+        assert turned[finger_joints(finger)[0]] @ axis == pytest.approx(math.radians(6), abs=0.02)
+
+
+def test_master_bones_play_without_the_add_on(hand, model):
+    finger, suffix = bone_name(finger_joints("index")[1], model.side), model.side[0].upper()
+    livehand.unregister()
+    try:
+        hand.pose.bones[f"CTL-index.{suffix}"].rotation_euler.x = 1.0
+        hand.update_tag()
+        bone = hand.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[finger]
+        bent = bone.matrix.to_quaternion().rotation_difference(bone.bone.matrix_local.to_quaternion()).angle
+    finally:
+        livehand.register()
+    assert bent > 1.5  # both joints up to it
+
+
+def test_writing_a_pose_resets_the_master_bones(hand, model, random_pose):
+    hand.pose.bones[master_name("ring", model.side)].rotation_euler.x = 0.5
+    pose = random_pose(1, model.side)
+    write_theta(RiggedHand.of(hand), pose.theta)
+    assert np.abs(axis_angle_to_matrix(read(hand).theta) - axis_angle_to_matrix(pose.theta)).max() < 1e-5
 
 
 def test_controls_can_be_keyed(hand, model):

@@ -9,7 +9,7 @@ from user import click, drag, over_view, place_of, press, region_of, write
 SLOT_PX = 77.4  # distance between previews in the asset shelf
 FIRST_SLOT = (36, 40)
 # Positions of buttons in the LiveHand tab, relative to the corner of its region.
-AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 291), (130, 461)
+AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 315), (130, 536)
 DEEP = (268, 244)  # in the pop-up of the button Avatar
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and rotation of the wrist in degrees
 
@@ -112,12 +112,8 @@ def select(side):
     hand = hand_of(side)
     wrist = hand.matrix_world @ hand.pose.bones[f"middle1.{side[0].upper()}"].head
     yield from click(*place_of(wrist))
-    if bpy.context.view_layer.objects.active not in (hand, hand.livehand.mesh):
+    if bpy.context.view_layer.objects.active != hand:
         raise RuntimeError(f"a click did not select {hand.name}")
-    if bpy.context.object != hand:  # its mesh was hit
-        bpy.context.object.select_set(False)
-        hand.select_set(True)
-        bpy.context.view_layer.objects.active = hand
 
 
 def show_tab():
