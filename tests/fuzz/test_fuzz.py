@@ -22,9 +22,8 @@ run.main()
 
 
 def fuzz(*command):
-    return subprocess.run(
-        [sys.executable, *map(str, command)], capture_output=True, text=True, timeout=500, check=False
-    )
+    asked = [sys.executable, *map(str, command)]
+    return subprocess.run(asked, capture_output=True, text=True, timeout=500, check=False)
 
 
 def test_changed_files_are_read_or_refused_in_words():
