@@ -83,8 +83,8 @@ def _read(path: Path) -> tuple[dict[str, Any], np.ndarray | None]:
         raise LiveHandError(
             "avatars need the package safetensors, got none; install it with: pip install safetensors"
         ) from error
-    check_regular(path)
     try:
+        check_regular(path)
         with safe_open(path, framework="numpy") as archive:
             metadata = archive.metadata() or {}
             thumbnail = archive.get_tensor(THUMBNAIL_KEY) if THUMBNAIL_KEY in archive.keys() else None

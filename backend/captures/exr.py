@@ -80,7 +80,10 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 
 
 def _bytes_of(path: Path) -> bytes:
-    return read_regular(path, _MOST_BYTES)
+    try:
+        return read_regular(path, _MOST_BYTES)
+    except LiveHandError as error:
+        raise LiveHandError(f"{path} must be a readable image ({error})") from error
 
 
 def _checked_header(path: Path, data: bytes) -> _Header:

@@ -124,7 +124,7 @@ def _hand_provenance(path: Path) -> dict:
 
 def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
     shapes = {key: list(array.shape) for key, array in arrays.items()}
-    if "theta" not in shapes:
+    if len(shapes.get("theta", [])) != 3 or arrays["theta"].size == 0 or arrays["theta"].dtype.kind not in "iuf":
         return _motion_facts(path)
     theta = arrays["theta"]
     return {

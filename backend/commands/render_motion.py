@@ -1,6 +1,7 @@
 """`livehand render` of a pose file, without Blender: PNGs with alpha of the hand alone, seen from the front.
 
-The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera.
+The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera; a take in a
+world's axes is turned by half a turn where the camera would look at the stump.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.framing import fitting_camera
+from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.model import HandModel, upright
 from ..hand.model_file import load_default_hand, load_hand_model
 from ..motion.files.import_options import ImportOptions, motion_and_warning, with_options
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from ..records.frame import Frame
 
 _FRONT = (0.0, -1.0, 0.0)
+_AWAY = 0.5  # sine of the angle out of the picture's plane beyond which a palm points away
+_MIDDLE_KNUCKLE = 4
 _FILL = 0.92  # share of the image that the hand fills
 _SIZE_PX = (512, 512)
 _FRAMES_FOR_CAMERA = 200
@@ -121,8 +125,22 @@ def posed_upright(
     matrix = to_blender(file.info.space)
     if file.info.space == "hand":
         matrix[:3, :3] = upright(motion.side)
-    wrists = rest_wrists(hand.for_side(motion.side), motion.betas)
-    return replace(transformed(motion, matrix, wrists), transl=-wrists)
+    model = hand.for_side(motion.side)
+    wrists = rest_wrists(model, motion.betas)
+    motion = transformed(motion, matrix, wrists)
+    if file.info.space in ("y_up", "z_up") and _points_away(motion, model):
+        motion = transformed(motion, np.diag([-1.0, -1, 1, 1]), wrists)
+    return replace(motion, transl=-wrists)
+
+
+def _points_away(motion: HandMotion, model: HandModel) -> bool:
+    """Whether the camera would look at the stump: in the mean of all poses the palm points away from it.
+
+    So do the takes of headsets, whose wearers see the backs of their hands.
+    """
+    palm = axis_angle_to_matrix(motion.theta[:, 0]) @ (model.joints[_MIDDLE_KNUCKLE] - model.joints[0])
+    mean = palm.mean(0)
+    return bool(-mean @ _FRONT > _AWAY * np.linalg.norm(palm, axis=-1).mean())
 
 
 def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]:

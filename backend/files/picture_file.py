@@ -32,7 +32,10 @@ def opened_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[P
     """
     from PIL import Image
 
-    check_regular(path, MOST_BYTES)
+    try:
+        check_regular(path, MOST_BYTES)
+    except LiveHandError as error:
+        raise LiveHandError(f"{path} must be a readable image ({error})") from error
     try:
         with Image.open(path, formats=formats) as picture:
             width, height = picture.size

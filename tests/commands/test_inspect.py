@@ -58,6 +58,10 @@ def test_poses(tmp_path):
     theta[0, 0, 0] = np.nan
     np.savez(tmp_path / "bad.npz", theta=theta)
     assert inspect(tmp_path / "bad.npz")["is_finite"] is False
+    for theta in (np.zeros((0, 16, 3)), np.float64(3), np.array(["a"])):
+        np.savez(tmp_path / "bad.npz", theta=theta)
+        with pytest.raises(LiveHandError, match=r"bad\.npz"):
+            inspect(tmp_path / "bad.npz")
 
 
 def test_other_files_are_refused(tmp_path):

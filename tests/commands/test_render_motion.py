@@ -18,11 +18,14 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model_file import default_hand_path, load_hand_model
 from livehand.backend.motion.formats.own import write_motion
+from livehand.backend.motion.landmarks.sighting import MEDIAPIPE_IN_WEBXR
+from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import Frame
 from livehand.livehand_blender.cli import main
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.slow
 
@@ -44,6 +47,24 @@ def test_a_hand_in_its_own_space_stands_upright_with_its_wrist_at_the_origin(han
         assert joints[4, 2] > 0.05  # the middle knuckle above the wrist
         assert vertices[:, 2].max() > joints[4, 2]
     assert motion.side == "left"
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("ahead", [1, -1])
+def test_a_headsets_take_is_seen_from_the_fingers_not_from_the_stump(hand, tmp_path, side, ahead):
+    """WebXR: Y up, and the wearer, who looks along -Z, stretches the hand out ahead."""
+    model = hand.for_side(side)
+    rest = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)] * ([1, 1, 1] if side == "right" else [-1, 1, 1])
+    along = (model.joints[4] - model.joints[0]) / np.linalg.norm(model.joints[4] - model.joints[0])
+    turn = Rotation.align_vectors([[0, 0, -ahead], [0, 1, 0]], [along, [0, 1, 0]])[0].as_matrix()
+    joints = np.full((2, 25, 3), 9.0)
+    joints[:, list(MEDIAPIPE_IN_WEBXR)] = rest @ turn.T + [0.1, 1.2, -0.4]
+    np.savez(tmp_path / "take.npz", joints=joints, handedness=side)
+    motion = posed_upright(tmp_path / "take.npz", hand)
+    assert motion.side == side
+    knuckle = posed_arrays(hand, motion.pose(0))[1][4]
+    np.testing.assert_allclose(knuckle[:2] / np.linalg.norm(knuckle), [0, -1], atol=0.2)  # towards the camera
+    assert posed_vertices(hand, motion.pose(0))[:, 2].max() < 0.06  # as level as it was
 
 
 def test_the_hand_reaches_as_far_as_in_all_its_frames(hand, gestures):

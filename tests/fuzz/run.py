@@ -89,6 +89,7 @@ def run_case(seed, raw, folder):
 def fuzz(folder, seconds, first):
     """Counts of cases and faults by reader."""
     import numpy as np
+    import numpy.testing  # asks for the processor by a process of its own, the first time that scipy imports it
     from seeds import all_seeds
 
     seeds = all_seeds()

@@ -76,7 +76,10 @@ def _events(path: Path, buffer_bytes: int) -> Iterator[Iterator[Event]]:
         import ijson
     except ImportError as error:
         raise LiveHandError(f"large JSON files need ijson ({error}); install it with: pip install ijson") from error
-    check_regular(path)
+    try:
+        check_regular(path)
+    except LiveHandError as error:
+        raise LiveHandError(f"{path} must be a readable JSON file ({error})") from error
     try:
         with path.open("rb") as file:
             yield ijson.basic_parse(file, use_float=True, buf_size=buffer_bytes)

@@ -286,3 +286,51 @@ def test_bad_lights_are_named(tmp_path, light, message):
     with pytest.raises(LiveHandError, match=rf"frame 0/0_4\.png: .*{message}"):
         import_transforms(path, read_pose_table(poses), load_default_hand(), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["file_path", "mask_path"])
+@pytest.mark.parametrize("place", ["../secret.png", "{outside}", "link/secret.png"])
+def test_files_outside_the_folder_are_not_copied_unless_allowed(tmp_path, name, place):
+    secret = tmp_path / "secret.png"
+    path, poses = write(tmp_path / "source")
+    Image.new("RGBA", SIZE).save(secret)
+    (tmp_path / "source" / "link").symlink_to(tmp_path)
+    document = json.loads(path.read_text())
+    document["frames"][3][name] = place.format(outside=secret)
+    path.write_text(json.dumps(document))
+    asked = path, read_pose_table(poses), load_default_hand(), tmp_path / "capture"
+    with pytest.raises(LiveHandError, match=r"must lie inside .*--allow-outside"):
+        import_transforms(*asked)
+    assert not list(tmp_path.glob("capture*"))
+    capture = import_transforms(*asked, allows_outside=True)
+    assert len(capture.views) == 8
+
+
+def test_masks_are_images_before_anything_is_copied(tmp_path):
+    path, poses = write(tmp_path / "source")
+    source = json.loads(path.read_text())
+    (tmp_path / "source" / "notes.png").write_text("root:x:0:0")
+    Image.new("L", (9, 9)).save(tmp_path / "source" / "small.png")
+    (tmp_path / "source" / "zero.png").symlink_to("/dev/zero")
+
+    def refused(mask, message, **options):
+        source["frames"][0]["mask_path"] = mask
+        path.write_text(json.dumps(source))
+        with pytest.raises(LiveHandError, match=message):
+            import_transforms(path, read_pose_table(poses), load_default_hand(), tmp_path / "capture", **options)
+        assert not list(tmp_path.glob("capture*"))
+
+    refused("notes.png", "readable image")
+    refused("small.png", "like its camera")
+    refused("zero.png", "must lie inside")
+    refused("zero.png", "pipe, socket or device", allows_outside=True)
+    refused("a\0b", "must be text")
+    refused("x" * 300, "must be")
+    refused(7, "must be text")
+
+
+@pytest.mark.parametrize("angle", [0, -1, 4])
+def test_a_camera_without_an_angle_is_named(tmp_path, angle):
+    path, poses = write(tmp_path / "source", document={"camera_angle_x": angle})
+    with pytest.raises(LiveHandError, match="angle must lie between"):
+        read_transforms(path, read_pose_table(poses), 1.0)
