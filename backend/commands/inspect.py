@@ -121,6 +121,8 @@ def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
     if "theta" not in shapes:
         return _motion_facts(path)
     theta = arrays["theta"]
+    if not np.isfinite(theta).all():
+        raise LiveHandError(f"{path} must hold finite angles, got NaN or infinity; export the poses again")
     return {
         "kind": "poses",
         "frames": len(theta),

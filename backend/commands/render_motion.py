@@ -6,7 +6,6 @@ The wrist rotates as in the file and does not move. A file in a camera's axes is
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,6 +25,7 @@ from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
+from ..runtime.atomic_file import replacing
 from ..runtime.command import say
 
 if TYPE_CHECKING:
@@ -124,6 +124,5 @@ def write_png(frame: Frame, path: Path) -> None:
 
     from ..rendering.decode import straight_srgb
 
-    partial = path.with_suffix(".partial")
-    Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(partial, format="PNG")
-    os.replace(partial, path)
+    with replacing(path) as temporary:
+        Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(temporary, format="PNG")
