@@ -1,12 +1,18 @@
 # Everything runs in .venv, which the first target that needs it makes. A stamp per set of packages: installed once, and
 # again when one of SETTINGS changes.
-PYTHON ?= python3.11
+# Blender as a module exists for Python 3.11 (4.2 to 5.0) and 3.13 (from 5.1 on).
+PYTHON ?= $(firstword $(foreach version,python3.11 python3.13,$(if $(shell $(version) -c 0 2> /dev/null && echo yes),$(version))) python3.11)
 VENV := .venv
 # A virtual environment looks different on Windows.
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 VENV_PYTHON := $(BIN)/python$(if $(filter Windows_NT,$(OS)),.exe)
 OUT ?= out/wave
 SETTINGS := pyproject.toml setup.py blender_manifest.toml
+# Which torch: `cpu`, or `gpu` where an NVIDIA GPU is found, or on request: make demo TORCH=gpu. PyPI's torch for Linux brings
+# CUDA's libraries, gigabytes of them; torch's own index has one without. Elsewhere PyPI's is without CUDA anyway.
+TORCH ?= $(if $(shell nvidia-smi -L 2> /dev/null),gpu,cpu)
+CPU_TORCH := https://download.pytorch.org/whl/cpu
+TORCH_WANTED := $(shell sed -n 's/^ *"\(torch[<>=][^"]*\)".*/\1/p' pyproject.toml)
 # The other versions of Blender that have a module for Python 3.11.
 OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
@@ -63,13 +69,22 @@ clean:
 	rm -rf $(VENV) .venv-bpy* out dist build *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# A no-op where torch is installed already. If torch's index cannot be reached, the next step takes PyPI's build.
+define install_torch
+	@$(if $(filter cpuLinux,$(TORCH)$(shell uname -s)),echo "No NVIDIA GPU found: torch for CPUs (make TORCH=gpu for CUDA)"; \
+		$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet --index-url $(CPU_TORCH) '$(TORCH_WANTED)' \
+		|| echo "$(CPU_TORCH) cannot be used; taking PyPI's torch with CUDA",echo "torch as PyPI has it")
+endef
+
 $(VENV)/demo.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing Blender as a module, torch and LiveHand into $(VENV); once, 2 GB"
+	$(install_torch)
 	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing what checks and tests need into $(VENV); once"
+	$(install_torch)
 	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[dev]'
 	@touch $@ $(VENV)/demo.stamp
 
@@ -86,6 +101,6 @@ $(VENV)/docs.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@touch $@
 
 $(VENV_PYTHON):
-	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON) is not there: Blender as a module needs Python 3.11. Install it, or name it: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))' 2> /dev/null || { echo "$(PYTHON) will not do: Blender as a module needs Python 3.11 (or 3.13). Install python3.11, or name one: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt install python3.11-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
