@@ -72,7 +72,7 @@ clean:
 # A no-op where torch is installed already. If torch's index cannot be reached, the next step takes PyPI's build.
 define install_torch
 	@$(if $(filter cpuLinux,$(TORCH)$(shell uname -s)),echo "No NVIDIA GPU found: torch for CPUs (make TORCH=gpu for CUDA)"; \
-		$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet --index-url $(CPU_TORCH) '$(TORCH_WANTED)' \
+		$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet --retries 0 --timeout 15 --index-url $(CPU_TORCH) '$(TORCH_WANTED)' \
 		|| echo "$(CPU_TORCH) cannot be used; taking PyPI's torch with CUDA",echo "torch as PyPI has it")
 endef
 
