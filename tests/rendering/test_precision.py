@@ -18,7 +18,7 @@ def test_bf16_and_fp32_differ_by_two_levels_of_colour_times_alpha(hand):
     theta = theta_of(GESTURES["relaxed"].angles_deg(), FingerAxes.of_default_hand())
     pose = HandPose(theta, np.zeros(10), np.zeros(3))
     vertices = posed_vertices(hand, pose)
-    shot = Shot(pose, vertices, fitting_camera(vertices, (0, -1, 0), (96, 128), 0.9))
+    shot = Shot(pose, vertices, fitting_camera(vertices, (0.0, -1.0, 0.0), (96, 128), 0.9))
     avatar = load_avatar()
     exact, rough = (
         (straight_srgb(Renderer(avatar, hand, "cpu", precision).render(shot)) * 255).round()
