@@ -1,12 +1,18 @@
 # Everything runs in .venv, which the first target that needs it makes. A stamp per set of packages: installed once, and
 # again when one of SETTINGS changes.
-PYTHON ?= python3.11
+# Blender as a module exists for Python 3.11 (4.2 to 5.0) and 3.13 (from 5.1 on).
+PYTHON ?= $(firstword $(foreach version,python3.11 python3.13,$(if $(shell $(version) -c 0 2> /dev/null && echo yes),$(version))) python3.11)
 VENV := .venv
 # A virtual environment looks different on Windows.
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 VENV_PYTHON := $(BIN)/python$(if $(filter Windows_NT,$(OS)),.exe)
 OUT ?= out/wave
 SETTINGS := pyproject.toml setup.py blender_manifest.toml
+# Which torch: `cpu`, or `gpu` where an NVIDIA GPU is found, or on request: make demo TORCH=gpu. The default package index has
+# torch for Linux with CUDA's libraries, gigabytes of them; CPU_TORCH is the address of PyTorch's index without them.
+TORCH ?= $(if $(shell nvidia-smi -L 2> /dev/null),gpu,cpu)
+CPU_TORCH ?=
+TORCH_WANTED := $(shell sed -n 's/^ *"\(torch[<>=][^"]*\)".*/\1/p' pyproject.toml)
 # The other versions of Blender that have a module for Python 3.11.
 OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
@@ -69,13 +75,22 @@ clean:
 	rm -rf $(VENV) .venv-bpy* out dist build *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# A no-op where torch is installed already. If the index cannot be reached, the next step takes the default one's build.
+define install_torch
+	@$(if $(filter cpuLinux,$(TORCH)$(shell uname -s)),$(if $(CPU_TORCH),echo "No NVIDIA GPU found: torch for CPUs"; \
+		$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet --retries 0 --timeout 15 --index-url $(CPU_TORCH) '$(TORCH_WANTED)' \
+		|| echo "$(CPU_TORCH) cannot be used; taking torch with CUDA",echo "No NVIDIA GPU found: make CPU_TORCH=ADDRESS (PyTorch's index for CPUs) saves gigabytes"))
+endef
+
 $(VENV)/demo.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing Blender as a module, torch and LiveHand into $(VENV); once, 2 GB"
+	$(install_torch)
 	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[bpy]'
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing what checks and tests need into $(VENV); once"
+	$(install_torch)
 	$(VENV_PYTHON) -m pip install --disable-pip-version-check --quiet -e '.[dev]'
 	@touch $@ $(VENV)/demo.stamp
 
@@ -92,6 +107,6 @@ $(VENV)/docs.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@touch $@
 
 $(VENV_PYTHON):
-	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON) is not there: Blender as a module needs Python 3.11. Install it, or name it: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))' 2> /dev/null || { echo "$(PYTHON) will not do: Blender as a module needs Python 3.11 (or 3.13). Install python3.11, or name one: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt install python3.11-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)

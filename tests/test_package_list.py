@@ -1,10 +1,12 @@
 """The pip package: its modules, version and requirements agree with the extension's."""
 
+import re
 import tomllib
 from importlib import metadata
 from pathlib import Path
 
 from livehand.backend.runtime.dependencies import REQUIREMENTS
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 
@@ -27,3 +29,14 @@ def test_the_extension_asks_for_the_packages_that_pip_installs():
 
 def test_the_installed_version_is_that_of_the_manifest():
     assert metadata.version("livehand") == load_toml("blender_manifest.toml")["version"]
+
+
+def test_the_lock_file_has_a_version_and_a_hash_of_all_that_pip_installs():
+    lines = [line for line in (ROOT / "requirements.lock").read_text().splitlines() if not line.startswith("#")]
+    locked = dict(re.fullmatch(r"(\S+)==(\S+)(?: --hash=sha256:[0-9a-f]{64})+", line).groups() for line in lines)
+    project = load_toml("pyproject.toml")["project"]
+    extras = project["optional-dependencies"]
+    wanted = map(Requirement, [*project["dependencies"], *(one for name in extras for one in extras[name])])
+    ours = [one for one in wanted if one.name != "livehand" and (one.marker is None or one.marker.evaluate())]
+    assert len(ours) > 15
+    assert [str(one) for one in ours if not one.specifier.contains(locked.get(one.name, "0"))] == []

@@ -26,6 +26,7 @@ from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from ..records.light import Sky
+from ..runtime.atomic_file import replacing
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 
@@ -39,7 +40,7 @@ _LARGEST_SHELL_M, _MOST_SAMPLES = 0.1, 1024
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
-    """Write the avatar with weights in half precision, first under a temporary name."""
+    """Write the avatar with weights in half precision. Raises LiveHandError if the file cannot be written."""
     tensors = {
         prefix + key: value.detach().cpu().half().contiguous()
         for prefix, network in _networks(avatar).items()
@@ -60,16 +61,16 @@ def save_avatar(avatar: Avatar, path: Path) -> None:
     if avatar.sky is not None:
         tensors[_SKY_KEY] = torch.as_tensor(avatar.sky.radiance, dtype=torch.float16)
     header["checksum"] = _checksum(header, tensors)
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
-    partial.replace(path)
+    with replacing(path) as temporary:
+        temporary.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
 
 
 def load_avatar(path: Path | str | None = None) -> Avatar:
     """Read an avatar; None reads the first of the shipped avatars.
 
     Raises:
-        LiveHandError: the file is missing, not an avatar, truncated, altered, or of a newer version.
+        LiveHandError: the file is missing, not an avatar, truncated, altered, of a newer version, or has
+            weights that are not finite.
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
@@ -94,6 +95,9 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         for prefix, network in _networks(avatar).items():
             weights = {k.removeprefix(prefix): v.float() for k, v in tensors.items() if k.startswith(prefix)}
             network.load_state_dict(weights)
+            faulty = [prefix + key for key, value in network.state_dict().items() if not value.isfinite().all()]
+            if faulty:
+                raise LiveHandError(f"{path}: the weights must be finite, got others in {faulty[0]}; train it again")
     except RuntimeError as error:
         raise LiveHandError(f"{path}: the weights must fit the configuration, got {error}") from error
     return avatar

@@ -17,7 +17,7 @@ from ..hand.model_file import load_default_hand, load_hand_model
 from ..records.errors import LiveHandError
 from ..rendering.frame_queue import FrameQueue
 from ..rendering.frame_task import HandRenderer
-from ..runtime.thread_limits import limit_spinning
+from ..runtime.thread_limits import allow_cpu_for_mps, limit_spinning
 from .library import shipped_avatar_path
 
 
@@ -42,6 +42,7 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
         ImportError: a package is missing.
     """
     limit_spinning()
+    allow_cpu_for_mps()
     from ..rendering.renderer import Renderer
     from .file import load_avatar
 

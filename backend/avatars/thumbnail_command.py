@@ -12,7 +12,7 @@ from ..runtime.command import Command
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("avatar", type=Path, help=".safetensors file to update")
     parser.add_argument("--hand", type=Path, help="hand model of the avatar (default: the built-in hand)")
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), default="auto")
 
 
 def _run(args: argparse.Namespace) -> dict:

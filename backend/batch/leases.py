@@ -98,6 +98,10 @@ class FrameLeases:
         """Whether no process has superseded the lease, as one does whose owner slept for minutes."""
         return max(self._present(lease.frame), default=-1) == lease.generation
 
+    def is_lost(self, lease: Lease) -> bool:
+        """Whether no process has a lease on the frame any more, as after the folder was deleted."""
+        return not self._present(lease.frame)
+
     def release(self, lease: Lease) -> None:
         """Remove the lease, and before it the dead ones that it supersedes."""
         self._held.pop(lease.frame, None)
@@ -112,7 +116,8 @@ class FrameLeases:
     def _present(self, frame: int) -> dict[int, Path]:
         """Generation -> file of all leases on a frame."""
         lease_name = re.compile(rf"{re.escape(self._path(frame, 0).name)}(?:\.(\d+))?")
-        matches = map(lease_name.fullmatch, os.listdir(self._folder))
+        names = os.listdir(self._folder) if self._folder.is_dir() else ()
+        matches = map(lease_name.fullmatch, names)
         return {int(match[1] or 0): self._folder / match[0] for match in matches if match}
 
     def _create(self, lease: Lease) -> bool:

@@ -29,6 +29,7 @@ from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..records.shot import HandPose
 from ..records.side import Side
+from ..runtime.atomic_file import replacing
 from .lights import CaptureLight, light_entry, read_light, write_skies
 from .picture import ALPHA_MODES, no_alpha, read_linear_picture, read_mask, read_picture, srgb_to_linear, straight
 
@@ -182,13 +183,10 @@ def save_capture_index(capture: Capture) -> None:
     """
     write_skies(capture.folder, capture.lights)
     arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
-    partial = capture.folder / "poses.partial"
-    with partial.open("wb") as file:
-        np.savez_compressed(file, side=np.array([pose.side for pose in capture.poses]), **arrays)
-    partial.replace(capture.folder / "poses.npz")
-    partial = capture.folder / "transforms.partial"
-    partial.write_text(index_document(capture))
-    partial.replace(capture.folder / "transforms.json")
+    with replacing(capture.folder / "poses.npz") as temporary:
+        np.savez_compressed(temporary, side=np.array([pose.side for pose in capture.poses]), **arrays)
+    with replacing(capture.folder / "transforms.json") as temporary:
+        temporary.write_text(index_document(capture))
 
 
 def index_document(capture: Capture) -> str:

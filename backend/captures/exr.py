@@ -11,6 +11,7 @@ import numpy as np
 
 from ..files.regular_file import MIB, read_regular
 from ..records.errors import LiveHandError
+from ..runtime.atomic_file import replacing
 
 _MAGIC = 20000630
 _VERSION, _TILED, _DEEP, _PARTS = 2, 0x200, 0x800, 0x1000
@@ -70,13 +71,8 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
     Raises:
         LiveHandError: the file cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(_file_of(channels))
-        partial.replace(path)
-    except OSError as error:
-        raise LiveHandError(f"{path} must be writable ({error})") from error
+    with replacing(path) as temporary:
+        temporary.write_bytes(_file_of(channels))
 
 
 def _bytes_of(path: Path) -> bytes:

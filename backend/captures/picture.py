@@ -70,9 +70,11 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> np.ndarray:
     """[H, W] uint8: a mask's alpha if it has any, else its brightness.
 
     Raises:
-        LiveHandError: missing, unreadable, or not of the given size.
+        LiveHandError: missing, unreadable, not of the given size, or of more than 8 bits per channel.
     """
     mode, _ = read_header(path)
+    if mode.startswith(("I", "F")):  # 16 and 32 bits, of which Pillow would keep the lowest 8
+        raise LiveHandError(f"{path} must be a mask of 8 bits per channel, got mode {mode}; save it as an 8-bit PNG")
     if mode in ALPHA_MODES:
         return read_picture(path, "RGBA", size_px)[1][..., 3]
     return read_picture(path, "L", size_px)[1]

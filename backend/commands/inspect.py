@@ -127,6 +127,8 @@ def _pose_facts(path: Path, arrays: dict[str, np.ndarray]) -> dict:
     if len(shapes.get("theta", [])) != 3 or arrays["theta"].size == 0 or arrays["theta"].dtype.kind not in "iuf":
         return _motion_facts(path)
     theta = arrays["theta"]
+    if not np.isfinite(theta).all():
+        raise LiveHandError(f"{path} must hold finite angles, got NaN or infinity; export the poses again")
     return {
         "kind": "poses",
         "frames": len(theta),

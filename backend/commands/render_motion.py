@@ -7,7 +7,6 @@ world's axes is turned by half a turn where the camera would look at the stump.
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -28,6 +27,7 @@ from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
+from ..runtime.atomic_file import replacing
 from ..runtime.command import parse_size_px, say
 
 if TYPE_CHECKING:
@@ -171,6 +171,5 @@ def write_png(frame: Frame, path: Path) -> None:
 
     from ..rendering.decode import straight_srgb
 
-    partial = path.with_suffix(".partial")
-    Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(partial, format="PNG")
-    os.replace(partial, path)
+    with replacing(path) as temporary:
+        Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(temporary, format="PNG")

@@ -71,7 +71,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="measure how much L* varies in bands of 1 to 16 mm on the hand, in the truth and in the render",
     )
     parser.add_argument("--record", action="store_true", help="write the results into the avatar's metadata")
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
 
 

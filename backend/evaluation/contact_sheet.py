@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from ..runtime.atomic_file import replacing
+
 BACKGROUND = 0.08
 ERROR_GAIN = 4.0
 _LABEL_PX, _LABEL_GREY = 15, 0.85
@@ -57,10 +59,8 @@ def tile(tiles: Sequence[np.ndarray], columns: int) -> np.ndarray:
 
 def save_sheet(sheet: np.ndarray, path: Path) -> None:
     """Write a sheet under a temporary name and rename it; its folder is created."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_stem(f".{path.stem}.partial")
-    Image.fromarray(sheet).save(partial)
-    partial.replace(path)
+    with replacing(path) as temporary:
+        Image.fromarray(sheet).save(temporary)
 
 
 def _padded(picture: np.ndarray, height: int, width: int) -> np.ndarray:

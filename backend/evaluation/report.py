@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
-from ..records.errors import LiveHandError
+from ..runtime.atomic_file import replacing
 from .breakdown import CAUSES, REGIONS
 from .contrast_bands import BANDS_MM, CONTRAST_KEYS, SPAN, TRUTH
 from .evaluate import ViewScore
@@ -111,13 +111,8 @@ def write_text(text: str, path: Path) -> None:
     Raises:
         LiveHandError: the file cannot be written.
     """
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text)
-        partial.replace(path)
-    except OSError as error:
-        raise LiveHandError(f"{path} must be writable ({error}); choose another folder with -o") from error
+    with replacing(path) as temporary:
+        temporary.write_text(text)
 
 
 def summary_json(

@@ -8,10 +8,10 @@ from ..records.errors import LiveHandError
 
 
 def torch_device(name: str) -> torch.device:
-    """The device named `auto` (CUDA if it is available), `cpu` or `cuda`.
+    """The device named `auto` (CUDA if it is available, else the CPU), `cpu`, `cuda` or `mps`, the GPU of a Mac.
 
     Raises:
-        LiveHandError: CUDA is requested and not available.
+        LiveHandError: a GPU is requested and not available.
     """
     has_cuda = torch.cuda.is_available()
     if name == "auto":
@@ -20,4 +20,6 @@ def torch_device(name: str) -> torch.device:
         raise LiveHandError(
             "device 'cuda' needs a CUDA GPU and a CUDA build of torch, got neither; use 'auto' or 'cpu'"
         )
+    if name == "mps" and not torch.backends.mps.is_available():
+        raise LiveHandError("device 'mps' needs a Mac with Apple silicon, got none; use 'auto' or 'cpu'")
     return torch.device(name)

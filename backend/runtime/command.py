@@ -16,7 +16,7 @@ from typing import Any
 
 from ..records.errors import LiveHandError
 from .signals import stopping_as_at_ctrl_c
-from .thread_limits import limit_spinning
+from .thread_limits import allow_cpu_for_mps, limit_spinning
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -50,6 +50,7 @@ class Command:
 def run_commands(program: str, about: str, commands: Mapping[str, Command], argv: Sequence[str] | None = None) -> int:
     """Run the sub-command named by `argv` (None: the process's arguments) and return the exit code."""
     limit_spinning()
+    allow_cpu_for_mps()
     try:
         args = _parser(program, about, commands).parse_args(argv)
         args.argv = tuple(sys.argv[1:] if argv is None else argv)

@@ -1,4 +1,4 @@
-"""Limits on torch's threads: their number, and how long they spin while they wait."""
+"""What torch must be told before it is imported, and limits on its threads."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ def limit_spinning() -> None:
     """
     os.environ.setdefault("GOMP_SPINCOUNT", _GNU_SPINS)
     os.environ.setdefault("KMP_BLOCKTIME", _LLVM_BLOCK_MS)
+
+
+def allow_cpu_for_mps() -> None:
+    """Let the CPU do what torch lacks for a Mac's GPU. Call it before torch is imported."""
+    os.environ.setdefault("PYTORCH_ENABLE_MPS_FALLBACK", "1")
 
 
 @contextlib.contextmanager

@@ -5,8 +5,9 @@ All randomness of training is a function of (seed, step), so there is no random 
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,6 +17,9 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ..records.errors import LiveHandError
+from ..runtime.atomic_file import replacing
+
+_CHECKSUM = "sha256"
 
 
 @dataclass(frozen=True)
@@ -74,30 +78,32 @@ def save_checkpoint(path: Path, state: TrainState, progress: Progress, run: str)
     Raises:
         LiveHandError: the checkpoint cannot be written; the previous one is still there.
     """
-    partial = path.with_suffix(".checkpoint_partial")
-    try:
-        save_file(state.tensors(), partial, metadata={"progress": json.dumps(asdict(progress)), "run": run})
-        with partial.open("rb+") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except (SafetensorError, OSError) as error:
-        raise LiveHandError(
-            f"checkpoint {path} must be writable, got {error}; make room, and continue from the last one with --resume"
-        ) from error
+    tensors = state.tensors()
+    metadata = {"progress": json.dumps(asdict(progress)), "run": run}
+    with replacing(path, is_durable=True) as temporary:
+        try:
+            save_file(tensors, temporary, metadata={**metadata, _CHECKSUM: _checksum(metadata, tensors)})
+        except SafetensorError as error:
+            raise OSError(f"{error}; the last one is still there, for --resume") from error
 
 
 def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
     """Restore the state and return its progress.
 
     Raises:
-        LiveHandError: the checkpoint is unreadable, or of another run (capture, configuration or steps differ).
+        LiveHandError: the checkpoint is unreadable, altered, or another run's (capture, configuration or steps differ).
     """
     try:
         with safe_open(path, framework="pt") as archive:
-            metadata = archive.metadata() or {}
+            metadata = dict(archive.metadata() or {})
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, OSError) as error:
         raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start again") from error
+    # Earlier versions wrote no checksum.
+    if metadata.pop(_CHECKSUM, None) not in (None, _checksum(metadata, tensors)):
+        raise LiveHandError(
+            f"checkpoint {path} must match its own checksum, got an altered or damaged one; delete it to start again"
+        )
     if metadata.get("run") != run:
         raise LiveHandError(
             f"checkpoint {path} must be of the same capture and settings, got another run's; repeat its settings, "
@@ -105,6 +111,14 @@ def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
         )
     state.restore(tensors)
     return Progress(**json.loads(metadata["progress"]))
+
+
+def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    for key, value in sorted(tensors.items()):
+        digest.update(f"{key} {value.dtype} {list(value.shape)}".encode())
+        digest.update(value.reshape(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
 
 
 def _under(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

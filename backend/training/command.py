@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -164,9 +165,8 @@ def _checked_output(path: Path) -> Path:
         raise LiveHandError(f"an avatar's file must end in .safetensors, got {path.name}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        probe = path.with_suffix(".partial")
-        probe.touch()
-        probe.unlink(missing_ok=True)  # several processes may do this at once
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
     except OSError as error:
         raise LiveHandError(f"the avatar's folder {path.parent} must be writable, got {error}") from error
     return path

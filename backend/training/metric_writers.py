@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..records.errors import LiveHandError
+from ..runtime.atomic_file import replacing
 
 
 class MetricWriter(ABC):
@@ -37,9 +38,8 @@ class JsonLinesLog(MetricWriter):
 
     def __init__(self, path: Path, first_step: int):
         lines = path.read_text(errors="replace").splitlines() if path.is_file() and first_step else []
-        partial = path.with_name(f".{path.name}.partial")
-        partial.write_text("".join(f"{line}\n" for line in lines if _step_of(line) <= first_step))
-        partial.replace(path)
+        with replacing(path) as temporary:
+            temporary.write_text("".join(f"{line}\n" for line in lines if _step_of(line) <= first_step))
         self._file = path.open("a")
 
     def write_scalars(self, step: int, values: Mapping[str, float]) -> None:

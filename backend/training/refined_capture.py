@@ -13,6 +13,7 @@ from ..captures.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
 from ..nerf.avatar import Avatar
+from ..runtime.atomic_file import replacing
 from .parts import Correction
 from .refinement import Refinement, RefinementConfig
 
@@ -90,8 +91,6 @@ def _refined_hand(refinement: Refinement, hand: HandModel, folder: Path) -> Hand
         "ft": hand.ft,
     }
     path = folder / HAND_FILE.format(side=hand.side)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-    partial.replace(path)
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, **arrays)
     return load_hand_model(path)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import bpy
 
+from ...backend.runtime.atomic_file import replacing
+from ..scene.file_paths import operator_path
 from .node_graph import NodeGraph, Socket, enable_nodes
 from .skin import SkinChannels, SkinTone, procedural_channels
 
@@ -63,10 +65,9 @@ def _bake_emission(surface: bpy.types.Object, graph: NodeGraph, path: Path, size
     bpy.context.view_layer.objects.active = surface
     surface.select_set(True)
     bpy.ops.object.bake(type="EMIT", margin=12, use_clear=True, target="IMAGE_TEXTURES")
-    partial = path.with_suffix(".partial.exr")
-    image.filepath_raw = str(partial)
     image.file_format = "OPEN_EXR"
-    image.save()
-    partial.rename(path)
+    with replacing(path) as temporary:
+        image.filepath_raw = operator_path(temporary)
+        image.save()
     graph.tree.nodes.remove(target)
     bpy.data.images.remove(image)

@@ -18,6 +18,8 @@ from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import HandPose
+from ...backend.runtime.atomic_file import replacing
+from ..scene.file_paths import output_path
 from .bake import bake_skin
 from .lit_image import LitImages, is_complete_picture
 from .own_surface import OwnSurface
@@ -125,12 +127,11 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> Non
     set_camera(scene, view.camera)
     scene.cycles.use_denoising = True
     final = folder / view.file
-    partial = final.with_name("partial_" + final.name)
-    scene.render.filepath = str(partial)
-    bpy.ops.render.render(write_still=True)
-    if not is_complete(partial, view):
-        raise LiveHandError(f"Cycles must write {partial}, got no complete image; is the disk full?")
-    partial.rename(final)
+    with replacing(final) as temporary:
+        scene.render.filepath = output_path(temporary)
+        bpy.ops.render.render(write_still=True)
+        if not is_complete(temporary, view):
+            raise LiveHandError(f"Cycles must write {final}, got no complete image; is the disk full?")
 
 
 def is_complete(path: Path, view: CaptureView) -> bool:

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(SKINS)} or a file (default: the hand's own)",
     )
     parser.add_argument("--size", type=parse_size_px, metavar="WxH", help="image size, px; default: the scene's")
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), help="default: the scene's")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), help="default: the scene's")
     parser.add_argument("--precision", choices=("fp32", "bf16"), help="default: the scene's")
     parser.add_argument("--format", type=parse_formats, default=("exr",), metavar="exr|png|exr,png")
     parser.add_argument("--overwrite", action="store_true", help="also render frames that already exist")

@@ -20,7 +20,8 @@ from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import HandTask
 from ...backend.runtime.stdout import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
-from .output import OutputSettings, literal_path
+from ..scene.file_paths import operator_path, output_path
+from .output import OutputSettings
 from .plan import blender_message
 
 
@@ -79,7 +80,7 @@ class FrameWriter:
 
     def _render(self, frame: int, path: Path) -> None:
         """Render and save with one operator, which releases Python to the queue's thread; `save_render` does not."""
-        self.scene.render.filepath = literal_path(path)
+        self.scene.render.filepath = output_path(path)
         try:
             read_camera(self.scene.camera, self.scene.render)  # Blender's message on a missing camera has no remedy
             result = bpy.ops.render.render(scene=self.scene.name, write_still=True)
@@ -91,7 +92,7 @@ class FrameWriter:
 
     def _save_again(self, path: Path) -> None:
         try:
-            bpy.data.images["Render Result"].save_render(str(path), scene=self.scene)
+            bpy.data.images["Render Result"].save_render(operator_path(path), scene=self.scene)
         except RuntimeError as error:
             raise not_written(path, blender_message(error)) from error
 

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
-
-# The first version of Blender that reads {name} in an output path as a variable.
-_PATH_TEMPLATES = (4, 5, 0)
 
 
 @dataclass(frozen=True)
@@ -47,9 +43,3 @@ class OutputSettings:
         settings.color_depth = self.exr_depth if is_exr else self.png_depth
         if is_exr:
             settings.exr_codec = "ZIP"  # lossless, and the frame check can decompress it
-
-
-def literal_path(path: Path) -> str:
-    """An absolute path for Blender's output settings, with its braces escaped."""
-    text = str(path)
-    return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= _PATH_TEMPLATES else text

@@ -11,6 +11,7 @@ import bpy
 from ...backend.batch.frame_selection import ALL, Chunk
 from ...backend.records.errors import LiveHandError
 from ..rig.hand import all_hands
+from ..scene.file_paths import operator_path
 from ..scene.settings import ENGINE
 
 
@@ -58,7 +59,7 @@ def open_shot(path: Path) -> bpy.types.Scene:
     if not path.is_file():
         raise LiveHandError(f"no file at {path}; give the path of a .blend")
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+        bpy.ops.wm.open_mainfile(filepath=operator_path(path.resolve()), load_ui=False, use_scripts=False)
     except RuntimeError as error:
         raise LiveHandError(
             f"{path} must be a .blend file that this Blender can read; {blender_message(error)}"

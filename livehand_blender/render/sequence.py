@@ -151,6 +151,11 @@ class _Sequence:
     def _write(self, job: FrameJob, lease: Lease) -> None:
         start = time.perf_counter()
         is_published = self.writer.write(self._paths(job.frame), job.formats, self.leases, lease)
+        if not is_published and self.leases.is_lost(lease) and self._missing(job.frame):
+            raise LiveHandError(
+                f"the output folder {self.plan.folder} must stay while frames are rendered, the lease of frame "
+                f"{job.frame} is gone; run the same command again"
+            )
         self.leases.release(lease)
         if is_published:
             self._report(job.number, job.frame, "written", time.perf_counter() - start)

@@ -13,6 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from ...backend.retarget.joint_guess import guess_joints
 from ...backend.retarget.source_skeleton import JointMap
+from ..scene.file_paths import operator_path
 from .importing import import_rig
 from .pictures import find_pictures
 from .skeleton import read_skeleton
@@ -39,7 +40,7 @@ def open_character(path: Path) -> None:
         import_rig(path)
     else:
         try:
-            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+            bpy.ops.wm.open_mainfile(filepath=operator_path(path), load_ui=False, use_scripts=False)
         except RuntimeError as error:
             raise LiveHandError(f"Blender must be able to read {path} ({str(error).strip()})") from error
     find_pictures(path.resolve().parent)

@@ -26,6 +26,7 @@ _DEVICES = (
     ("auto", "Automatic", "The GPU if torch can use one, otherwise the CPU"),
     ("cpu", "CPU", "The processor"),
     ("cuda", "CUDA", "An NVIDIA GPU"),
+    ("mps", "Metal", "The GPU of a Mac with Apple silicon; what torch lacks for it, the CPU does"),
 )
 _MODES = (
     ("HAND", "Hand Only", "Render only the hands, on a transparent background: the fast way, for compositing"),

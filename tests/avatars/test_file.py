@@ -87,7 +87,7 @@ def test_the_seed_determines_the_weights_and_the_global_random_state_is_kept():
 def test_a_failed_save_leaves_the_older_file_and_no_other(avatar, path, monkeypatch):
     before = path.read_bytes()
     monkeypatch.setattr(avatar_module, "save", lambda *_, **__: (_ for _ in ()).throw(OSError("disk full")))
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(LiveHandError, match=r"ada\.safetensors must be writable \(disk full"):
         save_avatar(replace(avatar, name="bob"), path)
     assert path.read_bytes() == before
     assert [file.name for file in path.parent.iterdir()] == ["ada.safetensors"]
@@ -231,3 +231,13 @@ def test_a_baked_avatars_file_is_as_earlier_versions_wrote_it(path):
     assert header["format_version"] == BAKED_VERSION
     assert "light" not in header["config"]["field"]
     assert load_avatar(path).sky is None
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf])
+def test_weights_that_are_not_finite_are_refused(avatar, path, value):
+    """With a right checksum; such an avatar would render empty frames."""
+    with torch.no_grad():
+        next(avatar.field.parameters()).view(-1)[0] = value
+    save_avatar(avatar, path)
+    with pytest.raises(LiveHandError, match=r"ada\.safetensors: the weights must be finite, got others in field\."):
+        load_avatar(path)

@@ -274,6 +274,29 @@ def test_a_run_killed_three_times_is_complete_in_the_end(shot_path, tmp_path):
     assert report["leftovers"] == []
 
 
+def test_an_output_folder_that_is_deleted_meanwhile_is_an_error(
+    shot_path, tmp_path, fake_session, fake_renderer, monkeypatch, capsys
+):
+    draw = fake_renderer.render
+
+    def delete_and_draw(self, *arguments):
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        return draw(self, *arguments)
+
+    monkeypatch.setattr(fake_renderer, "render", delete_and_draw)
+    assert render(shot_path, "-o", tmp_path / "out", "--frames", "1") == 1
+    err = capsys.readouterr().err
+    assert f"the output folder {tmp_path / 'out'} must stay while frames are rendered" in err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there, two slashes begin a share's name")
+def test_an_output_folder_with_two_slashes_is_no_folder_of_the_blend(shot_path, tmp_path, fake_session, capsys):
+    assert render(shot_path, "-o", f"/{tmp_path}/out", "--format", "exr,png", "--frames", "1") == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        f"wave_0001.{suffix}" for suffix in ("exr", "json", "png")
+    ]
+
+
 @pytest.fixture
 def small_disk(tmp_path):
     """A folder on a disk of 64 kB of its own."""

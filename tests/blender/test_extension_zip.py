@@ -65,6 +65,13 @@ def test_the_zip_holds_what_a_user_needs_and_nothing_else(zip_path):
     assert WANTED_DATA <= {str(name) for name in names}
 
 
+def test_nothing_in_the_zip_trains_or_downloads(zip_path):
+    forbidden = ("torch.optim", "torch.hub", "urllib", "http.client", "requests.get", "load_state_dict_from_url")
+    with zipfile.ZipFile(zip_path) as archive:
+        sources = {name: archive.read(name).decode() for name in archive.namelist() if name.endswith(".py")}
+    assert [(name, word) for name, text in sources.items() for word in forbidden if word in text] == []
+
+
 def test_everything_that_blender_imports_is_in_the_zip(zip_path):
     """Also what is imported only when it is needed: the imports are read from the source, inside functions too."""
     imported = import_closure(PurePosixPath("__init__.py"), PurePosixPath("livehand_blender/registration.py"))

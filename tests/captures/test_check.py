@@ -43,6 +43,9 @@ def test_masks_stand_in_for_alpha(capture, hand):
     alpha.save(capture.folder / "mask.png")
     masked = with_view(capture, mask="mask.png")
     check_capture(masked, hand)
+    Image.new("I;16", alpha.size, 300).save(capture.folder / "mask.png")
+    with pytest.raises(LiveHandError, match=r"mask\.png must be a mask of 8 bits per channel, got mode I"):
+        check_capture(masked, hand)
     Image.new("L", (3, 4)).save(capture.folder / "mask.png")
     with pytest.raises(LiveHandError, match=r"mask\.png must be \(24, 32\) px like its camera, got \(3, 4\)"):
         check_capture(masked, hand)

@@ -57,7 +57,8 @@ def test_poses(tmp_path):
     assert facts["arrays"] == {"theta": [5, 16, 3], "fps": []}
     theta[0, 0, 0] = np.nan
     np.savez(tmp_path / "bad.npz", theta=theta)
-    assert inspect(tmp_path / "bad.npz")["is_finite"] is False
+    with pytest.raises(LiveHandError, match=r"bad\.npz must hold finite angles"):
+        inspect(tmp_path / "bad.npz")
     for theta in (np.zeros((0, 16, 3)), np.float64(3), np.array(["a"])):
         np.savez(tmp_path / "bad.npz", theta=theta)
         with pytest.raises(LiveHandError, match=r"bad\.npz"):

@@ -258,12 +258,12 @@ def test_vgg19_from_torchvisions_cache_or_server(tmp_path, monkeypatch, perceptu
     asked = []
 
     def served(url, **options):
-        asked.append((url, options["weights_only"]))
+        asked.append((url, options["weights_only"], options["check_hash"]))
         return state
 
     monkeypatch.setattr(weights_module.torch.hub, "load_state_dict_from_url", served)
     assert torch.equal(load_vgg_distance(None)(image, target), perceptual(image, target))
-    assert asked == [(VGG19_URL, True)]
+    assert asked == [(VGG19_URL, True, True)]
     (tmp_path / "checkpoints").mkdir()
     torch.save(state, tmp_path / "checkpoints" / Path(VGG19_URL).name)
     assert torch.equal(load_vgg_distance(None)(image, target), perceptual(image, target))
@@ -276,6 +276,16 @@ def test_vgg19_from_torchvisions_cache_or_server(tmp_path, monkeypatch, perceptu
     monkeypatch.setattr(weights_module.torch.hub, "load_state_dict_from_url", offline)
     with pytest.raises(LiveHandError, match=r"could not be downloaded \(no route\).*--perceptual 0"):
         load_vgg_distance(None)
+    monkeypatch.undo()
+
+
+def test_a_download_of_another_hash_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(weights_module.torch.hub, "get_dir", lambda: str(tmp_path))
+    served = tmp_path / Path(VGG19_URL).name
+    torch.save(vgg19_weights(), served)
+    with pytest.raises(LiveHandError, match=r"could not be downloaded.*hash"):
+        weights_module.fetch_weights(served.as_uri(), "give a file")
+    assert list((tmp_path / "checkpoints").glob("*")) == []
 
 
 def test_bad_vgg19_weights_are_errors(tmp_path):

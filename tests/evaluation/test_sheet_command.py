@@ -63,4 +63,4 @@ def test_an_unwritable_path_is_refused(tmp_path, capsys):
     write_frames(tmp_path, 1)
     (tmp_path / "file").touch()
     assert run(tmp_path, "-o", tmp_path / "file" / "sheet.png") == 1
-    assert "could not be written" in capsys.readouterr().err
+    assert "must be writable" in capsys.readouterr().err

@@ -1,5 +1,9 @@
 """Which device is used."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 import torch
 from livehand.backend.records.errors import LiveHandError
@@ -13,3 +17,21 @@ def test_a_missing_gpu_is_told():
         assert torch_device("auto") == torch.device("cpu")
         with pytest.raises(LiveHandError, match="needs a CUDA GPU"):
             torch_device("cuda")
+
+
+def test_the_gpu_of_a_mac_is_taken_on_request_only(monkeypatch):
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: True)
+    assert torch_device("mps") == torch.device("mps")
+    assert torch_device("auto").type != "mps"
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    with pytest.raises(LiveHandError, match="needs a Mac"):
+        torch_device("mps")
+
+
+def test_every_command_lets_the_cpu_do_what_the_gpu_of_a_mac_cannot():
+    """Read when torch is loaded, so it must be set before."""
+    program = "import os; from livehand.livehand_blender.cli import main; main(['--help']); import sys; " + (
+        "sys.exit('torch' in sys.modules or os.environ['PYTORCH_ENABLE_MPS_FALLBACK'] != '1')"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTORCH_ENABLE_MPS_FALLBACK"}
+    assert subprocess.run([sys.executable, "-c", program], env=environment, check=False).returncode == 0

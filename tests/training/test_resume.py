@@ -23,6 +23,7 @@ from livehand.backend.training.loop import Training, train
 from livehand.backend.training.parts import Correction
 from livehand.backend.training.processes import ComputeSetup
 from safetensors import safe_open
+from safetensors.torch import save_file
 
 SMALL = AvatarConfig(
     FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
@@ -44,15 +45,15 @@ from livehand.backend.training.loop import train
 from livehand.backend.training.setup import TrainingSetup
 from test_resume import COMPUTE, CONFIG, SILENT, SMALL
 
-replace, count = Path.replace, [0]
+replace, count = os.replace, [0]
 
 def replace_or_die(path, target):
-    count[0] += path.suffix == ".checkpoint_partial"
+    count[0] += str(path).endswith(".partial.checkpoint")
     if count[0] == 2:
         os.kill(os.getpid(), signal.SIGKILL)
     return replace(path, target)
 
-Path.replace = replace_or_die
+os.replace = replace_or_die
 setup = TrainingSetup(load_capture(sys.argv[2]), load_default_hand(), SMALL)
 train(setup, CONFIG, Path(sys.argv[3]), COMPUTE, SILENT)
 """
@@ -64,7 +65,7 @@ def test_a_run_killed_while_writing_gives_the_result_of_an_uninterrupted_one(set
     arguments = (str(Path(__file__).parent), str(setup.capture.folder), str(output))
     killed = subprocess.run([sys.executable, "-c", KILLED, *arguments], capture_output=True, text=True, timeout=120)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
-    assert output.with_suffix(".checkpoint_partial").is_file()
+    assert len(list(tmp_path.glob(".broken.*.partial.checkpoint"))) == 1
     assert not output.exists()
     resumed = train(setup, CONFIG, output, COMPUTE, SILENT, resume=True)
     assert resumed.progress.step == 30
@@ -165,5 +166,23 @@ def test_a_checkpoint_restores_its_progress(tmp_path):
 def test_a_checkpoint_that_cannot_be_written_is_reported(tmp_path):
     module = torch.nn.Linear(2, 2)
     state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
-    with pytest.raises(LiveHandError, match=r"checkpoint .*gone/a\.checkpoint must be writable, got .*--resume"):
-        save_checkpoint(checkpoint_path(tmp_path / "gone" / "a.safetensors"), state, Progress(), "run")
+    (tmp_path / "file").touch()
+    with pytest.raises(LiveHandError, match=r"file/a\.checkpoint must be writable"):
+        save_checkpoint(checkpoint_path(tmp_path / "file" / "a.safetensors"), state, Progress(), "run")
+
+
+def test_a_flipped_bit_of_a_checkpoint_is_found_and_an_older_one_without_checksum_is_read(tmp_path):
+    module = torch.nn.Linear(2, 2)
+    state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
+    path = checkpoint_path(tmp_path / "a.safetensors")
+    save_checkpoint(path, state, Progress(7), "run")
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 0x40
+    path.write_bytes(data)
+    with pytest.raises(LiveHandError, match="checksum"):
+        load_checkpoint(path, state, "run")
+    with safe_open(path, framework="pt") as archive:
+        metadata, tensors = archive.metadata(), {key: archive.get_tensor(key) for key in archive.keys()}
+    metadata.pop("sha256")
+    save_file(tensors, path, metadata=metadata)
+    assert load_checkpoint(path, state, "run") == Progress(7)

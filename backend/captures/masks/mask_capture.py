@@ -16,6 +16,7 @@ from tqdm import tqdm
 from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...records.errors import LiveHandError
+from ...runtime.atomic_file import replacing
 from ..capture import Capture, CaptureView, load_capture, save_capture_index
 from ..picture import (
     ALPHA_MODES,
@@ -160,13 +161,8 @@ def _given_mask(folder: Path, view: CaptureView) -> Path:
 
 
 def _write_mask(mask: np.ndarray, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_name(path.name + ".part")
-        Image.fromarray(mask).save(unfinished, "PNG")
-        unfinished.replace(path)
-    except OSError as error:
-        raise LiveHandError(f"mask {path} must be writable ({error})") from error
+    with replacing(path) as temporary:
+        Image.fromarray(mask).save(temporary, "PNG")
 
 
 def _run_parallel(jobs: list[Callable[[], MaskedView]]) -> list[MaskedView]:

@@ -43,8 +43,9 @@ def fetch_weights(url: str, remedy: str) -> dict[str, Tensor]:
     if cached.is_file():
         return read_weights(cached, url)
     try:
-        return _without_prefix(torch.hub.load_state_dict_from_url(url, progress=True, weights_only=True))
-    except OSError as error:
+        state = torch.hub.load_state_dict_from_url(url, progress=True, check_hash=True, weights_only=True)
+        return _without_prefix(state)
+    except (OSError, RuntimeError) as error:  # RuntimeError: another hash than in the file's name
         raise LiveHandError(f"{url} could not be downloaded ({error}); {remedy}") from error
 
 

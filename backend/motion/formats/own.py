@@ -8,6 +8,7 @@ import numpy as np
 
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
+from ...runtime.atomic_file import replacing
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import PoseFile, pose_file, raw_hand
@@ -27,12 +28,8 @@ def write_motion(motion: HandMotion, path: Path) -> None:
     arrays = {"theta": motion.theta, "beta": motion.beta, "transl": motion.transl, "side": np.array(motion.side)}
     if motion.fps is not None:
         arrays["fps"] = np.array(float(motion.fps))
-    partial = path.with_suffix(".partial.npz")
-    try:
-        np.savez_compressed(partial, **arrays)
-        partial.replace(path)
-    except OSError as error:
-        raise LiveHandError(f"{path} must be in a folder that can be written ({error}); choose another") from error
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 def _matches(document: Document) -> bool:

@@ -21,6 +21,7 @@ from ...hand.model import JOINT_NAMES, PARENTS
 from ...hand.model_file import load_default_hand
 from ...records.errors import LiveHandError
 from ...records.side import Side
+from ...runtime.atomic_file import replacing
 from ..natural_range import rest_pose, unnatural_joints
 from ..rest_alignment import RestAlignment, align, completed_joints
 from ..source_skeleton import JointMap, SourceSkeleton
@@ -97,14 +98,8 @@ def save_hand_model(hand: MeshHand, path: Path, provenance: Mapping[str, Any]) -
         LiveHandError: the file's name contradicts the side, or the file cannot be written.
     """
     check_name(path, hand.side)
-    partial = path.with_name(f"{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            np.savez_compressed(file, provenance=np.array(json.dumps(dict(provenance))), **hand.arrays)
-        partial.replace(path)
-    except OSError as error:
-        raise LiveHandError(f"{path} must be writable ({error})") from error
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, provenance=np.array(json.dumps(dict(provenance))), **hand.arrays)
 
 
 def check_name(path: Path, side: Side) -> None:
