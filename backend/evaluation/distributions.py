@@ -113,15 +113,10 @@ class Distributions:
         name = self._network.name
         found = {f"{name}_frechet": self._frechet(self._pairs), f"{name}_kid": self._kid(self._pairs)}
         if self._pairs[0][0].mean.shape[0] <= _MAX_RESAMPLED_CHANNELS:
-            found[f"{name}_frechet_deviation"] = self._deviation(self._frechet)
-        found[f"{name}_kid_deviation"] = self._deviation(self._kid)
+            moments = [tuple(Moments.of(side.local) for side in pair) for pair in self._pairs]
+            found[f"{name}_frechet_deviation"] = _deviation(moments, _frechet_of_moments)
+        found[f"{name}_kid_deviation"] = _deviation(self._pairs, self._kid)
         return found
-
-    def _deviation(self, distance: Callable[[Sequence[tuple[ImageFeatures, ImageFeatures]]], float]) -> float:
-        random = np.random.default_rng(0)
-        count = len(self._pairs)
-        drawn = (random.integers(0, count, count).tolist() for _ in range(_RESAMPLES))
-        return float(np.std([distance([self._pairs[index] for index in indices]) for indices in drawn]))
 
     @staticmethod
     def _frechet(pairs: Sequence[tuple[ImageFeatures, ImageFeatures]]) -> float:
@@ -158,6 +153,39 @@ def kernel_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
     of_a = (within_a.sum() - within_a.trace()) / (n * (n - 1))
     of_b = (within_b.sum() - within_b.trace()) / (m * (m - 1))
     return float(of_a + of_b - 2 * between.mean())
+
+
+class Moments(NamedTuple):
+    """Number, sum [D] and sum of outer products [D, D] of vectors; those of several sets are their sums."""
+
+    count: int
+    total: Tensor
+    outer: Tensor
+
+    @classmethod
+    def of(cls, x: Float[Tensor, "N D"]) -> Moments:
+        """Of one set."""
+        return cls(len(x), x.sum(0), x.T @ x)
+
+    @property
+    def gaussian(self) -> tuple[Tensor, Tensor]:
+        """Mean and covariance."""
+        mean = self.total / self.count
+        return mean, (self.outer - self.count * torch.outer(mean, mean)) / (self.count - 1)
+
+
+def _frechet_of_moments(pairs: Sequence[tuple[Moments, ...]]) -> float:
+    sides = [Moments(*(sum(values) for values in zip(*side, strict=True))) for side in zip(*pairs, strict=True)]
+    if min(side.count for side in sides) < MIN_IMAGES:
+        return float("nan")
+    return gaussian_frechet(*sides[0].gaussian, *sides[1].gaussian)
+
+
+def _deviation(pairs: Sequence, distance: Callable[[Sequence], float]) -> float:
+    """Of a distance over bootstrap samples of the images."""
+    random = np.random.default_rng(0)
+    drawn = (random.integers(0, len(pairs), len(pairs)).tolist() for _ in range(_RESAMPLES))
+    return float(np.nanstd([distance([pairs[index] for index in indices]) for indices in drawn]))
 
 
 def _moments(x: Float[Tensor, "N D"]) -> tuple[Tensor, Tensor]:

@@ -29,6 +29,7 @@ from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 
 HERE = str(Path(__file__).parent)
+WRAPPING, TEXTURE = replace(MESH_WRAPPING, resolution=64), replace(MESH_TEXTURE, resolution=64)
 
 
 @pytest.fixture
@@ -74,10 +75,10 @@ class KilledComparison(BaseException):
 
 
 def test_a_killed_comparison_ends_as_an_unbroken_one(compared, own, tmp_path, monkeypatch):
-    methods = (MESH_WRAPPING, MESH_TEXTURE, own)
+    methods = (WRAPPING, TEXTURE, own)
     compared("whole", methods).run()
     fits = []
-    fit = type(MESH_WRAPPING).fit
+    fit = type(WRAPPING).fit
 
     def fit_or_die(self, *arguments):
         fits.append(self.name)
@@ -85,7 +86,7 @@ def test_a_killed_comparison_ends_as_an_unbroken_one(compared, own, tmp_path, mo
             raise KilledComparison
         return fit(self, *arguments)
 
-    monkeypatch.setattr(type(MESH_WRAPPING), "fit", fit_or_die)
+    monkeypatch.setattr(type(WRAPPING), "fit", fit_or_die)
     with pytest.raises(KilledComparison):
         compared("killed", methods).run()
     partial = figures_of(tmp_path / "killed")  # the cheapest, the user's own, came first
@@ -115,7 +116,7 @@ def test_other_settings_are_refused_before_anything_is_done(compared, own, tmp_p
 
 def test_rows_that_are_done_stay_in_the_tables(compared, own):
     compared("out", (own,)).run()
-    page = compared("out", (MESH_WRAPPING, own), wanted=("mesh_wrapping",)).run()
+    page = compared("out", (WRAPPING, own), wanted=("mesh_wrapping",)).run()
     assert [line.name for line in page.tables[0].lines] == ["mesh_wrapping", "mean_colour"]
 
 
@@ -124,7 +125,7 @@ def test_a_row_that_fails_is_remarked_upon(compared, own, monkeypatch, tmp_path)
         raise LiveHandError("no weights, give some")
 
     monkeypatch.setattr(type(own), "fit", fail)
-    comparison = compared("out", (own, MESH_WRAPPING))
+    comparison = compared("out", (own, WRAPPING))
     page = comparison.run()
     assert comparison.remarks == ["row `mean_colour` is missing: no weights, give some"]
     assert [line.name for line in page.tables[0].lines] == ["mesh_wrapping"]
@@ -141,7 +142,7 @@ def test_rows_are_timed_in_turns_and_once(compared, own, monkeypatch, tmp_path):
     assert line.figures["core_s"] >= 0
     compared("out", (own,), **plan).run()
     assert calls == [["mean_colour"]]
-    compared("out", (MESH_WRAPPING, own), **plan).run()
+    compared("out", (WRAPPING, own), **plan).run()
     assert calls[1] == ["mesh_wrapping", "mean_colour"]
     assert json.loads((tmp_path / "out/rows/mean_colour/speed.json").read_text())["frames"] == 3
 
