@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 
-_SIZE_PX, _MARGIN_PX = (560, 300), 48
+_SIZE_PX, _MARGIN_PX = (560.0, 300.0), 48.0
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito's
 
 
@@ -17,7 +17,9 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
     xs, ys = zip(*(point for points in drawn.values() for point in points), strict=True)
     spans = [(min(values), max(max(values), min(values) + 1e-9)) for values in (xs, ys)]
     width, height = _SIZE_PX
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 220} {height}" width="{width + 220}">']
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 220:.0f} {height:.0f}" width="{width + 220:.0f}">'
+    ]
     left, right, top, bottom = _MARGIN_PX, width - _MARGIN_PX, _MARGIN_PX / 2, height - _MARGIN_PX
     parts.append(f'<path d="M{left} {top}V{bottom}H{right}" fill="none" stroke="#999"/>')
     for index, (name, points) in enumerate(drawn.items()):

@@ -147,10 +147,11 @@ def test_rows_are_timed_in_turns_and_once(compared, own, monkeypatch, tmp_path):
     assert json.loads((tmp_path / "out/rows/mean_colour/speed.json").read_text())["frames"] == 3
 
 
-def test_a_lit_capture_is_refused(compared, own, capture):
+def test_a_lit_capture_is_refused(compared, own, capture, hand):
     lit = replace(capture, lights=(CaptureLight("soft", Light()),))
     with pytest.raises(LiveHandError, match="baked in"):
-        Comparison(compared("out", (own,))._plan, lit, None, Path(), None, Measures())
+        known = compared("out", (own,))
+        Comparison(known._plan, lit, hand, Path(), known._machine, Measures())
 
 
 def test_misfit_levels_have_two_arms_and_a_gap_to_their_own_zero(compared, own, capture, hand):
@@ -273,7 +274,7 @@ def test_the_command_lists_and_compares(capture, own, tmp_path, monkeypatch, cap
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert (result["rows"], result["missing"]) == (1, [])
     with Image.open(tmp_path / "out/grid.png") as grid:
-        assert grid.size[0] > 100
+        assert grid.size[0] == 2 * (24 + 2 + 20 + 2)  # two views, and a part of each at twice its size
     assert compare(*arguments, "--rows", "nobody") == 1
     assert "must be of" in capsys.readouterr().err
     assert compare(folder) == 1
