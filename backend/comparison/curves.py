@@ -17,9 +17,8 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
     xs, ys = zip(*(point for points in drawn.values() for point in points), strict=True)
     spans = [(min(values), max(max(values), min(values) + 1e-9)) for values in (xs, ys)]
     width, height = _SIZE_PX
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 220:.0f} {height:.0f}" width="{width + 220:.0f}">'
-    ]
+    whole = f"{width + 220:.0f}"
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {whole} {height:.0f}" width="{whole}">']
     left, right, top, bottom = _MARGIN_PX, width - _MARGIN_PX, _MARGIN_PX / 2, height - _MARGIN_PX
     parts.append(f'<path d="M{left} {top}V{bottom}H{right}" fill="none" stroke="#999"/>')
     for index, (name, points) in enumerate(drawn.items()):

@@ -149,8 +149,8 @@ def test_rows_are_timed_in_turns_and_once(compared, own, monkeypatch, tmp_path):
 
 def test_a_lit_capture_is_refused(compared, own, capture, hand):
     lit = replace(capture, lights=(CaptureLight("soft", Light()),))
+    known = compared("out", (own,))
     with pytest.raises(LiveHandError, match="baked in"):
-        known = compared("out", (own,))
         Comparison(known._plan, lit, hand, Path(), known._machine, Measures())
 
 
