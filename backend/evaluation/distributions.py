@@ -42,6 +42,11 @@ class FeatureNetwork(Protocol):
         """The beginning of the columns' names."""
         ...
 
+    @property
+    def is_relative(self) -> bool:
+        """Whether features are divided by the mean of the true images', as their scale is arbitrary."""
+        ...
+
     def __call__(self, image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> ImageFeatures:
         """Features of an sRGB-encoded image on black; `hand`: the true hand's pixels."""
         ...
@@ -50,10 +55,11 @@ class FeatureNetwork(Protocol):
 class HandVggFeatures:
     """VGG19's relu3_4, 256 channels, at all positions whose 4 x 4 pixels are mostly the true hand's.
 
-    Few images give thousands of positions, so that the covariance has full rank.
+    Few images give thousands of positions, so that the covariance has full rank. Published weights of this network
+    differ in the scale of their features.
     """
 
-    name = "vgg19"
+    name, is_relative = "vgg19", True
 
     def __init__(self, network: PerceptualLoss):
         self._network = network
@@ -73,7 +79,7 @@ class HandVggFeatures:
 class WholeInceptionFeatures:
     """The 2048 features of Inception of a whole image, as in published FIDs."""
 
-    name = "inception"
+    name, is_relative = "inception", False
 
     def __init__(self, network: InceptionFeatures):
         self._network = network
@@ -110,13 +116,19 @@ class Distributions:
         """
         if len(self._pairs) < MIN_IMAGES or sum(len(true.local) for true, _ in self._pairs) < MIN_IMAGES:
             return {}
-        name = self._network.name
-        found = {f"{name}_frechet": self._frechet(self._pairs), f"{name}_kid": self._kid(self._pairs)}
-        if self._pairs[0][0].mean.shape[0] <= _MAX_RESAMPLED_CHANNELS:
-            moments = [tuple(Moments.of(side.local) for side in pair) for pair in self._pairs]
+        name, pairs = self._network.name, self._in_units()
+        found = {f"{name}_frechet": self._frechet(pairs), f"{name}_kid": self._kid(pairs)}
+        if pairs[0][0].mean.shape[0] <= _MAX_RESAMPLED_CHANNELS:
+            moments = [tuple(Moments.of(side.local) for side in pair) for pair in pairs]
             found[f"{name}_frechet_deviation"] = _deviation(moments, _frechet_of_moments)
-        found[f"{name}_kid_deviation"] = _deviation(self._pairs, self._kid)
+        found[f"{name}_kid_deviation"] = _deviation(pairs, self._kid)
         return found
+
+    def _in_units(self) -> list[tuple[ImageFeatures, ImageFeatures]]:
+        """The features of true and rendered images, relative to the true ones' mean if the network asks for it."""
+        unit = torch.cat([true.local for true, _ in self._pairs]).mean() if self._network.is_relative else 1.0
+        units = [[ImageFeatures(of.local / unit, of.mean / unit) for of in pair] for pair in self._pairs]
+        return [(true, ours) for true, ours in units]
 
     @staticmethod
     def _frechet(pairs: Sequence[tuple[ImageFeatures, ImageFeatures]]) -> float:
