@@ -27,10 +27,10 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
         line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
         parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in places]
-        parts.append(_text(width - 20, 30 + 20 * index, name, colour))
+        parts.append(_text(width - 20, 30.0 + 20 * index, name, colour))
     (low_x, high_x), (low_y, high_y) = spans
     parts += [_text(left, bottom + 18, f"{low_x:g}"), _text(right - 10, bottom + 18, f"{high_x:g}")]
-    parts += [_text(4, bottom, f"{low_y:.1f}"), _text(4, top + 10, f"{high_y:.1f}")]
+    parts += [_text(4.0, bottom, f"{low_y:.1f}"), _text(4.0, top + 10, f"{high_y:.1f}")]
     parts += [_text((left + right) / 2 - 60, bottom + 36, x_label), _text(left + 6, top + 10, y_label), "</svg>"]
     return "".join(parts)
 
