@@ -88,10 +88,10 @@ class LisaField(nn.Module):
         return self.log_b.exp().clamp(min=_MIN_B_MM)
 
     def shapes(
-        self, places_mm: Float[Tensor, "S 16 3"], theta: Float[Tensor, " 48"]
+        self, places_mm: Float[Tensor, "S 16 3"], encoded: Float[Tensor, "16 S 39"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, "S 16"], Float[Tensor, "S 16"]]:
         """Each bone's signed distance, mm, and the logit of its weight; both start from the bone's capsule."""
-        found = self.shape(_encoded(places_mm), theta)
+        found = self.shape(encoded, theta)
         capsule = capsule_distance(places_mm, self.segments_mm, self.radius_mm)
         return capsule + found[..., 0].T, found[..., 1].T - capsule / _SOFTNESS_MM
 
@@ -99,8 +99,9 @@ class LisaField(nn.Module):
         self, places_mm: Float[Tensor, "S 16 3"], theta: Float[Tensor, " 48"]
     ) -> tuple[Float[Tensor, " S"], Float[Tensor, "S 3"], Float[Tensor, "S 16"]]:
         """Blended signed distance, mm, colour, and the bones' log weights."""
-        distance, logit = self.shapes(places_mm, theta)
-        colour = self.colour(_encoded(places_mm), theta).permute(1, 0, 2).sigmoid()
+        encoded = encoded_in_bones(places_mm)
+        distance, logit = self.shapes(places_mm, encoded, theta)
+        colour = self.colour(encoded, theta).permute(1, 0, 2).sigmoid()
         return (*blended(distance, colour, logit), logit.log_softmax(-1))
 
 
@@ -251,13 +252,15 @@ def _eikonal(field: LisaField, points: Float[Tensor, "S 3"], part: RayBatch) -> 
     places = (points * 1000 / part.rays.scale).detach().requires_grad_()
     bones = part.bones.clone()
     bones[:, :3, 3] *= 1000 / part.rays.scale
-    distance, logit = field.shapes(points_in_bones(places, bones), part.theta.flatten())
+    in_bones = points_in_bones(places, bones)
+    distance, logit = field.shapes(in_bones, encoded_in_bones(in_bones), part.theta.flatten())
     blend = (logit.softmax(-1) * distance).sum()
     (slope,) = torch.autograd.grad(blend, places, create_graph=True)
     return ((slope.norm(dim=-1) - 1) ** 2).mean()
 
 
-def _encoded(places_mm: Float[Tensor, "S 16 3"]) -> Float[Tensor, "16 S 39"]:
+def encoded_in_bones(places_mm: Float[Tensor, "S 16 3"]) -> Float[Tensor, "16 S 39"]:
+    """The networks' inputs, bone by bone."""
     return positional_encoding(places_mm / UNIT_MM, OCTAVES).transpose(0, 1)
 
 

@@ -38,6 +38,7 @@ class MeshWrapping:
         label: in the tables.
         is_flat_only: whether only the flattest training pose is seen.
         notes: below the table.
+        resolution: of the texture.
     """
 
     name: str
@@ -46,6 +47,7 @@ class MeshWrapping:
     notes: str
     tables: tuple[str, ...] = ("comparison",)
     version: int = 1
+    resolution: int = RESOLUTION
 
     def fit(self, capture: Capture, hand: HandModel, budget: Budget, folder: Path, machine: FittingMachine) -> Fitted:
         """One pass over the views; as short as it is, it is not resumed but repeated."""
@@ -55,7 +57,7 @@ class MeshWrapping:
         if self.is_flat_only:
             flattest = flattest_pose(capture.poses, views.views)
             chosen = [index for index in chosen if views.views[index].pose_index == flattest]
-        total = TextureSum(texels_of(views.topology), views.topology)
+        total = TextureSum(texels_of(views.topology, self.resolution), views.topology)
         for index in chosen:
             window = views.window(index)
             total.add(window.target, window.mesh, window.camera)
@@ -65,7 +67,7 @@ class MeshWrapping:
         save_method(folder, self.name, {"texture": texture.half()}, facts)
         seconds = process_time() - began
         remarks = f"{len(chosen)} views; {100 * filled:.1f} % of the atlas was seen by none and is filled"
-        return Fitted(0, seconds / 60, 3 * RESOLUTION**2, remarks)
+        return Fitted(0, seconds / 60, 3 * self.resolution**2, remarks)
 
     def load(self, folder: Path, hand: HandModel, device: torch.device) -> TexturedMesh:
         """The textured mesh."""

@@ -29,7 +29,7 @@ from ..rendering.decode import decode_frame
 from .posed_views import PosedViews, ShotMeshes
 
 INFLATED_M = 0.01
-_RAYS_AT_ONCE = 2048
+_RAYS_AT_ONCE = 512
 
 
 class PixelRays(NamedTuple):

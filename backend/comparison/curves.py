@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 
-_SIZE_PX, _MARGIN_PX = (560, 300), 48
+_SIZE_PX, _MARGIN_PX = (560.0, 300.0), 48.0
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito's
 
 
@@ -17,7 +17,8 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
     xs, ys = zip(*(point for points in drawn.values() for point in points), strict=True)
     spans = [(min(values), max(max(values), min(values) + 1e-9)) for values in (xs, ys)]
     width, height = _SIZE_PX
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 220} {height}" width="{width + 220}">']
+    whole = f"{width + 220:.0f}"
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {whole} {height:.0f}" width="{whole}">']
     left, right, top, bottom = _MARGIN_PX, width - _MARGIN_PX, _MARGIN_PX / 2, height - _MARGIN_PX
     parts.append(f'<path d="M{left} {top}V{bottom}H{right}" fill="none" stroke="#999"/>')
     for index, (name, points) in enumerate(drawn.items()):
@@ -26,10 +27,10 @@ def svg_curves(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
         line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
         parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>' for x, y in places]
-        parts.append(_text(width - 20, 30 + 20 * index, name, colour))
+        parts.append(_text(width - 20, 30.0 + 20 * index, name, colour))
     (low_x, high_x), (low_y, high_y) = spans
     parts += [_text(left, bottom + 18, f"{low_x:g}"), _text(right - 10, bottom + 18, f"{high_x:g}")]
-    parts += [_text(4, bottom, f"{low_y:.1f}"), _text(4, top + 10, f"{high_y:.1f}")]
+    parts += [_text(4.0, bottom, f"{low_y:.1f}"), _text(4.0, top + 10, f"{high_y:.1f}")]
     parts += [_text((left + right) / 2 - 60, bottom + 36, x_label), _text(left + 6, top + 10, y_label), "</svg>"]
     return "".join(parts)
 

@@ -42,6 +42,11 @@ class FeatureNetwork(Protocol):
         """The beginning of the columns' names."""
         ...
 
+    @property
+    def is_relative(self) -> bool:
+        """Whether features are divided by the mean of the true images', as their scale is arbitrary."""
+        ...
+
     def __call__(self, image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]) -> ImageFeatures:
         """Features of an sRGB-encoded image on black; `hand`: the true hand's pixels."""
         ...
@@ -50,10 +55,11 @@ class FeatureNetwork(Protocol):
 class HandVggFeatures:
     """VGG19's relu3_4, 256 channels, at all positions whose 4 x 4 pixels are mostly the true hand's.
 
-    Few images give thousands of positions, so that the covariance has full rank.
+    Few images give thousands of positions, so that the covariance has full rank. Published weights of this network
+    differ in the scale of their features.
     """
 
-    name = "vgg19"
+    name, is_relative = "vgg19", True
 
     def __init__(self, network: PerceptualLoss):
         self._network = network
@@ -73,7 +79,7 @@ class HandVggFeatures:
 class WholeInceptionFeatures:
     """The 2048 features of Inception of a whole image, as in published FIDs."""
 
-    name = "inception"
+    name, is_relative = "inception", False
 
     def __init__(self, network: InceptionFeatures):
         self._network = network
@@ -110,18 +116,19 @@ class Distributions:
         """
         if len(self._pairs) < MIN_IMAGES or sum(len(true.local) for true, _ in self._pairs) < MIN_IMAGES:
             return {}
-        name = self._network.name
-        found = {f"{name}_frechet": self._frechet(self._pairs), f"{name}_kid": self._kid(self._pairs)}
-        if self._pairs[0][0].mean.shape[0] <= _MAX_RESAMPLED_CHANNELS:
-            found[f"{name}_frechet_deviation"] = self._deviation(self._frechet)
-        found[f"{name}_kid_deviation"] = self._deviation(self._kid)
+        name, pairs = self._network.name, self._in_units()
+        found = {f"{name}_frechet": self._frechet(pairs), f"{name}_kid": self._kid(pairs)}
+        if pairs[0][0].mean.shape[0] <= _MAX_RESAMPLED_CHANNELS:
+            moments = [tuple(Moments.of(side.local) for side in pair) for pair in pairs]
+            found[f"{name}_frechet_deviation"] = _deviation(moments, _frechet_of_moments)
+        found[f"{name}_kid_deviation"] = _deviation(pairs, self._kid)
         return found
 
-    def _deviation(self, distance: Callable[[Sequence[tuple[ImageFeatures, ImageFeatures]]], float]) -> float:
-        random = np.random.default_rng(0)
-        count = len(self._pairs)
-        drawn = (random.integers(0, count, count).tolist() for _ in range(_RESAMPLES))
-        return float(np.std([distance([self._pairs[index] for index in indices]) for indices in drawn]))
+    def _in_units(self) -> list[tuple[ImageFeatures, ImageFeatures]]:
+        """The features of true and rendered images, relative to the true ones' mean if the network asks for it."""
+        unit = torch.cat([true.local for true, _ in self._pairs]).mean() if self._network.is_relative else 1.0
+        units = [[ImageFeatures(of.local / unit, of.mean / unit) for of in pair] for pair in self._pairs]
+        return [(true, ours) for true, ours in units]
 
     @staticmethod
     def _frechet(pairs: Sequence[tuple[ImageFeatures, ImageFeatures]]) -> float:
@@ -158,6 +165,39 @@ def kernel_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
     of_a = (within_a.sum() - within_a.trace()) / (n * (n - 1))
     of_b = (within_b.sum() - within_b.trace()) / (m * (m - 1))
     return float(of_a + of_b - 2 * between.mean())
+
+
+class Moments(NamedTuple):
+    """Number, sum [D] and sum of outer products [D, D] of vectors; those of several sets are their sums."""
+
+    count: int
+    total: Tensor
+    outer: Tensor
+
+    @classmethod
+    def of(cls, x: Float[Tensor, "N D"]) -> Moments:
+        """Of one set."""
+        return cls(len(x), x.sum(0), x.T @ x)
+
+    @property
+    def gaussian(self) -> tuple[Tensor, Tensor]:
+        """Mean and covariance."""
+        mean = self.total / self.count
+        return mean, (self.outer - self.count * torch.outer(mean, mean)) / (self.count - 1)
+
+
+def _frechet_of_moments(pairs: Sequence[tuple[Moments, ...]]) -> float:
+    sides = [Moments(*(sum(values) for values in zip(*side, strict=True))) for side in zip(*pairs, strict=True)]
+    if min(side.count for side in sides) < MIN_IMAGES:
+        return float("nan")
+    return gaussian_frechet(*sides[0].gaussian, *sides[1].gaussian)
+
+
+def _deviation(pairs: Sequence, distance: Callable[[Sequence], float]) -> float:
+    """Of a distance over bootstrap samples of the images."""
+    random = np.random.default_rng(0)
+    drawn = (random.integers(0, len(pairs), len(pairs)).tolist() for _ in range(_RESAMPLES))
+    return float(np.nanstd([distance([pairs[index] for index in indices]) for indices in drawn]))
 
 
 def _moments(x: Float[Tensor, "N D"]) -> tuple[Tensor, Tensor]:

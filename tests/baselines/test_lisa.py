@@ -46,13 +46,13 @@ def test_the_density_of_a_distance():
 
 
 def test_a_spheres_distance_renders_its_disc():
-    """Orthographic rays over a sphere of 20 mm."""
-    side, samples, radius_mm = 64, 400, 20.0
-    y, x = torch.meshgrid(*[(torch.arange(side) + 0.5) / side * 60 - 30] * 2, indexing="ij")
-    t = (torch.arange(samples) + 0.5) / samples * 60 - 30
+    """Orthographic rays over a sphere of 60 mm; of a smaller one the density's edge of 0.05 mm is a larger share."""
+    side, samples, radius_mm = 64, 400, 60.0
+    y, x = torch.meshgrid(*[(torch.arange(side) + 0.5) / side * 180 - 90] * 2, indexing="ij")
+    t = (torch.arange(samples) + 0.5) / samples * 180 - 90
     points = torch.stack(torch.broadcast_tensors(x.flatten()[:, None], y.flatten()[:, None], t), -1)
     density = laplace_density(points.norm(dim=-1) - radius_mm, torch.tensor(0.05))
-    steps = torch.full((side**2, samples), 60 / samples)
+    steps = torch.full((side**2, samples), 180 / samples)
     _, alpha, _ = composite_steps(density, torch.ones(side**2, samples, 1), steps)
     disc = x.flatten() ** 2 + y.flatten() ** 2 < radius_mm**2
     found = alpha > 0.5

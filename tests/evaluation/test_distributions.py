@@ -6,6 +6,7 @@ import torch
 from livehand.backend.evaluation.distributions import (
     Distributions,
     HandVggFeatures,
+    Moments,
     WholeInceptionFeatures,
     frechet_distance,
     gaussian_frechet,
@@ -36,6 +37,14 @@ def test_the_frechet_distance_of_samples_is_that_of_their_moments():
     assert frechet_distance(a, b) == pytest.approx(4 * (9 + 1), rel=0.05)
     assert frechet_distance(a, a) == pytest.approx(0, abs=1e-9)
     assert np.isnan(frechet_distance(a[:1], b))
+
+
+def test_moments_of_parts_add_up_to_those_of_the_whole():
+    x = normal(50, 4) + 3
+    first, second = Moments.of(x[:20]), Moments.of(x[20:])
+    mean, cov = Moments(*(a + b for a, b in zip(first, second, strict=True))).gaussian
+    torch.testing.assert_close(mean, x.mean(0))
+    torch.testing.assert_close(cov, torch.cov(x.T))
 
 
 def test_the_kernel_distance_by_hand_and_without_bias():
