@@ -14,7 +14,7 @@ from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.spaces import TO_BLENDER
-from livehand.livehand_blender.retarget.importing import RIG_SUFFIXES
+from livehand.backend.retarget.rig_suffixes import RIG_SUFFIXES
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl
