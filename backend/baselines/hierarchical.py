@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
@@ -123,7 +123,7 @@ class HierarchicalNetworks(nn.Module):
         points = rays.points(t).flatten(0, 1)
         samples = skin.at(points)
         height = (samples.height_m / SHELL_M).clamp(-_MAX_SHELLS, _MAX_SHELLS)
-        empty = {name: height.new_zeros(0) for name in FieldInputs._fields if name != "place"}
+        empty: dict[str, Any] = {name: height.new_zeros(0) for name in FieldInputs._fields if name != "place"}
         view = normalize(rays.directions, dim=-1)
         given = {"uv": atlas_uv(topology, samples), "height": height, "view": view, "theta": theta}
         sigma, channels = field.ask(FieldInputs(**(empty | given)), t.shape[1])
