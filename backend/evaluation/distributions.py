@@ -8,6 +8,9 @@ negative. Everything is computed in float64.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -167,10 +170,11 @@ def kernel_distance(a: Float[Tensor, "N D"], b: Float[Tensor, "M D"]) -> float:
     return float(of_a + of_b - 2 * between.mean())
 
 
-class Moments(NamedTuple):
-    """Number, sum [D] and sum of outer products [D, D] of vectors; those of several sets are their sums."""
+@dataclass(frozen=True)
+class Moments:
+    """Number, sum [D] and sum of outer products [D, D] of vectors."""
 
-    count: int
+    number: int
     total: Tensor
     outer: Tensor
 
@@ -179,16 +183,20 @@ class Moments(NamedTuple):
         """Of one set."""
         return cls(len(x), x.sum(0), x.T @ x)
 
+    def __add__(self, other: Moments) -> Moments:
+        """Of both sets together."""
+        return Moments(self.number + other.number, self.total + other.total, self.outer + other.outer)
+
     @property
     def gaussian(self) -> tuple[Tensor, Tensor]:
         """Mean and covariance."""
-        mean = self.total / self.count
-        return mean, (self.outer - self.count * torch.outer(mean, mean)) / (self.count - 1)
+        mean = self.total / self.number
+        return mean, (self.outer - self.number * torch.outer(mean, mean)) / (self.number - 1)
 
 
 def _frechet_of_moments(pairs: Sequence[tuple[Moments, ...]]) -> float:
-    sides = [Moments(*(sum(values) for values in zip(*side, strict=True))) for side in zip(*pairs, strict=True)]
-    if min(side.count for side in sides) < MIN_IMAGES:
+    sides = [reduce(add, side) for side in zip(*pairs, strict=True)]
+    if min(side.number for side in sides) < MIN_IMAGES:
         return float("nan")
     return gaussian_frechet(*sides[0].gaussian, *sides[1].gaussian)
 
