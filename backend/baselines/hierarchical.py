@@ -206,7 +206,7 @@ class Hierarchical:
             jitter = torch.rand(len(rays.pixel), COARSE + FINE, generator=generator, device=machine.device)
             with autocast(machine.device, machine.compute.precision):
                 coarse, fine = _rendered(networks, rays, scene, jitter)
-                image, _ = image_of(networks.superres, fine, rays.pixel, camera.size_px)
+                image, _ = image_of(networks.superres, fine, rays.pixel, camera.size_px, 2)
                 lows = [low_resolution_maps(one, rays.pixel, camera.size_px)[0] for one in (fine, coarse)]
                 low, coarse_low = (torch.cat([maps[:3], maps[-1:]]).float() for maps in lows)
                 perceptual = machine.perceptual
@@ -270,7 +270,7 @@ class BoxRenderer:
         rays = box_rays(mesh, camera)
         _, fine = _rendered(self._networks, rays, _Scene(NearSkin(mesh, topology), topology, theta), None)
         on_stage("superres")
-        image, depth = image_of(self._networks.superres, fine, rays.pixel, camera.size_px)
+        image, depth = image_of(self._networks.superres, fine, rays.pixel, camera.size_px, 2)
         on_stage("decode")
         return decode_frame(image.float(), depth, crop, shot.camera.size_px)
 

@@ -242,8 +242,8 @@ def _read_view(entry: dict | object, pose_count: int) -> CaptureView:
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str):
         raise LiveHandError(f"every frame in transforms.json must have a file_path, got {str(entry)[:40]}...")
     name, split, mask = entry["file_path"], entry.get("split"), entry.get("mask_path")
-    for file in (name, *((mask,) if isinstance(mask, str) else ())):
-        inner_path(Path(), file)
+    if isinstance(mask, str):  # written by `livehand mask`; images may lie elsewhere, as a refined capture's do
+        inner_path(Path(), mask)
     if split not in get_args(Split):
         raise LiveHandError(f"{name}: split must be one of {get_args(Split)}, got {split!r}")
     if not isinstance(mask, str | None):

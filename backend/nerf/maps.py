@@ -12,7 +12,6 @@ from torch import Tensor
 from ..records.depth_profile import DepthProfile
 from .crop import MARGIN_PX, Crop
 from .rays import RenderedRays
-from .superres import NoSuperRes
 from .volume import Composite
 
 
@@ -27,14 +26,19 @@ def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> D
 
 
 def image_of(
-    superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int]
+    superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int], scale: int
 ) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
-    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand), at twice `size_px`.
+    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand).
 
-    Without super-resolution, at `size_px` itself.
+    Args:
+        superres: the network.
+        low: the rays.
+        pixel: of the rays, in an image of `size_px`.
+        size_px: of the rays' image.
+        scale: of the result to it (`SuperResConfig.scale`).
     """
     maps, depth = low_resolution_maps(low, pixel, size_px)
-    if isinstance(superres, NoSuperRes):
+    if scale == 1:
         return superres(maps[None])[0], depth
     return enlarge_maps(superres, maps), depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
 

@@ -117,7 +117,8 @@ class Renderer:
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
-        image, depth = image_of(_asking(self._superres, check), rays.composite, rays.pixel, hand.camera.size_px)
+        superres, scale = _asking(self._superres, check), self.avatar.config.superres.scale
+        image, depth = image_of(superres, rays.composite, rays.pixel, hand.camera.size_px, scale)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
         if scale == 2:

@@ -50,11 +50,12 @@ def fit_shape(model: HandModel, nodes: np.ndarray) -> HandShape:
     The shape of a hand that is unlike any of the model's stays natural, and does not fit well.
     """
     skeleton, wanted = HandSkeleton.of(model), _lengths(nodes)
-    for prior in _PRIORS:
+    *weaker, strongest = _PRIORS
+    for prior in weaker:
         shape = _fit(skeleton, wanted, prior)
         if np.abs(shape.beta).max() < _NATURAL_BETA:
-            break
-    return shape
+            return shape
+    return _fit(skeleton, wanted, strongest)
 
 
 def _fit(skeleton: HandSkeleton, wanted: np.ndarray, prior: float) -> HandShape:

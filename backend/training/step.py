@@ -165,7 +165,8 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
         composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, avatar.config.sampler.shell_m)
         if not isinstance(avatar.field, LitField):
             maps, _ = low_resolution_maps(composite, view.rays.pixel, view.camera.size_px)
-            image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px)
+            scale = avatar.config.superres.scale
+            image, _ = image_of(avatar.superres, composite, view.rays.pixel, view.camera.size_px, scale)
             if isinstance(avatar.superres, NoSuperRes):
                 return Rendered(avg_pool2d(image[None], 2)[0], image)
             return Rendered(torch.cat([maps[:3], maps[-1:]]), image)

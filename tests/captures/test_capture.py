@@ -183,14 +183,13 @@ def test_poses_that_are_cut_short_are_named(capture):
             load_capture(capture.folder)
 
 
-@pytest.mark.parametrize("key", ["file_path", "mask_path"])
-def test_views_lie_in_the_captures_folder(painted_capture, tmp_path, key):
+def test_masks_lie_in_the_captures_folder(painted_capture, tmp_path):
     """`livehand mask` writes where a mask's name leads."""
     for name in ("transforms.json", "poses.npz"):
         (tmp_path / name).write_bytes((painted_capture.folder / name).read_bytes())
     document = json.loads((tmp_path / "transforms.json").read_text())
     for name in ("../out.png", "/tmp/out.png"):
-        document["frames"][2][key] = name
+        document["frames"][2]["mask_path"] = name
         (tmp_path / "transforms.json").write_text(json.dumps(document))
         with pytest.raises(LiveHandError, match="a path that leads out of it"):
             load_capture(tmp_path)

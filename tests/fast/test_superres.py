@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.fast.kernels.convolution import SPARE, fill_around, find_runs
+from livehand.backend.fast.kernels.convolution import DILATION, SPARE, fill_around, find_runs
 from livehand.backend.fast.kernels.vectors import has_bf16_products
 from livehand.backend.fast.superres import RowSuperRes, superres
 from livehand.backend.nerf.backend import in_precision
@@ -135,7 +135,7 @@ def test_runs_are_the_dilated_hand():
     alpha = SHAPES["two parts"]
     runs = np.full((40, 2), -1)
     find_runs(alpha.numpy(), runs)
-    dilated = max_pool2d(alpha[None], 3, stride=1, padding=1)[0]
+    dilated = max_pool2d(alpha[None], 2 * DILATION + 1, stride=1, padding=DILATION)[0]
     for row, (first, last) in zip(dilated, runs, strict=True):
         live = row.nonzero()[:, 0]
         assert (first, last) == ((int(live[0]), int(live[-1]) + 1) if len(live) else (0, 0))

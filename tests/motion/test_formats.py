@@ -60,12 +60,12 @@ def test_own_format_round_trip(tmp_path, changes):
     assert [path.name for path in tmp_path.iterdir()] == ["wave.npz"]
 
 
-def test_a_motion_is_written_as_npz_into_an_existing_folder(tmp_path):
+def test_a_motion_is_written_as_npz_and_its_folder_made(tmp_path):
     motion = HandMotion(absolute(POSE), BETA, TRANS)
     with pytest.raises(LiveHandError, match=r"\.npz file, got wave\.json"):
         write_motion(motion, tmp_path / "wave.json")
-    with pytest.raises(LiveHandError, match="must be in a folder"):
-        write_motion(motion, tmp_path / "no" / "wave.npz")
+    write_motion(motion, tmp_path / "new" / "wave.npz")
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["wave.npz"]
 
 
 # Bodies.

@@ -84,7 +84,7 @@ def test_a_ray_that_met_nothing_has_no_depth_and_no_rays_give_empty_maps():
 @torch.inference_mode()
 def test_the_picture_is_twice_as_large_and_so_is_its_depth(network):
     low, pixel = some_rays(3), torch.tensor([0, 5, 2])
-    picture, depth = image_of(network, low, pixel, (3, 2))
+    picture, depth = image_of(network, low, pixel, (3, 2), 2)
     maps, low_depth = low_resolution_maps(low, pixel, (3, 2))
     torch.testing.assert_close(picture, network(maps[None])[0])
     assert torch.equal(depth, low_depth[torch.arange(4)[:, None] // 2, torch.arange(6) // 2])

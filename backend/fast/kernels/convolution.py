@@ -12,6 +12,8 @@ from .vectors import window_sums
 
 BLOCK = 6
 """Pixels that are computed at once."""
+DILATION = 2
+"""Pixels beside the hand that are computed too: the network softens its edges."""
 SPARE = BLOCK
 """Pixels to the right of the border, which the last block of a row may read."""
 CHANNELS = 64
@@ -23,7 +25,7 @@ _16, _1, _HALF = np.uint32(16), np.uint32(1), np.uint32(0x7FFF)
 
 @compiled
 def find_runs(alpha, runs):
-    """Fill runs [h, 2], the first live pixel of a row (alpha > 0) and the one after the last, each dilated by one."""
+    """Fill runs [h, 2], the first live pixel of a row (alpha > 0) and the one after the last, both dilated."""
     height, width = alpha.shape
     own = np.zeros((height, 2), np.int64)
     for y in range(height):
@@ -33,9 +35,9 @@ def find_runs(alpha, runs):
                 own[y, 0], own[y, 1] = min(own[y, 0], x), x + 1
     for y in range(height):
         first, last = width, 0
-        for near in range(max(0, y - 1), min(height, y + 2)):
+        for near in range(max(0, y - DILATION), min(height, y + DILATION + 1)):
             if own[near, 0] < own[near, 1]:
-                first, last = min(first, own[near, 0] - 1), max(last, own[near, 1] + 1)
+                first, last = min(first, own[near, 0] - DILATION), max(last, own[near, 1] + DILATION)
         runs[y, 0], runs[y, 1] = max(first, 0), min(last, width)
         if first >= last:
             runs[y] = 0

@@ -67,7 +67,7 @@ def _window_sums(typingctx, pixels, vectors, source, pixel_bytes, row_bytes, pai
     signature = types.void(pixels, vectors, *[types.intp] * 6)
 
     def codegen(context, builder, signature, arguments):
-        _Block(builder, pixel_count, vector_count).build(*arguments[2:])
+        _WindowCode(builder, pixel_count, vector_count).build(*arguments[2:])
         return context.get_dummy_value()
 
     return signature, codegen
@@ -77,7 +77,7 @@ window_sums: Callable[..., None] = intrinsic(prefer_literal=True)(_window_sums)
 """Called by kernels, without `typingctx`."""
 
 
-class _Block:
+class _WindowCode:
     """Builds the code of `window_sums`: sums stay in registers over the whole window."""
 
     def __init__(self, builder: ir.IRBuilder, pixels: int, vectors: int):

@@ -12,7 +12,6 @@ import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix
 from ...hand.gestures import FingerAxes
-from ...hand.lbs import posed_arrays
 from ...hand.model import HandModel
 from ...hand.model_file import load_default_hand
 from ...records.shot import HandPose
@@ -98,6 +97,8 @@ class HandSkeleton:
 
 def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
     """[21, 3] m, world: a posed hand's landmarks in MediaPipe's order, as `fit_landmarks` takes them."""
+    from ...hand.lbs import posed_arrays  # with torch, which readers of files can do without
+
     vertices, joints = posed_arrays(model, pose)
     right = model.for_side("right")
     tips = [vertices[np.argmax(_finger_rows(right, finger)[3])] for finger in range(5)]
