@@ -1,5 +1,6 @@
 """What several test files share: posed hands, spheres, views, an exact search, and a small painted capture."""
 
+import signal
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,14 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
 from PIL import Image
+
+
+def pytest_configure():
+    """Give this process and its children the signals of a program in the foreground, however the tests were started."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 
 SIZE = (24, 32)
 

@@ -65,9 +65,12 @@ def guess_joints(skeleton: SourceSkeleton, side: Side | None = None) -> JointGue
 
     Args:
         skeleton: of a hand or of a whole body.
-        side: of the hand; None takes the hand with more bones found, of equals the right one.
+        side: of the hand; None takes the hand with more bones found, of equals the right one. Bones whose names tell no
+            side are taken for this one, if no others are, even if the rest pose seems to be the other's.
     """
     guesses = [guess for wanted in SIDES if (guess := _guess(skeleton, wanted)) and side in (None, wanted)]
+    if side and not guesses and (told := _by_names(skeleton, side, is_told=True)):
+        guesses = [told]
     empty = JointGuess(side or "right", (None,) * 16, (None,) * 5)
     return min(guesses, key=lambda guess: len(guess.missing), default=empty)
 
@@ -92,7 +95,7 @@ def _agrees(guess: JointGuess) -> bool:
     return True
 
 
-def _by_names(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
+def _by_names(skeleton: SourceSkeleton, side: Side, is_told: bool = False) -> JointGuess | None:
     names = [parse_bone_name(name) for name in skeleton.names]
     sides = _sides(skeleton, names)
     guesses = []
@@ -100,7 +103,7 @@ def _by_names(skeleton: SourceSkeleton, side: Side) -> JointGuess | None:
         for layer in _LAYERS:
             of_hand = {k: name for k, name in enumerate(names) if name and name.layer == layer and sides[k] == own}
             guess = _named_hand(skeleton, of_hand, side)
-            if own is not None or _may_be(skeleton, guess, side):
+            if own is not None or is_told or _may_be(skeleton, guess, side):
                 guesses.append(guess)
     best = min(guesses, key=lambda guess: len(guess.missing))
     return best if len(best.missing) < 15 else None

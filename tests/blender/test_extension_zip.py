@@ -22,6 +22,8 @@ LEFT_OUT = {
     "backend/evaluation",
     "backend/hand/builtin",
     "backend/training",
+    "backend/baselines",
+    "backend/comparison",
     "livehand_blender/benchmark",
     "livehand_blender/cli.py",
 }

@@ -14,18 +14,6 @@ from livehand.backend.runtime.signals import (
     stopping_as_at_ctrl_c,
 )
 
-
-@pytest.fixture(autouse=True)
-def usual_handlers():
-    """Those of a program in the foreground, however the tests were started."""
-    usual = {number: signal.SIG_DFL for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))}
-    usual[signal.SIGINT] = signal.default_int_handler
-    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 posix = pytest.mark.skipif(os.name == "nt", reason="sends the signals of Linux and macOS")
 
 

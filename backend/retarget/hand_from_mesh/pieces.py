@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
-from ...geometry.closest_point import closest_on_triangles
 from ...geometry.mesh_tables import connected_components
 
 _FULL_SHARE = 0.99  # of the hand's bones in the weights of a vertex
@@ -85,6 +83,10 @@ def _is_near(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     around = triangles[((triangles.max(1) >= low) & (triangles.min(1) <= high)).all(1)]
     if not len(around):
         return np.zeros(len(points), bool)
+    import torch  # only here: Blender's Python may lack it
+
+    from ...geometry.closest_point import closest_on_triangles
+
     _, squared = closest_on_triangles(torch.as_tensor(points)[:, None], torch.as_tensor(around))
     return (squared.min(1).values < _COVER_M**2).numpy()
 
