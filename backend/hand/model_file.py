@@ -97,6 +97,9 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
         _numbers(arrays, key, path) for key in ("v_template", "weights", "J_regressor", "shapedirs", "posedirs")
     )
     faces, vt, ft = _closed_mesh(arrays, v_template, path)
+    tree = np.atleast_2d(_numbers(arrays, "kintree_table", path))
+    if not tree.size:
+        raise LiveHandError(f"{path}: kintree_table must be [2, 16], got {list(tree.shape)}")
     return HandModel(
         name=path.stem,
         side=side,
@@ -105,7 +108,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
         f=faces,
         lbs_weights=weights,
         J_regressor=regressor,
-        parents=np.r_[-1, np.atleast_2d(_numbers(arrays, "kintree_table", path))[0, 1:].astype(np.int64)],
+        parents=np.r_[-1, tree[0, 1:].astype(np.int64)],
         shapedirs=shapedirs[..., :10],
         posedirs=posedirs,
         vt=vt,

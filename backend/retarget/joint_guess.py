@@ -60,16 +60,17 @@ class JointGuess:
         return JointMap(self.side, self.bones, self.tips)
 
 
-def guess_joints(skeleton: SourceSkeleton, side: Side | None = None) -> JointGuess:
+def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_told: bool = False) -> JointGuess:
     """Guess the bones of one hand.
 
     Args:
         skeleton: of a hand or of a whole body.
-        side: of the hand; None takes the hand with more bones found, of equals the right one. Bones whose names tell no
-            side are taken for this one, if no others are, even if the rest pose seems to be the other's.
+        side: of the hand; None takes the hand with more bones found, of equals the right one.
+        is_told: the user has told the side: bones whose names tell none are of it, if no others are, even if the rest
+            pose seems to be the other's.
     """
     guesses = [guess for wanted in SIDES if (guess := _guess(skeleton, wanted)) and side in (None, wanted)]
-    if side and not guesses and (told := _by_names(skeleton, side, is_told=True)):
+    if side and is_told and not guesses and (told := _by_names(skeleton, side, is_told=True)):
         guesses = [told]
     empty = JointGuess(side or "right", (None,) * 16, (None,) * 5)
     return min(guesses, key=lambda guess: len(guess.missing), default=empty)

@@ -185,7 +185,11 @@ def _best_hand(path: Path, scene: bpy.types.Scene, side: Side | None, own: Side)
     found = []
     for armature in armatures:
         skeleton = read_skeleton(armature)
-        guesses = [guess_joints(skeleton, side)] if side else [guess_joints(skeleton, own), guess_joints(skeleton)]
+        guesses = (
+            [guess_joints(skeleton, side, is_told=True)]
+            if side
+            else [guess_joints(skeleton, own), guess_joints(skeleton)]
+        )
         found += [(armature, guess) for guess in guesses]
     best = min(found, key=lambda pair: len(pair[1].missing))
     if not best[1].is_hand:

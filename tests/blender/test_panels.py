@@ -141,7 +141,7 @@ def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
 
 
 def test_a_hand_of_an_earlier_version_shows_why_it_has_no_picker():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).parents[2] / "examples" / "wave.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
     bpy.context.view_layer.objects.active = find_hands(bpy.context.scene)[0]
     (message,) = draw(picker.LIVEHAND_PT_posing)
     assert "without finger controls" in message

@@ -13,8 +13,6 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
 
 def read(hand):
     hand.update_tag()
@@ -74,7 +72,7 @@ def test_snapping_keys_the_switch_where_auto_keying_is_on(hand, model):
 
 
 def test_hands_of_earlier_versions_keep_working_without_controls():
-    bpy.ops.wm.open_mainfile(filepath=str(EXAMPLES / "wave.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
     (hand,) = find_hands(bpy.context.scene)
     bpy.context.view_layer.objects.active = hand
     for name in ("snap_ik_to_fk", "snap_fk_to_ik", "select_finger", "select_bone"):
