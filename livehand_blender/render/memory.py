@@ -7,6 +7,7 @@ import sys
 import bpy
 from bpy.app.handlers import persistent
 
+from ..scene.handlers import add_handlers, remove_handlers
 from .engine import LiveHandRender
 
 
@@ -24,15 +25,15 @@ def _after_render(scene: bpy.types.Scene, *_) -> None:
         free_memory()
 
 
+_WATCHED = (("render_complete", _after_render), ("render_cancel", _after_render))
+
+
 def watch_renders() -> None:
     """Free memory after each render or animation, finished or cancelled, unless Blender runs without a window."""
     if not bpy.app.background:
-        for handlers in (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel):
-            handlers.append(_after_render)
+        add_handlers(_WATCHED)
 
 
 def stop_watching() -> None:
     """Undo `watch_renders`."""
-    for handlers in (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel):
-        if _after_render in handlers:
-            handlers.remove(_after_render)
+    remove_handlers(_WATCHED)

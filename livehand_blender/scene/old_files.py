@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..rig.hand import all_hands
+from .handlers import add_handlers, remove_handlers
 
 _VERSION = 2
 
@@ -43,13 +44,9 @@ _WATCHED = (("save_pre", _stamp), ("load_post", _update))
 
 def watch_files() -> None:
     """Stamp the files that are saved, and update those that are opened."""
-    for name, function in _WATCHED:
-        getattr(bpy.app.handlers, name).append(function)
+    add_handlers(_WATCHED)
 
 
 def stop_watching() -> None:
     """Undo `watch_files`."""
-    for name, function in _WATCHED:
-        handlers = getattr(bpy.app.handlers, name)
-        if function in handlers:
-            handlers.remove(function)
+    remove_handlers(_WATCHED)

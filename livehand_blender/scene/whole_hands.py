@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..rig.hand import is_skinned_to
+from .handlers import add_handlers, remove_handlers
 
 
 def complete_copies() -> None:
@@ -103,15 +104,11 @@ _WATCHED = (("depsgraph_update_post", _look), ("load_post", _begin))
 
 def watch_objects() -> None:
     """Keep hands whole from now on."""
-    for name, function in _WATCHED:
-        getattr(bpy.app.handlers, name).append(function)
+    add_handlers(_WATCHED)
 
 
 def stop_watching() -> None:
     """Undo `watch_objects`."""
-    for name, function in _WATCHED:
-        handlers = getattr(bpy.app.handlers, name)
-        if function in handlers:
-            handlers.remove(function)
+    remove_handlers(_WATCHED)
     if bpy.app.timers.is_registered(_make_whole):
         bpy.app.timers.unregister(_make_whole)

@@ -15,6 +15,7 @@ from ...backend.hand.bones import FINGERS
 from ..rig.fingertips import has_fingertip_targets
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import key_finger
+from ..scene.handlers import add_handlers, remove_handlers
 
 _INTERVAL_S = 0.1
 
@@ -91,15 +92,17 @@ def _is_transforming() -> bool:
     )
 
 
+_WATCHED = (("depsgraph_update_post", _look),)
+
+
 def watch_targets() -> None:
     """Turn IK on when targets are grabbed, from now on."""
     if not bpy.app.background and "modal_operators" in bpy.types.Window.bl_rna.properties:
-        bpy.app.handlers.depsgraph_update_post.append(_look)
+        add_handlers(_WATCHED)
 
 
 def stop_watching() -> None:
     """Undo `watch_targets`."""
-    if _look in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(_look)
+    remove_handlers(_WATCHED)
     if bpy.app.timers.is_registered(_wait):
         bpy.app.timers.unregister(_wait)

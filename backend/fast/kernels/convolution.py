@@ -88,12 +88,9 @@ def convolve_hidden(source, weights, bias, is_residual, runs, first, last, out):
     bits = sums.view(np.uint32)
     before = np.empty(CHANNELS, np.float32)
     before_bits = before.view(np.uint32)
-    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
-    row_bytes = pixel_bytes * source.shape[1]
-    start, weight, result = source.ctypes.data, weights.ctypes.data, sums.ctypes.data
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
-            window_sums(6, 4, start + y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, pairs, weight, result)
+            _sum_windows(source, weights, y, x, sums)
             for pixel in range(min(BLOCK, runs[y, 1] - x)):
                 for channel in range(CHANNELS):
                     value = sums[pixel, channel] + bias[channel]
@@ -112,18 +109,24 @@ def convolve_last(source, weights, bias, runs, first, last, out):
     """Rows [first, last) of the last convolution into the doubled image [2h, 2w, D], four pixels for each."""
     channels = out.shape[2]
     sums = np.empty((BLOCK, CHANNELS), np.float32)
-    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
-    row_bytes = pixel_bytes * source.shape[1]
-    start, weight, result = source.ctypes.data, weights.ctypes.data, sums.ctypes.data
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
-            window_sums(6, 4, start + y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, pairs, weight, result)
+            _sum_windows(source, weights, y, x, sums)
             for pixel in range(min(BLOCK, runs[y, 1] - x)):
                 for part in range(4):
                     row, column = 2 * y + part // 2, 2 * (x + pixel) + part % 2
                     for channel in range(channels):
                         at = part * channels + channel
                         out[row, column, channel] = sums[pixel, at] + bias[at]
+
+
+@compiled
+def _sum_windows(source, weights, y, x, sums):
+    """Fill sums [BLOCK, 64] for the pixels from (x, y) on; the border's width makes theirs the windows' corners."""
+    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
+    row_bytes = pixel_bytes * source.shape[1]
+    corner = source.ctypes.data + y * row_bytes + x * pixel_bytes
+    window_sums(6, 4, corner, pixel_bytes, row_bytes, pairs, weights.ctypes.data, sums.ctypes.data)
 
 
 @compiled
