@@ -19,7 +19,7 @@ from .rays import HandInView, ray_directions, ray_origin
 from .relighting import SkinDepth
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX = 64, 128
+SKY_MAP_PX, LAMP_MAP_PX = 64, 256
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
 _PROBES = 256
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
