@@ -1,6 +1,7 @@
 """What several test files share: posed hands, spheres, views, an exact search, and a small painted capture."""
 
 import signal
+import sys
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
+from livehand.backend.runtime.process_end import end_process
 from PIL import Image
 
 
@@ -33,7 +35,20 @@ def pytest_configure():
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+def pytest_sessionfinish(session, exitstatus):
+    """Keep the exit status for `pytest_unconfigure`."""
+    session.config.stash[EXIT_STATUS] = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """End the process as the program does: Blender's own end may wait for ever."""
+    if "bpy" in sys.modules and EXIT_STATUS in config.stash:
+        end_process(config.stash[EXIT_STATUS])
+
+
 SIZE = (24, 32)
+EXIT_STATUS = pytest.StashKey[int]()
 
 
 class PosedHand(NamedTuple):
