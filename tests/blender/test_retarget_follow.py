@@ -67,7 +67,7 @@ def test_fingertips_match_the_source(other_rigs, model, moving, tmp_path, record
     else:
         assert bake(bpy.context, RiggedHand.of(ours), SourceRig(source, found), frames).frames == len(frames)
     errors = tip_errors_m(ours, made, frames)
-    record_property("fingertips, mm", [round(1e3 * error, 2) for error in (errors.mean(), errors.max())])
+    record_property("fingertips, mm", [round(1e3 * float(error), 2) for error in (errors.mean(), errors.max())])
     assert errors.mean() < MEAN_M
     assert errors.max() < MOST_M
 
