@@ -71,6 +71,9 @@ def our_coverage(scene: bpy.types.Scene, folder: Path) -> np.ndarray:
         return render(scene, folder / "cut.png")[..., 3] / 255
     scene.livehand.light = "CAPTURE"
     scene.world, scene.cycles.samples, scene.view_settings.view_transform = None, 1, "Raw"
+    for thing in scene.objects:
+        if thing.type == "LIGHT":
+            thing.hide_render = True
     flat = bpy.data.materials.new("Flat")
     flat.use_nodes = True
     shader = flat.node_tree.nodes["Principled BSDF"]

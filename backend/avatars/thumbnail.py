@@ -12,16 +12,15 @@ from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel, upright
 from ..nerf.avatar import Avatar
 from ..records.frame import Frame
-from ..records.light import Lamp, Light, Sky, rotation_facing
 from ..records.shot import HandPose, Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
+from ..rendering.studio_light import studio_light
 
 SIDE_PX = 192
 # The hand in rest pose, upright and slightly turned, seen from the side of the dome's key light.
 _TOWARDS_CAMERA = (-0.35, -1.0, 0.15)
 _FILL = 0.92  # share of the image that the hand takes up
-_KEY_W, _SKY = 7.0, 0.12  # power of the key lamp, and radiance of the sky
 _SUPERSAMPLING = 2  # sharper than rendering small, because it is closer to the image size of training
 
 
@@ -44,16 +43,9 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
     pose = HandPose(theta, np.zeros(10), np.zeros(3), renderer.hand.side)
     vertices = posed_vertices(renderer.hand, pose)
     camera = fitting_camera(vertices, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)
-    frame = renderer.render(Shot(pose, vertices, camera, _studio()))
+    frame = renderer.render(Shot(pose, vertices, camera, studio_light()))
     small = Frame(_averaged(frame.rgb), _averaged(frame.alpha), _averaged(frame.depth))
     return (straight_srgb(small) * 255).round().astype(np.uint8)
-
-
-def _studio() -> Light:
-    """A key lamp from the upper left of the camera, which avatars that are not relightable ignore, and a dim sky."""
-    towards = np.array([-0.75, -0.5, 0.6]) / np.linalg.norm([-0.75, -0.5, 0.6])
-    key = Lamp("area", np.full(3, _KEY_W), 0.9 * towards, rotation_facing(towards), size_m=(0.25, 0.25))
-    return Light((key,), Sky(np.full((2, 4, 3), _SKY)))
 
 
 def _averaged(plane: np.ndarray) -> np.ndarray:

@@ -11,25 +11,22 @@ The files are named `.claim`, as by every version so far: processes of different
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
-import socket
-import sys
 import tempfile
 import threading
-import time
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
 from .folders import not_written
+from .lease_owner import read_owner, signature
 
 REFRESH_S = 15.0
 STALE_S = 120.0
 """A lease that was not refreshed for so long is dead, whoever owns it."""
 UNSIGNED_S = 1.0
-"""An older lease that is empty is dead: its owner signs it right after creating it, and looks again after that."""
+"""An older lease that names no owner is dead: owners sign right after creating theirs, and look again after that."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,8 @@ class FrameLeases:
         self._held.pop(lease.frame, None)
         for generation, path in sorted(self._present(lease.frame).items()):
             if generation <= lease.generation:
-                path.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):  # what stays is dead: of another user, or a folder
+                    path.unlink(missing_ok=True)
 
     def _path(self, frame: int, generation: int) -> Path:
         suffix = f".{generation}" if generation else ""
@@ -122,7 +120,6 @@ class FrameLeases:
 
     def _create(self, lease: Lease) -> bool:
         """Create the file; returns False if it exists."""
-        owner = {"host": socket.gethostname(), "place": process_space(), "pid": os.getpid(), "time": time.time()}
         try:
             descriptor = os.open(lease.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         except FileExistsError:
@@ -131,7 +128,7 @@ class FrameLeases:
             raise not_written(lease.path, str(error.strerror)) from error
         try:
             with open(descriptor, "w", encoding="utf-8") as file:
-                json.dump(owner, file)
+                file.write(signature())
         except OSError as error:
             lease.path.unlink(missing_ok=True)
             raise not_written(lease.path, str(error.strerror)) from error
@@ -140,16 +137,15 @@ class FrameLeases:
     def _is_live(self, path: Path) -> bool:
         """Whether the lease's owner may still be at work."""
         try:
-            text, age_s = path.read_text(encoding="utf-8"), self._now_s() - path.stat().st_mtime
+            age_s = self._now_s() - path.stat().st_mtime
+            owner = read_owner(path)
         except FileNotFoundError:
             return False
-        try:
-            owner = json.loads(text)
-        except ValueError:
+        except PermissionError:  # another user's
+            return age_s < STALE_S
+        if owner is None:
             return age_s < UNSIGNED_S
-        if owner["place"] == process_space() and not _is_running(owner["pid"]):
-            return False
-        return age_s < STALE_S
+        return age_s < STALE_S and not owner.has_ended()
 
     def _now_s(self) -> float:
         """The time by the clock that dates the folder's files, which may be another machine's."""
@@ -162,24 +158,3 @@ class FrameLeases:
             for lease in list(self._held.values()):
                 with contextlib.suppress(OSError):
                     os.utime(lease.path)
-
-
-def process_space() -> str:
-    """Identifies where a process id is valid: this machine since it was started, or this container."""
-    if sys.platform == "linux":
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{boot} {os.readlink('/proc/self/ns/pid')}"
-    return f"{socket.gethostname()} {uuid.getnode():x}"
-
-
-def _is_running(pid: int) -> bool:
-    """Whether there is such a process. Windows has no harmless way to ask, so there the lease's age decides."""
-    if os.name == "nt":
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

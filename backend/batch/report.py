@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ..runtime.command import say
+from ..runtime.command import say, warn
 from .progress import Event, EventHandler, Failed, FrameProgress, ShotTally, Warned, to_record
 
 
@@ -44,7 +43,7 @@ class RunReport:
             say(f"{shot.stem} {event}" if len(self.tallies) > 1 else str(event))
         if isinstance(event, Warned | Failed) and not self._is_quiet:
             kind = "warning: " if isinstance(event, Warned) else ""
-            sys.stderr.write(f"livehand render: {shot}: {kind}{event.message}\n")
+            warn(f"livehand render: {shot}: {kind}{event.message}")
 
     @property
     def has_failed(self) -> bool:

@@ -1,20 +1,23 @@
 """`livehand render` of a pose file, without Blender: PNGs with alpha of the hand alone, seen from the front.
 
-The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera; a take in a
+It is in a studio's light, unless its avatar has its own. The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera; a take in a
 world's axes is turned by half a turn where the camera would look at the stump.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import mean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..batch.progress import FrameProgress, to_record
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.model import HandModel, upright
@@ -28,7 +31,7 @@ from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
 from ..runtime.atomic_file import replacing
-from ..runtime.command import parse_size_px, say
+from ..runtime.command import parse_size_px, say, warn
 
 if TYPE_CHECKING:
     from ..records.frame import Frame
@@ -83,6 +86,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..avatars.file import load_avatar
     from ..hand.lbs import posed_vertices
     from ..rendering.renderer import Renderer
+    from ..rendering.studio_light import studio_light
 
     hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     if read is None:
@@ -94,18 +98,19 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
-    started = time.perf_counter()
+    light, seconds = studio_light(), []
     for number, index in enumerate(frames, 1):
-        pose = motion.pose(index)
-        frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera))
+        started, pose = time.perf_counter(), motion.pose(index)
+        frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
         write_png(frame, args.output / f"{index + 1:04d}.png")
-        say(f"frame {index + 1} ({number}/{len(frames)})")
-    seconds = (time.perf_counter() - started) / len(frames)
+        seconds.append(time.perf_counter() - started)
+        progress = FrameProgress(index + 1, number, len(frames), "written", seconds[-1])
+        say(json.dumps(to_record(path, progress)) if args.json else str(progress))
     return {
         "folder": str(args.output),
         "frames": len(frames),
-        "seconds_per_frame": round(seconds, 3),
-        "summary": f"{args.output}: {len(frames)} frames, {seconds:.2f} s/frame",
+        "seconds_per_frame": round(mean(seconds), 3),
+        "summary": f"{args.output}: {len(frames)} frames, {mean(seconds):.2f} s/frame",
     }
 
 
@@ -121,7 +126,7 @@ def posed_upright(
     file = with_options(open_motion_file(path), options)
     motion, doubt = motion_and_warning(file, options, hand, hand_path)
     if doubt:
-        say(f"check the motion: {doubt}")
+        warn(f"livehand render: {path}: check the motion: {doubt}")
     matrix = to_blender(file.info.space)
     if file.info.space == "hand":
         matrix[:3, :3] = upright(motion.side)

@@ -7,6 +7,7 @@ Ctrl-C, SIGTERM or SIGHUP. With `--json` the last line of stdout is one JSON obj
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import re
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 
 from ..records.errors import LiveHandError
 from .signals import stopping_as_at_ctrl_c
+from .stdout import print_nowhere
 from .thread_limits import allow_cpu_for_mps, limit_spinning
 
 OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
@@ -58,18 +60,16 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
         return OK if not stop.code else USAGE
     try:
         with stopping_as_at_ctrl_c():
-            result, code = dict(commands[args.command].run(args)), OK
-    except FailedInPart as failure:
-        result, code = dict(failure.result), FAILED
+            result, code = _result_and_code(commands[args.command], args)
+        if result:
+            _print_result(result, args.json)
+        return code
     except LiveHandError as error:
-        sys.stderr.write(f"{program} {args.command}: {error}\n")
+        warn(f"{program} {args.command}: {error}")
         return FAILED
     except KeyboardInterrupt:
-        sys.stderr.write(f"{program} {args.command}: interrupted\n")
+        warn(f"{program} {args.command}: interrupted")
         return INTERRUPTED
-    if result:
-        _print_result(result, args.json)
-    return code
 
 
 def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
@@ -90,9 +90,32 @@ def parse_count(text: str, smallest: int = 1) -> int:
 
 
 def say(text: str) -> None:
-    """Print a line of a command's output and flush it."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
+    """Print a line of a command's output and flush it. Once nobody reads it any more, as after `| head -1`, nothing is.
+
+    Raises:
+        LiveHandError: it cannot be written, as when the disk is full.
+    """
+    try:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        print_nowhere()
+    except OSError as error:
+        raise LiveHandError(f"the output cannot be printed ({error.strerror}); print it elsewhere") from error
+
+
+def warn(text: str) -> None:
+    """Print a line on stderr, if anybody reads it."""
+    with contextlib.suppress(OSError):
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+
+def _result_and_code(command: Command, args: argparse.Namespace) -> tuple[dict[str, Any], int]:
+    try:
+        return dict(command.run(args)), OK
+    except FailedInPart as failure:
+        return dict(failure.result), FAILED
 
 
 def _parser(program: str, about: str, commands: Mapping[str, Command]) -> argparse.ArgumentParser:

@@ -14,10 +14,12 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from .command import FAILED, INTERRUPTED, OK
+from .stdout import open_standard_streams
 
 
 def run_process(main: Callable[[], int]) -> NoReturn:
     """Call `main`, and end the process with the exit code that it returns; an exception is shown as Python shows it."""
+    open_standard_streams()
     try:
         code = main()
     except SystemExit as stop:

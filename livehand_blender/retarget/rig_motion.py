@@ -11,7 +11,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.motion import HandMotion
 from ...backend.motion.spaces import rest_wrists
 from ...backend.records.side import Side
-from ...backend.runtime.command import say
+from ...backend.runtime.command import warn
 
 if TYPE_CHECKING:
     from .importing import RigFileMotion
@@ -21,7 +21,7 @@ def read_upright(path: Path, hand: HandModel, side: Side | None = None) -> HandM
     """A file's motion with the wrist at the origin of Blender's world; what speaks against it is printed."""
     found = _read(path, hand, side)
     if found.doubt:
-        say(f"check the motion: {found.doubt}")
+        warn(f"livehand render: {path}: check the motion: {found.doubt}")
     motion = found.motion
     return replace(motion, transl=-rest_wrists(hand.for_side(motion.side), motion.betas))
 

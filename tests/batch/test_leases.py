@@ -9,8 +9,9 @@ import time
 from collections import Counter
 
 import pytest
-from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases, process_space
+from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.runtime.process_identity import process_space
 
 
 @pytest.fixture
@@ -89,6 +90,42 @@ def test_an_unsigned_lease_is_dead_after_a_second(leases, tmp_path):
     path.touch()
     assert leases.acquire(1) is None
     os.utime(path, (time.time() - 2 * UNSIGNED_S,) * 2)
+    assert leases.acquire(1).generation == 1
+
+
+ODD = {
+    "a number": b"5",
+    "a list": b"[]",
+    "no owner": b"{}",
+    "wrong types": b'{"place": 5, "pid": "1"}',
+    "no process": b'{"place": "here", "pid": 0}',
+    "not UTF-8": b"\xff\xfe",
+    "a huge number": b'{"place": "here", "pid": ' + b"9" * 5000 + b"}",
+    "megabytes": b" " * 2_000_000,
+}
+
+
+@pytest.mark.parametrize("content", ODD.values(), ids=ODD)
+def test_a_file_that_is_no_lease_does_not_hold_a_frame(leases, tmp_path, content):
+    path = tmp_path / ".wave_0001.claim"
+    path.write_bytes(content)
+    assert leases.acquire(1) is None
+    os.utime(path, (time.time() - 2 * UNSIGNED_S,) * 2)
+    lease = leases.acquire(1)
+    assert lease.generation == 1
+    leases.release(lease)
+    assert names(tmp_path) == []
+
+
+def test_a_folder_or_pipe_in_the_place_of_a_lease_does_not_hold_a_frame(leases, tmp_path):
+    (tmp_path / ".wave_0001.claim").mkdir()
+    os.mkfifo(tmp_path / ".wave_0001.claim.1")
+    for name in names(tmp_path):
+        os.utime(tmp_path / name, (time.time() - 2 * UNSIGNED_S,) * 2)
+    lease = leases.acquire(1)
+    assert lease.generation == 2
+    leases.release(lease)
+    assert names(tmp_path) == [".wave_0001.claim"]  # nothing that is not a lease is deleted with what it holds
     assert leases.acquire(1).generation == 1
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import bpy
 import pytest
 from livehand.backend.batch.frame_file import is_finished
-from livehand.backend.batch.leases import FrameLeases, process_space
+from livehand.backend.batch.leases import FrameLeases
+from livehand.backend.runtime.process_identity import process_space
 from livehand.livehand_blender import cli
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"

@@ -1,6 +1,7 @@
 """`livehand render` of a pose file: what is posed, what the camera holds, what is written."""
 
 import argparse
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -115,11 +116,26 @@ def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
     np.testing.assert_array_equal(own, built_in)
 
 
+def test_every_line_is_json_if_asked(gestures, tmp_path, capsys):
+    assert main(["render", str(gestures), "-o", str(tmp_path / "out"), "--size", "48x64", "--json"]) == 0
+    *events, result = map(json.loads, capsys.readouterr().out.splitlines())
+    assert [(event["event"], event["frame"], event["count"]) for event in events] == [("frame", 1, 2), ("frame", 2, 2)]
+    assert result["frames"] == 2
+
+
+def test_the_hand_is_in_a_studios_light(gestures, tmp_path):
+    """The key comes from the upper left, so the left half of an open hand is brighter than in its capture's dome."""
+    assert main(["render", str(gestures), "-o", str(tmp_path / "out"), "--frames", "1"]) == 0
+    pixels = np.asarray(Image.open(tmp_path / "out" / "0001.png")).astype(float)
+    grey = np.where(pixels[..., 3] > 250, pixels[..., :3].mean(-1), np.nan)
+    assert np.nanpercentile(grey, 95) > 2.5 * np.nanpercentile(grey, 5)
+
+
 def test_a_pose_file_is_rendered_to_images(gestures, tmp_path):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     asked = {"shots": [gestures], "output": tmp_path / "out", "frames": (2,), "avatar": None, "size": (48, 64)}
-    whole = {"jobs": 1, "chunk": argparse.Namespace(count=1), "device": "cpu", "precision": None}
+    whole = {"jobs": 1, "chunk": argparse.Namespace(count=1), "device": "cpu", "precision": None, "json": False}
     args = argparse.Namespace(**asked, **whole, **vars(parser.parse_args(["--side", "right"])))
     result = run(args)
     assert (result["frames"], result["folder"]) == (1, str(tmp_path / "out"))
