@@ -12,6 +12,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ..records.errors import LiveHandError
+from ..runtime.atomic_file import replacing
 
 FILE = "method.safetensors"
 """Its name in the row's folder."""
@@ -19,12 +20,14 @@ _KEY = "livehand_method"
 
 
 def save_method(folder: Path, kind: str, tensors: Mapping[str, Tensor], facts: Mapping[str, Any] | None = None) -> None:
-    """Write the tensors of a method of this kind, first under a temporary name."""
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / f".{FILE}.partial"
+    """Write the tensors of a method of this kind.
+
+    Raises:
+        LiveHandError: the file cannot be written.
+    """
     plain = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    save_file(plain, partial, metadata={_KEY: json.dumps({"kind": kind, **(facts or {})})})
-    partial.replace(folder / FILE)
+    with replacing(folder / FILE, is_durable=True) as partial:
+        save_file(plain, partial, metadata={_KEY: json.dumps({"kind": kind, **(facts or {})})})
 
 
 def load_method(folder: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -1,7 +1,7 @@
 """`livehand render` of a pose file, without Blender: PNGs with alpha of the hand alone, seen from the front.
 
-It is in a studio's light, unless its avatar has its own. The wrist rotates as in the file and does not move. A file in a camera's axes is seen from that camera; a take in a
-world's axes is turned by half a turn where the camera would look at the stump.
+A relightable avatar is in a studio's light. The wrist rotates as in the file and does not move. A file in a camera's
+axes is seen from that camera; a take in a world's axes is turned by half a turn where the camera would see the stump.
 """
 
 from __future__ import annotations

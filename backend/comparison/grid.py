@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..evaluation.contact_sheet import ERROR_GAIN, label_strip, on_background, save_sheet
+from ..runtime.atomic_file import replacing
 
 GRID, ERRORS = "grid.png", "errors.png"
 _PART = 0.4  # of the picture's sides
@@ -21,10 +22,8 @@ def save_pictures(pairs: Sequence[Pair], path: Path) -> None:
     for index, pair in enumerate(pairs):
         for name, image in zip(("truth", "image"), pair, strict=True):
             arrays[f"{name}{index}"] = (image.clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-    partial.replace(path)
+    with replacing(path) as partial:
+        np.savez_compressed(partial, **arrays)
 
 
 def load_pictures(path: Path) -> list[Pair]:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from ...files.regular_file import MIB, check_regular
 from ...records.errors import LiveHandError
+from ...runtime.atomic_file import replacing
 from ..capture import Capture, index_document, load_capture, save_capture_index
 
 _MOST_BYTES = 1024 * MIB  # of one image
@@ -66,7 +67,5 @@ def _copy(source: Path, target: Path) -> None:
     if target.exists():
         return
     check_regular(source, _MOST_BYTES)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(target.name + ".part")
-    shutil.copyfile(source, unfinished)
-    unfinished.replace(target)
+    with replacing(target) as unfinished:
+        shutil.copyfile(source, unfinished)
