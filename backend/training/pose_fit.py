@@ -47,7 +47,7 @@ def fit_poses(
     images of `novel_pose` may be scored on those of `test`, which show the same poses from other cameras.
 
     Raises:
-        LiveHandError: the capture is of another hand.
+        LiveHandError: the capture is of another hand, or the avatar is relightable.
     """
     networks = torch.nn.ModuleList([avatar.field, avatar.superres]).to(device)
     views = TrainingViews(capture, capture.of_split(split), hand, avatar.config.sampler, device, config.seed)

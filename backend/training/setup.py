@@ -99,24 +99,24 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
             f"the avatar to start from must be of hand '{hand.name}', got '{base.name}' of hand '{base.hand_name}'; "
             "give that hand with --hand, or start from another avatar"
         )
-    if base.config != config and _relightable(base.config) != config:
+    if base.config != config and _relightable(base.config) != _relightable(config):
         raise LiveHandError(
             f"the avatar to start from must be of the configuration to train, got '{base.name}' of another; choose its "
             "own with --config, or start from another avatar"
         )
     for ours, theirs in ((avatar.field, base.field), (avatar.superres, base.superres)):
-        _load_what_fits(ours, theirs)
+        load_what_fits(ours, theirs)
     return avatar
 
 
 def _relightable(config: AvatarConfig) -> AvatarConfig:
-    """The configuration whose geometry and planes a relightable avatar can start from."""
+    """The configuration with light; an avatar with baked light and a relightable one share geometry and planes."""
     field, superres = replace(config.field, light="linear"), replace(config.superres, kind="lit")
     return replace(config, field=field, superres=superres)
 
 
-def _load_what_fits(ours: nn.Module, theirs: nn.Module) -> None:
-    """Copy all weights, or, into a relightable network, those that it shares with a baked one."""
+def load_what_fits(ours: nn.Module, theirs: nn.Module) -> None:
+    """Copy all weights, or, between a relightable network and a baked one, those that they share."""
     own, weights = ours.state_dict(), theirs.state_dict()
     ours.load_state_dict({**own, **{k: v for k, v in weights.items() if k in own and own[k].shape == v.shape}})
 

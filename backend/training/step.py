@@ -159,7 +159,16 @@ class Stepper:
 
 
 def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precision: Precision = "fp32") -> Rendered:
-    """Render the crop of a training view."""
+    """Render the crop of a training view.
+
+    Raises:
+        LiveHandError: the avatar is relightable, and the view's light is not known.
+    """
+    if isinstance(avatar.field, LitField) and view.light is None:
+        raise LiveHandError(
+            f"the relightable avatar '{avatar.name}' needs to know the light of every image, got one without; capture "
+            "with --lights varied, or use an avatar with baked light"
+        )
     hand = HandInView(view.mesh, views.topology, view.camera)
     with autocast(views.device, precision):
         composite = views.backend.shade(avatar.field, view.rays, hand, view.conditions, avatar.config.sampler.shell_m)

@@ -12,6 +12,7 @@ from livehand.backend.captures.capture import Capture, CaptureView, load_capture
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer
@@ -21,6 +22,7 @@ from livehand.backend.training.pose_fit import PoseFitConfig, fit_poses
 from livehand.backend.training.pose_noise import pose_error, with_noise
 from livehand.backend.training.refined_capture import save_refined_capture
 from livehand.backend.training.refinement import Refinement, RefinementConfig
+from livehand.backend.training.setup import load_what_fits
 from livehand.backend.training.step import render_view
 from livehand.backend.training.views import TrainingViews
 from PIL import Image
@@ -32,8 +34,11 @@ ALL = RefinementConfig(surface_deviation_m=0.001, start_share=0.0, retrace_every
 
 
 @pytest.fixture(scope="module")
-def avatar():
-    return load_avatar()
+def avatar(hand):
+    """With the shipped one's shape and planes, but with a light of its own."""
+    baked = new_avatar("baked", hand.name, hand.sha256, PRESETS["default"], seed=0)
+    load_what_fits(baked.field, load_avatar().field)
+    return baked
 
 
 @pytest.fixture(scope="module")
