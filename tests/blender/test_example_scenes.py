@@ -100,7 +100,9 @@ def test_each_of_a_clasped_pair_hides_part_of_the_other(rendered):
         mesh_of(hand).hide_render = True
         alone += rendered(scene)
         mesh_of(hand).hide_render = False
-    np.testing.assert_allclose(both, np.maximum(*alone), atol=0.3)
+    difference = np.abs(both - np.maximum(*alone))  # where two soft edges meet, they cover more than either
+    assert difference.max() < 0.4
+    assert (difference > 0.26).mean() < 2e-3
     overlap = np.minimum(*alone) > 0.95
     assert overlap.sum() > 300
     np.testing.assert_allclose(both[overlap], 1, atol=0.05)
