@@ -122,6 +122,7 @@ def _configuration(
     renderer = Renderer(avatar, hand, device.type, precision)
 
     def render(shot: Shot, on_stage: Callable[[Stage], None]) -> Frame:
+        renderer.forget()  # else a hand that was rendered to warm up would only be lit
         return renderer.render(shot, on_stage=on_stage)
 
     return Configuration(name, avatar, precision, render)

@@ -22,6 +22,7 @@ from ..nerf.avatar import Avatar
 from ..nerf.crop import MARGIN_PX
 from ..nerf.field import CHANNELS, PlaneField
 from ..nerf.sampler import SamplerConfig
+from ..nerf.superres import LIT_DETAIL, LIT_MAPS, LitSuperRes
 from ..records.camera import Camera
 from ..records.shot import Shot
 from .motion import silhouette_px
@@ -158,13 +159,17 @@ def volume_work(counts: Counts, number_bytes: int) -> Work:
 
 
 def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Work:
-    """The products over the crop, as torch counts them; reads 33 maps, writes RGBA of twice the size."""
+    """The products over the crop, as torch counts them; reads 33 maps, writes RGBA of twice the size.
+
+    Of a relightable avatar, it reads 34 maps and writes 12.
+    """
     width, height = counts.crop_px
+    read, written = (LIT_MAPS, LIT_DETAIL) if isinstance(superres, LitSuperRes) else (CHANNELS + 1, 4)
     network = copy.deepcopy(superres).float().to("meta")
     with FlopCounterMode(display=False) as counter, torch.inference_mode():
-        network(torch.empty(1, CHANNELS + 1, height, width, device="meta"))
+        network(torch.empty(1, read, height, width, device="meta"))
     weights = sum(parameter.numel() for parameter in superres.parameters())
-    numbers = (CHANNELS + 1 + 4 * 4) * width * height + weights
+    numbers = (read + 4 * written) * width * height + weights
     return Work(counter.get_total_flops(), number_bytes * numbers, "network")
 
 

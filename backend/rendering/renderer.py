@@ -128,6 +128,10 @@ class Renderer:
         on_stage("light")
         return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
 
+    def forget(self) -> None:
+        """Forget the last hand, so that the next frame is rendered from its pose on, whatever it shows."""
+        self._lit_hands.clear()
+
     @property
     def is_relightable(self) -> bool:
         """Whether frames depend on the shot's light."""
