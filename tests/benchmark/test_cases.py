@@ -23,7 +23,7 @@ def test_a_frame_that_was_rendered_before_costs_all_its_stages(hand):
     configuration = load_configurations(hand, torch.device("cpu"), None, None)[0]
     pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3))
     vertices = posed_vertices(hand, pose)
-    shot = Shot(pose, vertices, fitting_camera(vertices, (0, 1, 0), (48, 64), 0.9))
+    shot = Shot(pose, vertices, fitting_camera(vertices, (0.0, 1.0, 0.0), (48, 64), 0.9))
     stages = [[], []]
     for begun in stages:
         configuration.render(shot, begun.append)
