@@ -138,9 +138,10 @@ class FrameLeases:
         """Whether the lease's owner may still be at work."""
         try:
             age_s = self._now_s() - path.stat().st_mtime
-            owner = read_owner(path)
         except FileNotFoundError:
             return False
+        try:
+            owner = read_owner(path)
         except PermissionError:  # another user's
             return age_s < STALE_S
         if owner is None:
