@@ -50,13 +50,14 @@ def render_view(scene: bpy.types.Scene, lighting: SceneLighting, capture: Captur
 def compare(args: argparse.Namespace) -> None:
     """Render and measure the views one by one."""
     capture = load_capture(args.capture)
-    lit = [view for view in capture.views if view.split == args.split and view.light is not None]
+    of_split = [view for view in capture.of_split(args.split) if view.light is not None]
+    chosen = [view for view in of_split if capture.lights[view.light].kind == args.kind]
+    if not chosen:
+        raise SystemExit(f"{args.capture} must have {args.split} images in {args.kind} light, got none")
     scene = hand_scene(args.avatar)
     lighting = SceneLighting(scene)
     figures = []
-    for view in lit:
-        if capture.lights[view.light].kind != args.kind:
-            continue
+    for view in chosen:
         truth = capture.read_linear(view)
         image = render_view(scene, lighting, capture, view, args.folder / "render.exr")
         gain = exposure_gain(truth)

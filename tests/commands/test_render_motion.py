@@ -124,7 +124,7 @@ def test_every_line_is_json_if_asked(gestures, tmp_path, capsys):
 
 
 def test_the_hand_is_in_a_studios_light(gestures, tmp_path):
-    """The key comes from the upper left, so the left half of an open hand is brighter than in its capture's dome."""
+    """One key lamp: the hand has a lit and a dark side, which it has not in its capture's dome."""
     assert main(["render", str(gestures), "-o", str(tmp_path / "out"), "--frames", "1"]) == 0
     pixels = np.asarray(Image.open(tmp_path / "out" / "0001.png")).astype(float)
     grey = np.where(pixels[..., 3] > 250, pixels[..., :3].mean(-1), np.nan)

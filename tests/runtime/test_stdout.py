@@ -6,7 +6,6 @@ import sys
 import pytest
 
 PROGRAM = """
-import os, sys
 from livehand.backend.runtime.command import Command, run_commands, say
 from livehand.backend.runtime.process_end import run_process
 
