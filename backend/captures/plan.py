@@ -21,6 +21,7 @@ from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split
 from .lit_plan import LitViews, light_views, of_first_poses
+from .person import PERSONS, Person
 from .split import split_of
 from .varied_light import HELD_OUT_KINDS
 
@@ -43,7 +44,7 @@ class CapturePlan:
         poses: number of poses; every 11th, from the 6th, is held out.
         cameras: number of cameras; every 5th, from the 4th, is held out, and every 3rd, from the 3rd, is a close-up.
         cameras_per_pose: number of training cameras that see each pose, drawn anew for each.
-        tone: of the skin, a name in `skin.SKIN_TONES`.
+        person: whose hand it is; a hand model of one's own keeps its own shape and look.
         size_px: (width, height) of an image.
         samples: Cycles samples per pixel of training views.
         eval_samples: Cycles samples per pixel of held-out views, enough that noise does not hide progress.
@@ -57,7 +58,7 @@ class CapturePlan:
     poses: int = 99
     cameras: int = 25
     cameras_per_pose: int = 6
-    tone: str = "light"
+    person: Person = PERSONS["light"]
     size_px: tuple[int, int] = (334, 512)
     samples: int = 8
     eval_samples: int = 64
@@ -68,7 +69,7 @@ class CapturePlan:
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
-        poses = _sample_poses(rng, self.poses, model)
+        poses = _sample_poses(rng, self.poses, model, np.array(self.person.beta))
         size = _relative_size(model)
         views = _spread_views(self, _sample_cameras(rng, self, size))
         lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
@@ -89,7 +90,7 @@ class CapturePlan:
         return index % 5 == 3
 
 
-def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tuple[HandPose, ...]:
+def _sample_poses(rng: np.random.Generator, count: int, model: HandModel, beta: np.ndarray) -> tuple[HandPose, ...]:
     """Poses whose middle knuckle lies near the world's origin."""
     right = model.for_side("right")
     axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
@@ -99,7 +100,7 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel) -> tup
         root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
-        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), np.zeros(10), transl, "right"))
+        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), beta, transl, "right"))
     return tuple(poses if model.side == "right" else map(_mirrored, poses))
 
 

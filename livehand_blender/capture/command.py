@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from ...backend.captures.capture import Split
+from ...backend.captures.person import PERSONS, find_person
 from ...backend.captures.plan import CapturePlan
 from ...backend.records.errors import LiveHandError
 from ...backend.runtime.command import parse_size_px
@@ -17,7 +18,6 @@ from ...backend.runtime.command import parse_size_px
 if TYPE_CHECKING:
     from .render import DressedHand
 
-_TONES = ("light", "deep")  # the names of `skin.SKIN_TONES`, which needs bpy
 _SMALLEST_PX = 16  # of an image's sides: the granularity of the renderer's crop
 
 
@@ -47,7 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=plan.cameras_per_pose,
         help="training cameras that see each pose (default: %(default)s)",
     )
-    parser.add_argument("--tone", choices=_TONES, default=plan.tone, help="of the skin (default: %(default)s)")
+    parser.add_argument(
+        "--person",
+        "--tone",
+        default="light",
+        metavar="NAME",
+        help=f"whose skin and shape: {', '.join(PERSONS)}, or a JSON file of numbers (default: %(default)s)",
+    )
     parser.add_argument(
         "--size",
         type=partial(parse_size_px, smallest=_SMALLEST_PX),
@@ -77,7 +83,7 @@ def run(args: argparse.Namespace) -> dict:
     """Render the capture and return its counts."""
     from .render import render_capture
 
-    plan = CapturePlan(**{field.name: getattr(args, field.name) for field in fields(CapturePlan)})
+    plan = _plan(args)
     provenance = {"made_by": "livehand capture", "plan": plan.facts()}
     own = _own_hand(args)
     if own is None:
@@ -89,6 +95,11 @@ def run(args: argparse.Namespace) -> dict:
     splits = [split for split in get_args(Split) if capture.is_lit or split != "novel_light"]
     counts = {split: len(capture.of_split(split)) for split in splits}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
+
+
+def _plan(args: argparse.Namespace) -> CapturePlan:
+    settings = {field.name: getattr(args, field.name) for field in fields(CapturePlan)}
+    return CapturePlan(**settings | {"person": find_person(args.person)})
 
 
 def _own_hand(args: argparse.Namespace) -> DressedHand | None:

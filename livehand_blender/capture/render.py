@@ -12,6 +12,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
+from ...backend.captures.person import Person
 from ...backend.captures.plan import CapturePlan
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.hand.model import HandModel
@@ -24,7 +25,7 @@ from .bake import bake_skin
 from .lit_image import LitImages, is_complete_picture
 from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
-from .skin import SKIN_TONES, SkinTone, baked_material
+from .skin import SkinTone, baked_material
 from .surface import SkinSurface
 
 
@@ -80,11 +81,11 @@ def render_views(
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
     scene = capture_scene(threads)
-    tone = SKIN_TONES[plan.tone]
+    tone = SkinTone.of(plan.person)
     surface = (
         _own_surface(subject, tone)
         if isinstance(subject, DressedHand)
-        else _builtin_surface(subject, tone, capture.folder / "skin")
+        else _builtin_surface(subject, plan.person, capture.folder / "skin")
     )
     hand = subject.model if isinstance(subject, DressedHand) else load_default_hand()
     lit = LitImages(scene, capture, hand) if capture.is_lit else None
@@ -110,8 +111,8 @@ def _own_surface(own: DressedHand, tone: SkinTone) -> Surface:
     return OwnSurface.of_look(own.model, own.look) if own.look else OwnSurface.plain(own.model, tone)
 
 
-def _builtin_surface(detail: DetailedSurface, tone: SkinTone, maps_folder: Path) -> Surface:
-    surface = SkinSurface.create(load_default_hand(), detail)
+def _builtin_surface(detail: DetailedSurface, person: Person, maps_folder: Path) -> Surface:
+    surface, tone = SkinSurface.create(load_default_hand(), detail, person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone))
     return surface

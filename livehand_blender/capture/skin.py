@@ -7,12 +7,14 @@ each other). Colours are linear Rec.709.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import pi
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from ...backend.captures.person import Person
 from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (
@@ -21,12 +23,16 @@ MASKS = (
 UV_LAYER = "uv"
 EDGE = "DISTANCE_TO_EDGE"
 RIDGE_SPACING_MM = 0.48
+_FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colours
+# What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
+_BLOOD = np.array([0.03, 0.38, 0.58])
+_POLISH_ROUGHNESS = 0.08
 MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
 
 @dataclass(frozen=True)
 class SkinTone:
-    """The colours of a skin, linear Rec.709."""
+    """The colours of a skin, linear Rec.709, and how strongly its folds and freckles show."""
 
     dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
     palm: tuple[float, float, float] = (0.769, 0.542, 0.463)
@@ -44,30 +50,42 @@ class SkinTone:
     nail_flush: tuple[float, float, float] = (0.575, 0.306, 0.259)
     nail_free_edge: tuple[float, float, float] = (0.703, 0.586, 0.477)
     nail_border: tuple[float, float, float] = (0.524, 0.236, 0.171)
+    nail_polish: tuple[float, float, float] | None = None
+    folds: float = 1.0
+    freckles: float = 1.0
+
+    @classmethod
+    def of(cls, person: Person) -> SkinTone:
+        """A person's skin: pigments absorb light exponentially, so tones are mixed by their logarithms."""
+        colours = {}
+        for name in _COLOURS:
+            light, deep = np.log(getattr(_LIGHT, name)), np.log(getattr(_DEEP, name))
+            absorbed = (1 - person.melanin) * light + person.melanin * deep - (person.blood - 1) * _BLOOD
+            colours[name] = tuple(float(channel) for channel in np.minimum(np.exp(absorbed), 0.95))
+        return cls(**colours, nail_polish=person.nail_polish, folds=person.folds, freckles=person.freckles)
 
 
-SKIN_TONES = {
-    "light": SkinTone(),
-    # Dark back and light palm; creases are more visible than veins and redness.
-    "deep": SkinTone(
-        dorsal=(0.118, 0.042, 0.019),
-        palm=(0.493, 0.248, 0.141),
-        warm_patch=(0.126, 0.040, 0.017),
-        pale_patch=(0.155, 0.063, 0.031),
-        dark_patch=(0.082, 0.029, 0.014),
-        redness=(0.203, 0.069, 0.037),
-        vein=(0.092, 0.041, 0.027),
-        freckle=(0.056, 0.021, 0.011),
-        pore=(0.095, 0.036, 0.018),
-        fold=(0.062, 0.022, 0.011),
-        blanch=(0.190, 0.081, 0.040),
-        nail_bed=(0.352, 0.196, 0.137),
-        lunula=(0.492, 0.355, 0.289),
-        nail_flush=(0.270, 0.125, 0.083),
-        nail_free_edge=(0.521, 0.423, 0.327),
-        nail_border=(0.083, 0.031, 0.018),
-    ),
-}
+_LIGHT = SkinTone()
+# Dark back and light palm; creases are more visible than veins and redness.
+_DEEP = SkinTone(
+    dorsal=(0.118, 0.042, 0.019),
+    palm=(0.493, 0.248, 0.141),
+    warm_patch=(0.126, 0.040, 0.017),
+    pale_patch=(0.155, 0.063, 0.031),
+    dark_patch=(0.082, 0.029, 0.014),
+    redness=(0.203, 0.069, 0.037),
+    vein=(0.092, 0.041, 0.027),
+    freckle=(0.056, 0.021, 0.011),
+    pore=(0.095, 0.036, 0.018),
+    fold=(0.062, 0.022, 0.011),
+    blanch=(0.190, 0.081, 0.040),
+    nail_bed=(0.352, 0.196, 0.137),
+    lunula=(0.492, 0.355, 0.289),
+    nail_flush=(0.270, 0.125, 0.083),
+    nail_free_edge=(0.521, 0.423, 0.327),
+    nail_border=(0.083, 0.031, 0.018),
+)
+_COLOURS = tuple(field.name for field in fields(SkinTone) if field.name not in _FEATURES)
 
 
 @dataclass(frozen=True)
@@ -113,13 +131,14 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     """The skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
     nail = graph.smooth(masks["nailrim"], 1.01, 0.97, 0, 1)
+    nail_roughness = 0.22 if tone.nail_polish is None else _POLISH_ROUGHNESS
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)
     not_nail = graph.one_minus(nail)
     roughness = graph.total(0.44, graph.product(noises.high, 0.18), graph.product(masks["palm"], -0.04))
     return SkinChannels(
         albedo=graph.mix(nail, _skin_colour(graph, masks, noises, tone), _nail_colour(graph, masks, noises, tone)),
-        roughness=graph.total(graph.product(roughness, not_nail), graph.product(nail, 0.22)),
+        roughness=graph.total(graph.product(roughness, not_nail), graph.product(nail, nail_roughness)),
         subsurface=graph.one_minus(graph.product(nail, graph.smooth(masks["naily"], 0.86, 0.94, 0.6, 0.2))),
         relief=graph.total(graph.product(_relief(graph, masks, noises), not_nail), _nail_rim(graph, masks)),
         fold_dorsal=graph.product(fold_dorsal, not_nail),
@@ -141,7 +160,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     blotches = graph.product(graph.smooth(blood, 0.42, 0.66, 0, 1), graph.remap(masks["palm"], 0, 1, 0.12, 0.40))
     colour = graph.mix(blotches, colour, tone.redness)
     colour = graph.mix(graph.product(masks["vein"], graph.remap(noises.low, 0.3, 0.7, 0.15, 0.36)), colour, tone.vein)
-    spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, 0.40)
+    spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, min(0.40 * tone.freckles, 0.9))
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
@@ -151,7 +170,9 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
 
 
 def _nail_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """Bed, half-moon, flush and free edge along `naily` (0 root to 1 tip), cuticle and redder sides."""
+    """Bed, half-moon, flush and free edge along `naily` (0 root to 1 tip), cuticle and redder sides; or the polish."""
+    if tone.nail_polish is not None:
+        return graph.mix(0.0, tone.nail_polish, tone.nail_polish)
     along, rim = masks["naily"], masks["nailrim"]
     streaks = graph.noise(graph.scaled(noises.position, (0.05, 0.9, 0.9)), 1.0, 2, 0.5)
     nail = graph.mix(graph.smooth(streaks, 0.35, 0.65, 0, 0.35), tone.nail_bed, tone.nail_flush)
@@ -183,7 +204,7 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
     narrow = graph.product(lines(1.1, 6.0, fine, 1.8), graph.remap(coarse, 0.62, 0.42, 0.1, 0.4))
     line = graph.math("MAXIMUM", wide, narrow)
     minor = graph.total(*(_open_lines(graph, noises, factors) for factors in MINOR_CREASES))
-    minor = graph.product(minor, graph.smooth(masks["palm"], 0.5, 0.9, 0, 0.28))
+    minor = graph.product(minor, graph.smooth(masks["palm"], 0.5, 0.9, 0, 0.2))
     main = graph.product(masks["crease"], graph.remap(fine, 0.3, 0.6, 0.65, 1.0))
     crease = graph.total(graph.product(main, 0.75), graph.product(graph.math("POWER", main, 5.0), 1.1), minor)
     return graph.product(line, masks["foldd"]), graph.total(graph.product(line, masks["foldp"], 0.3), crease)
@@ -192,7 +213,7 @@ def _folds(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> tuple
 def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, float]) -> Socket:
     """Thin lines with open ends: pieces of the level lines of a noise that is stretched by the factors."""
     height = graph.noise(graph.scaled(noises.position, factors), 1.0, 0, 0.5)
-    line = graph.smooth(graph.math("ABSOLUTE", graph.math("SUBTRACT", height, 0.5)), 0.020, 0, 0, 1)
+    line = graph.smooth(graph.math("ABSOLUTE", graph.math("SUBTRACT", height, 0.5)), 0.013, 0, 0, 1)
     return graph.product(line, graph.smooth(noises.mid, 0.46, 0.58, 0, 1))
 
 
@@ -205,7 +226,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
     on_palm = graph.product(ridges, masks["palm"], 0.012)
-    return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.34), graph.product(noises.mid, 0.35))
+    return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.1), graph.product(noises.mid, 0.35))
 
 
 def _nail_rim(graph: NodeGraph, masks: dict[str, Socket]) -> Socket:
@@ -230,7 +251,7 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
     palmar = graph.product(channels.fold_palmar, graph.total(0.75, graph.product(flex, 0.5)))
     in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
-    depth = graph.total(graph.product(dorsal, 0.36), graph.product(palmar, 0.55))
+    depth = graph.total(graph.product(dorsal, 0.36 * tone.folds), graph.product(palmar, 0.55 * tone.folds))
     bump = graph.node("ShaderNodeBump")
     bump.inputs["Strength"].default_value = 1.0
     bump.inputs["Distance"].default_value = 0.001

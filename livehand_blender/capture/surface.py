@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from mathutils.bvhtree import BVHTree
 
+from ...backend.captures.person import Person
 from ...backend.geometry.torch_rotation import axis_angle_to_matrix
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface
@@ -32,20 +33,21 @@ _CROSSING_REACH_M = 0.005  # from a line where parts cross: as far as light is s
 
 @dataclass(frozen=True)
 class SkinSurface:
-    """A detailed surface, its hand model and its Blender object."""
+    """A detailed surface, its hand model, its Blender object and the height of its veins."""
 
     model: HandModel
     detail: DetailedSurface
     object: bpy.types.Object
+    veins_mm: float
 
     @classmethod
-    def create(cls, model: HandModel, detail: DetailedSurface) -> SkinSurface:
+    def create(cls, model: HandModel, detail: DetailedSurface, veins_mm: float = Person.veins_mm) -> SkinSurface:
         """Add the surface, unposed and without material, to the current scene."""
         mesh = bpy.data.meshes.new("skin")
         _fill_mesh(mesh, detail)
         surface = bpy.data.objects.new("skin", mesh)
         bpy.context.scene.collection.objects.link(surface)
-        return cls(model, detail, surface)
+        return cls(model, detail, surface, veins_mm)
 
     @cached_property
     def _skin(self) -> SkinTensors:
@@ -65,7 +67,9 @@ class SkinSurface:
         rotations = axis_angle_to_matrix(torch.as_tensor(pose.theta, dtype=torch.float64))
         features = (rotations[1:].numpy() - np.eye(3)).reshape(-1)
         offsets = self.model.posedirs @ features + self.model.shapedirs @ pose.beta
-        v_posed = self.detail.vertices_m + self.detail.subdivision @ offsets
+        v_posed = (
+            self.detail.vertices_m + self.detail.relief_m(pose.theta, self.veins_mm) + self.detail.subdivision @ offsets
+        )
         joints = self.model.J_regressor @ (self.model.v_template + self.model.shapedirs @ pose.beta)
         transforms = joint_transforms(rotations, torch.as_tensor(joints), self._skin.parents).numpy()
         blended = np.einsum("vj,jab->vab", self.detail.lbs_weights, transforms[:, :3])

@@ -2,7 +2,7 @@
 
 import json
 from argparse import ArgumentParser
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import bpy
@@ -11,6 +11,7 @@ import pytest
 import torch
 import trimesh
 from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.person import PERSONS, Person
 from livehand.backend.captures.plan import CapturePlan
 from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
@@ -26,7 +27,7 @@ from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
 from livehand.livehand_blender.capture.render import is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
-from livehand.livehand_blender.capture.skin import SKIN_TONES, SkinChannels, shade
+from livehand.livehand_blender.capture.skin import SkinChannels, SkinTone, shade
 from livehand.livehand_blender.capture.surface import SkinSurface, crossing
 from livehand.livehand_blender.scene.camera import read_camera
 from PIL import Image
@@ -45,11 +46,14 @@ def made(right_hand, tmp_path_factory):
 
 
 def test_tones_differ_like_skins():
-    light, deep = SKIN_TONES["light"], SKIN_TONES["deep"]
+    light, deep = SkinTone.of(PERSONS["light"]), SkinTone.of(PERSONS["deep"])
+    np.testing.assert_allclose(light.dorsal, SkinTone().dorsal)
+    assert SkinTone.of(Person(melanin=0.5)).palm[0] == pytest.approx((light.palm[0] * deep.palm[0]) ** 0.5)
+    flushed = SkinTone.of(Person(blood=1.5))
+    assert flushed.dorsal[1] / light.dorsal[1] < flushed.dorsal[0] / light.dorsal[0] < 1
     luminance = np.array([0.2126, 0.7152, 0.0722])
     assert luminance @ deep.dorsal < 0.35 * (luminance @ light.dorsal)
     assert luminance @ deep.palm > 2 * (luminance @ deep.dorsal)  # palms are pale on dark hands
-    assert set(command._TONES) == set(SKIN_TONES)
 
 
 @pytest.mark.parametrize("size_px", [(24, 32), (167, 256), (300, 200)])
@@ -136,7 +140,7 @@ def test_bending_a_finger_changes_flex_only_at_its_joint(coarse_surface, right_h
 def test_nails_are_smooth_and_folds_lie_on_the_back(coarse_surface, right_hand, tmp_path):
     capture_scene(threads=1)
     surface = SkinSurface.create(right_hand, coarse_surface)
-    maps = bake_skin(surface.object, tmp_path, SKIN_TONES["light"], size_px=384)
+    maps = bake_skin(surface.object, tmp_path, SkinTone(), size_px=384)
     relief, fold_dorsal, _ = _at_vertices(maps["height"], coarse_surface).T
     roughness, subsurface, _ = _at_vertices(maps["mask"], coarse_surface).T
     masks = coarse_surface.masks
@@ -202,7 +206,7 @@ def _red_by_blue_where_balls_cross(folder, is_marked):
     material = bpy.data.materials.new("skin")
     graph = NodeGraph(enable_nodes(material))
     flat = SkinChannels((0.6, 0.6, 0.6), 0.5, 1.0, 0.0, 0.0, 0.0, 0.0)
-    shade(graph, graph.tree.nodes["Principled BSDF"], flat, SKIN_TONES["light"])
+    shade(graph, graph.tree.nodes["Principled BSDF"], flat, SkinTone())
     mesh.materials.append(material)
     scene.collection.objects.link(bpy.data.objects.new("balls", mesh))
     K = np.array([[1200.0, 0, 24], [0, 1200.0, 12], [0, 0, 1]])
@@ -327,14 +331,14 @@ def test_the_command_passes_its_arguments_to_the_plan(monkeypatch, tmp_path):
 
     monkeypatch.setattr(capture_render, "render_capture", fake)
     text = f"-o {tmp_path} --seed 7 --poses 12 --cameras 5 --size 32x48 --samples 2 --eval-samples 3 --eval-views 1"
-    others = "--cameras-per-pose 3 --tone deep --first-poses 9 --threads 2"
+    others = "--cameras-per-pose 3 --person deep --first-poses 9 --threads 2"
     result = command.run(parser.parse_args([*text.split(), *others.split()]))
-    assert seen["plan"] == CapturePlan(7, 12, 5, 3, "deep", (32, 48), 2, 3, 1, 9)
+    assert seen["plan"] == CapturePlan(7, 12, 5, 3, PERSONS["deep"], (32, 48), 2, 3, 1, 9)
     assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
     assert json.loads(json.dumps(result))["poses"] == 12
     assert result["train"] == 8 * 3
     defaults = parser.parse_args(["-o", "x"])
-    assert CapturePlan(**{field.name: getattr(defaults, field.name) for field in fields(CapturePlan)}) == CapturePlan()
+    assert command._plan(defaults) == CapturePlan()
 
 
 def test_the_command_passes_its_lights_on(monkeypatch, tmp_path):

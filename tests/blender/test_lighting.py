@@ -21,7 +21,7 @@ from livehand.livehand_blender.capture.lit_image import set_border
 from livehand.livehand_blender.capture.own_surface import OwnSurface
 from livehand.livehand_blender.capture.render import DressedHand, is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
-from livehand.livehand_blender.capture.skin import SKIN_TONES
+from livehand.livehand_blender.capture.skin import SkinTone
 
 RGB = np.array([0.9, 0.6, 0.3])
 
@@ -161,7 +161,7 @@ def test_occluders_cast_shadows_and_bounce_but_are_not_seen():
 def plain_scene():
     """The template with a plain skin, a pose and a view."""
     scene, hand = capture_scene(threads=1), load_default_hand()
-    surface = OwnSurface.plain(hand, SKIN_TONES["light"])
+    surface = OwnSurface.plain(hand, SkinTone())
     capture = CapturePlan(poses=1, cameras=2, size_px=(42, 64)).make(Path(), hand, {})
     surface.set_pose(capture.poses[0])
     set_camera(scene, capture.views[0].camera)

@@ -17,6 +17,7 @@ from .dependencies import needs
 from .frames import build_to_template, swap_distal, template_to_build
 from .loop import neighbour_mean, subdivide
 from .meshes import vertex_normals
+from .pose_forms import PoseForm, pose_forms
 from .projection import project_to_surface
 from .rays import Ray, build_rays
 from .sdf import signed_distance
@@ -27,6 +28,8 @@ with needs("scipy"):
 
 _ON_SURFACE = 0.1  # mm: largest median distance of the built-in template's vertices from the surface
 _RELAXATIONS = 4
+_CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
+_KNUCKLES = [1, 4, 7, 10]
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ class DetailedSurface:
         uv: [M, 3, 2] per face corner, in the model's atlas.
         masks: [N] each; see `skin_masks.py`.
         flex_axis: [16, 3] unit flexion axes of the joints, template frame; zero for the wrist.
+        normals: [N, 3] unit, at rest.
+        forms: heights along the normals that the pose raises.
     """
 
     vertices_m: np.ndarray
@@ -51,6 +56,20 @@ class DetailedSurface:
     uv: np.ndarray
     masks: dict[str, np.ndarray]
     flex_axis: np.ndarray
+    normals: np.ndarray
+    forms: tuple[PoseForm, ...]
+
+    def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0) -> np.ndarray:
+        """[N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
+
+        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one.
+        """
+        flexion_deg = np.rad2deg((theta * self.flex_axis).sum(1))
+        clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
+        height_mm = veins_mm * (0.75 + 0.5 * clenched) * self.masks["vein"]
+        for form in self.forms:
+            height_mm = height_mm + form.share(float(flexion_deg[form.joint])) * form.height_mm
+        return 1e-3 * height_mm[:, None] * self.normals
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
@@ -65,14 +84,17 @@ def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
     fine = subdivide(model.f, model.vt[model.ft], len(coarse), levels)
     relaxed = _relaxed_on_surface(rays, fine.matrix @ coarse, fine.faces)
     vertices = project_to_surface(rays, relaxed, with_details=True, steps=3, damping=0.8)
+    normals = vertex_normals(vertices, fine.faces)
     return DetailedSurface(
         vertices_m=build_to_template(vertices),
         faces=fine.faces,
         subdivision=fine.matrix,
         lbs_weights=fine.matrix @ model.lbs_weights,
         uv=fine.uv,
-        masks=skin_masks(rays, vertices, vertex_normals(vertices, fine.faces)),
+        masks=skin_masks(rays, vertices, normals),
         flex_axis=FingerAxes.of_default_hand().flexion,
+        normals=normals,
+        forms=pose_forms(rays, swap_distal(vertices)),
     )
 
 

@@ -43,7 +43,7 @@ def _crease(points: tuple[tuple[float, float], ...], strength: float, seed: int)
 
 
 def _vein(points: tuple[tuple[float, float], ...], width: float, seed: int) -> SkinLine:
-    return SkinLine(points, 1.0, width=width, wiggle=1.6, fade=16, seed=seed)
+    return SkinLine(points, 1.0, width=width, wiggle=1.0, fade=16, seed=seed)
 
 
 # Life, head, heart and fate line, and the two creases of the wrist; drawn by eye, like the veins.
