@@ -6,6 +6,7 @@ import bpy
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ..rig.armature import COLLECTIONS
+from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_property
 from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
@@ -32,7 +33,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         row.operator("livehand.mirror_pose", text="Mirror", icon="MOD_MIRROR")
         _draw_collections(self.layout, armature)
         _draw_picker(self.layout, armature)
-        _draw_controls(self.layout, armature.livehand)
+        _draw_controls(self.layout, armature)
         row = self.layout.row(align=True)
         row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
         row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
@@ -67,10 +68,10 @@ def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None
     box.operator("livehand.select_bone", text="Wrist").bone = bone_name(0, side)
 
 
-def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) -> None:
+def _draw_controls(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
     column = layout.column(align=True)
-    column.prop(hand, "fist", slider=True)
-    column.prop(hand, "opposition", slider=True)
+    for name in ("fist", "opposition"):
+        column.prop(*slider_property(armature, name), text=SLIDERS[name].label, slider=True)
     column = layout.column(align=True)
     heads = column.row(align=True)
     for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for labels beside the numbers
@@ -78,6 +79,6 @@ def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) ->
     for finger in FINGERS:
         row = column.row(align=True)
         row.label(text=FINGER_LABELS[finger])
-        for control in ("curl", "spread", "ik"):
-            row.prop(getattr(hand, finger), control, text="", slider=True)
-    layout.prop(hand, "limit_joints")
+        for name in FINGER_SLIDERS:
+            row.prop(*slider_property(armature, f"{finger}.{name}"), text="", slider=True)
+    layout.prop(*slider_property(armature, "limit_joints"), text=SLIDERS["limit_joints"].label)
