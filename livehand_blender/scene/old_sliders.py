@@ -1,5 +1,4 @@
-"""Sliders of earlier versions, which play with LiveHand only: hands get sliders of their own, and what animates or
-reads them follows.
+"""Sliders of earlier versions play with LiveHand only: hands get sliders of their own, to which all references change.
 
 Hands that are linked from files of earlier versions stay as they are.
 """

@@ -1,4 +1,4 @@
-"""A file of the version whose sliders played with LiveHand only: values, keys, strips and drivers, as they were then."""
+"""A file of the version whose sliders played with LiveHand only: values, keys, strips and drivers."""
 
 from pathlib import Path
 
