@@ -1,4 +1,4 @@
-"""torch's compiled libraries, loaded without the interpreter's lock: importing them holds it for as long as that takes."""
+"""torch's compiled libraries, loaded without the interpreter's lock, which importing them holds all the time."""
 
 from __future__ import annotations
 
