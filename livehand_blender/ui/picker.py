@@ -11,6 +11,8 @@ from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
+# A fifth of a narrow tab has room for no more.
+_SHORT_LABELS = FINGER_LABELS | {"thumb": "Thu.", "middle": "Mid."}
 # Empty rows above each finger, by how much lower its tip is than the middle finger's.
 _LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
 
@@ -43,12 +45,12 @@ CLASSES = (LIVEHAND_PT_posing,)
 
 
 def _draw_collections(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """A switch for each of the rig's bone collections."""
-    row = layout.row(align=True)
-    for name in COLLECTIONS:
-        collection = armature.data.collections.get(name)
-        if collection is not None:
-            row.prop(collection, "is_visible", text=name, toggle=True)
+    """A switch for each of the rig's bone collections, two in a row: their names have no room beside each other."""
+    column = layout.column(align=True)
+    for names in (COLLECTIONS[:2], COLLECTIONS[2:]):
+        row = column.row(align=True)
+        for collection in filter(None, map(armature.data.collections.get, names)):
+            row.prop(collection, "is_visible", text=collection.name, toggle=True)
 
 
 def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
@@ -64,7 +66,7 @@ def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None
         for joint in reversed(finger_joints(finger)):
             name = bone_name(joint, side)
             column.operator("livehand.select_bone", text=name[-3]).bone = name
-        column.operator("livehand.select_finger", text=FINGER_LABELS[finger]).finger = finger
+        column.operator("livehand.select_finger", text=_SHORT_LABELS[finger]).finger = finger
     box.operator("livehand.select_bone", text="Wrist").bone = bone_name(0, side)
 
 
