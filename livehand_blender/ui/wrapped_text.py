@@ -6,7 +6,7 @@ import textwrap
 
 import bpy
 
-# Of Blender's interface font at its usual size: a character's approximate width, a panel's margins with the tabs, an icon.
+# Approximate widths: of a character in Blender's interface font, of a panel's margins with the tabs, of an icon.
 _CHARACTER_PX, _MARGINS_PX, _ICON_PX = 6, 45, 20
 _MIN_CHARACTERS = 30
 
