@@ -8,7 +8,7 @@ from .blender_command import BlenderCommand
 from .render import engine, memory
 from .render.viewport import rendered_views
 from .rig import properties
-from .scene import main_thread, old_files, whole_hands
+from .scene import main_thread, old_files, old_sliders, whole_hands
 from .ui import (
     avatars,
     compositing,
@@ -56,6 +56,7 @@ def register() -> None:
     engine.register_panels()
     memory.watch_renders()
     old_files.watch_files()
+    old_sliders.watch_sliders()
     whole_hands.watch_objects()
     ik_grab.watch_targets()
     pose_library.add_keys()
@@ -71,6 +72,7 @@ def unregister() -> None:
     pose_library.remove_keys()
     ik_grab.stop_watching()
     whole_hands.stop_watching()
+    old_sliders.stop_watching()
     old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()

@@ -18,6 +18,7 @@ from ..records.errors import LiveHandError
 from ..rendering.frame_queue import FrameQueue
 from ..rendering.frame_task import HandRenderer
 from ..runtime.thread_limits import allow_cpu_for_mps, limit_spinning
+from ..runtime.torch_libraries import load_torch_libraries
 from .library import shipped_avatar_path
 
 
@@ -43,6 +44,7 @@ def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> 
     """
     limit_spinning()
     allow_cpu_for_mps()
+    load_torch_libraries()
     from ..rendering.renderer import Renderer
     from .file import load_avatar
 

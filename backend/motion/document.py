@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files.json_file import read_json
+from ..files.json_file import MOST_BYTES as MOST_JSON_BYTES
+from ..files.json_file import parse_json, read_json
 from ..files.npz_file import MOST_BYTES, read_npy_header, read_npz
 from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
@@ -99,6 +100,12 @@ def _read_pickle(path: Path) -> Any:
     return read_plain_pickle(read_regular(path, MOST_BYTES))
 
 
+def _read_json_lines(path: Path) -> list[Any]:
+    """A document on each line, as trackers write that send one frame after another."""
+    lines = read_regular(path, MOST_JSON_BYTES).splitlines()
+    return [parse_json(line, f"line {number}") for number, line in enumerate(lines, 1) if line.strip()]
+
+
 def _read_csv(path: Path) -> dict[str, np.ndarray] | np.ndarray:
     """The columns of a table by their names, or all numbers of one without names; an empty cell is NaN."""
     text = read_regular(path, _MOST_TABLE_BYTES).decode("utf-8-sig")
@@ -143,6 +150,7 @@ _READERS: dict[str, Callable[[Path], Any]] = {
     ".npz": read_npz,
     ".npy": _read_npy,
     ".json": read_json,
+    ".jsonl": _read_json_lines,
     ".pkl": _read_pickle,
     ".csv": _read_csv,
 }

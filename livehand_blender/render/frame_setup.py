@@ -54,7 +54,9 @@ class FrameSetup:
         light_groups: names of the layer's light groups.
         is_in_scene: whether Cycles renders the scene around the hands.
         hands: in the order of every sample's tasks.
-        albedo: name of the mesh of each hand whose avatar has an albedo -> its mean [3]; empty without a scene.
+        albedo: of each hand whose avatar has one, unless it is an instance: full name of its mesh -> mean albedo [3];
+            empty without a scene.
+        meshes: name of each of those hands -> full name of its mesh.
         views: one, or two eyes.
     """
 
@@ -67,6 +69,7 @@ class FrameSetup:
     is_in_scene: bool
     hands: tuple[HandInstance, ...]
     albedo: Mapping[str, np.ndarray]
+    meshes: Mapping[str, str]
     views: tuple[ViewSetup, ...]
 
     @property
@@ -89,7 +92,10 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     scene, layer = depsgraph.scene, depsgraph.view_layer
     size_px, in_scene = render_region(scene.render).size_px, is_in_scene(scene)
     hands = _load_hands(depsgraph, session)
+    if cryptomatte_passes(layer):
+        _check_names(depsgraph)
     lights = _read_lights(depsgraph, hands)
+    reflecting, meshes = _reflecting(depsgraph, hands) if in_scene else ([], {})
     views = tuple(
         ViewSetup(
             name,
@@ -107,7 +113,8 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         light_groups=light_groups(layer),
         is_in_scene=in_scene,
         hands=hands,
-        albedo=_albedo_of(scene, hands) if in_scene else {},
+        albedo={meshes[hand.name]: albedo for hand, albedo in reflecting},
+        meshes=meshes,
         views=views,
     )
 
@@ -169,10 +176,27 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
     return lights
 
 
-def _albedo_of(scene: bpy.types.Scene, hands: Sequence[HandInstance]) -> dict[str, np.ndarray]:
-    """Of the hands of the scene itself, which are not instances."""
-    known = ((hand.mesh_name, hand.renderer.mean_albedo) for hand in hands)
-    return {name: albedo for name, albedo in known if albedo is not None and name in scene.objects}
+def _reflecting(
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]
+) -> tuple[list[tuple[HandInstance, np.ndarray]], dict[str, str]]:
+    """The hands that are no instances and whose avatars have an albedo, with it, and their meshes' full names."""
+    places = {hand.name: hand.place for hand in visible_hands(depsgraph)}
+    own = [(hand, hand.renderer.mean_albedo) for hand in hands if not places[hand.name].instancer]
+    found = [(hand, albedo) for hand, albedo in own if albedo is not None]
+    return found, {hand.name: places[hand.name].name for hand, _ in found}
+
+
+def _check_names(depsgraph: bpy.types.Depsgraph) -> None:
+    """Cryptomatte knows an object by its name without its library: two hands' meshes must not share one."""
+    known: dict[str, SeenHand] = {}
+    for hand in visible_hands(depsgraph):
+        other = known.setdefault(hand.mesh.name, hand)
+        if other.mesh != hand.mesh:
+            raise LiveHandError(
+                "Cryptomatte tells objects apart by their names, and the meshes of "
+                f"'{other.name}' and '{hand.name}' are both called '{hand.mesh.name}'; rename one, or turn the view "
+                "layer's Cryptomatte off"
+            )
 
 
 def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSettings) -> Iterator[str]:

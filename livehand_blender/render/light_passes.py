@@ -85,12 +85,11 @@ def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
     views = frame.views
     for number, hand in enumerate(frame.hands):
         is_lit = any(task[number].shot.light is not None for task in frame.views[0].task.samples)
-        if is_lit and hand.mesh_name in frame.albedo:
+        if is_lit and hand.name in frame.meshes:
             shots = [sample[number].shot for view in views for sample in view.task.samples]
             region = box_of(shots, frame.size_px)
             if region is not None:
-                mesh_name = frame.scene.objects[hand.mesh_name].name_full
-                measured = measure(frame, engine, mesh_name, region)
+                measured = measure(frame, engine, frame.meshes[hand.name], region)
                 views = tuple(_with_light(view, number, measured[view.name]) for view in views)
     return replace(frame, views=views)
 

@@ -28,7 +28,7 @@ from ...backend.retarget.natural_range import rest_pose, unnatural_joints
 from ...backend.retarget.rest_alignment import RestAlignment, align
 from ...backend.retarget.retarget import retarget
 from ..rig.armature import rest_frames
-from ..rig.drivers import drive_by_properties
+from ..rig.drivers import drive_by_sliders
 from ..rig.hand import RiggedHand
 from ..rig.pose import read_pose, write_theta, write_transl
 from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_shape
@@ -208,7 +208,7 @@ def _follow_first(hand: RiggedHand, joint: int, constraint: bpy.types.Constraint
     constraint.name = name
     constraints = hand.bone(joint).constraints
     constraints.move(len(constraints) - 1, 0)
-    drive_by_properties(constraint, "influence", -1, {"follow": 1.0}, hand.armature)
+    drive_by_sliders(constraint, "influence", -1, {"follow": 1.0}, hand.armature)
 
 
 def _remove(context: bpy.types.Context, hand: RiggedHand) -> None:

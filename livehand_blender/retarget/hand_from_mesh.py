@@ -109,11 +109,10 @@ def mesh_skinned_to(armature: bpy.types.Object, joint_map: JointMap) -> bpy.type
         LiveHandError: there is none.
     """
     fingers = {bone for bone in joint_map.bones[1:] if bone}
-    counts = {mesh.name: _group_and_vertex_count(mesh, fingers) for mesh in skinned_meshes(armature)}
-    best = max(counts, key=lambda name: counts[name], default=None)
-    if best is None or not any(counts[best]):
+    best = max(skinned_meshes(armature), key=lambda mesh: _group_and_vertex_count(mesh, fingers), default=None)
+    if best is None or not any(_group_and_vertex_count(best, fingers)):
         raise LiveHandError(f"a mesh must be skinned to the fingers' bones of '{armature.name}', none is")
-    return bpy.data.objects[best]
+    return best
 
 
 def _group_and_vertex_count(mesh: bpy.types.Object, names: set[str]) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from .fingertips import add_fingertip_targets
 from .hand_mesh import build_mesh
 from .limits import add_limits
 from .shapes import set_bone_shapes
+from .sliders import add_sliders
 
 
 def add_hand(
@@ -30,6 +31,7 @@ def add_hand(
     if context.object is not None and context.object.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     armature = build_armature(context, model, name)
+    add_sliders(armature)
     drive_joints(armature, model)
     add_controls(armature, model)
     add_limits(armature, model)

@@ -17,7 +17,7 @@ from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
 from ...backend.hand.poses import POSES
 from ...backend.records.side import Side
-from .drivers import BoneTurn, drive_by_properties
+from .drivers import BoneTurn, drive_by_sliders
 from .hand import RiggedHand
 
 _FIST = POSES["Fist"].gesture
@@ -48,7 +48,7 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
         for axis in range(3):
             weights = dict(zip(paths, per_unit[:, joint - 1, axis].tolist(), strict=True))
             turns = _turns(weights, largest, model.side)
-            drive_by_properties(control, "rotation_euler", axis, weights, armature, turns)
+            drive_by_sliders(control, "rotation_euler", axis, weights, armature, turns)
         _copy_control(armature.pose.bones[bone_name(joint, model.side)], armature, control.name)
 
 

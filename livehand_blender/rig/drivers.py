@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import bpy
 
+from .sliders import slider_path
+
 _MAX_EXPRESSION = 255
 # Bone offsets (m per unit of beta) are of order 1e-3, key values of order 1: smaller terms are rounding errors.
 _NEGLIGIBLE = 1e-9
@@ -28,10 +30,10 @@ NO_TURNS: Mapping[BoneTurn, float] = MappingProxyType({})
 
 def drive_by_beta(owner: bpy.types.bpy_struct, channel: str, index: int, weights, armature: bpy.types.Object) -> None:
     """Drive a channel by the weighted sum [10] of the hand's beta; index -1 if the channel is not an array."""
-    drive_by_properties(owner, channel, index, {f"beta[{k}]": float(w) for k, w in enumerate(weights)}, armature)
+    drive_by_sliders(owner, channel, index, {f"beta[{k}]": float(w) for k, w in enumerate(weights)}, armature)
 
 
-def drive_by_properties(
+def drive_by_sliders(
     owner: bpy.types.bpy_struct,
     channel: str,
     index: int,
@@ -39,9 +41,9 @@ def drive_by_properties(
     armature: bpy.types.Object,
     turned: Mapping[BoneTurn, float] = NO_TURNS,
 ) -> None:
-    """Drive a channel by a weighted sum of the hand's properties, named like `beta[3]` or `index.curl`, and of turns.
+    """Drive a channel by a weighted sum of the hand's sliders, named like `beta[3]` or `index.curl`, and of turns.
 
-    Properties of weight zero are left out; if none remains, no driver is made.
+    Sliders of weight zero are left out; if none remains, no driver is made.
     """
     paths = {f"b{k}": path for k, path in enumerate(weights)}
     turns = {f"m{k}": turn for k, turn in enumerate(turned)}
@@ -61,8 +63,8 @@ def drive_by_properties(
             target.id = armature
         else:
             target.id = armature
-            target.data_path = f"livehand.{paths[name]}"
-            # Where LiveHand is not enabled, its properties are missing; what else drives the channel still counts.
+            target.data_path = slider_path(paths[name])
+            # If the user has removed a slider, what else drives the channel still counts.
             target.use_fallback_value, target.fallback_value = True, 0.0
 
 

@@ -15,7 +15,7 @@ from ...backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quatern
 from ...backend.hand.bones import FINGERS, bone_name, control_name, finger_joints, root_name, target_name
 from ...backend.records.side import Side
 from .armature import rest_frames
-from .drivers import drive_by_properties
+from .drivers import drive_by_sliders
 from .hand import RiggedHand
 from .pose import read_theta, set_rotation
 
@@ -38,7 +38,7 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
         constraint.target, constraint.subtarget = armature, target_name(finger, side)
         constraint.chain_count = len(joints)
         constraint.use_stretch = False
-        drive_by_properties(constraint, "influence", -1, {f"{finger}.ik": 1.0}, armature)
+        drive_by_sliders(constraint, "influence", -1, {f"{finger}.ik": 1.0}, armature)
 
 
 def has_fingertip_targets(armature: bpy.types.Object) -> bool:

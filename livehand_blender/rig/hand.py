@@ -154,8 +154,10 @@ def mesh_of(armature: bpy.types.Object) -> bpy.types.Object:
         return mesh
     skinned = [child for child in armature.children_recursive if is_skinned_to(child, armature)]
     if len(skinned) != 1:
+        names = f" ({', '.join(mesh.name_full for mesh in skinned)})" if skinned else ""
         raise LiveHandError(
-            f"{armature.name} must have one mesh that it deforms, got {len(skinned)}; choose it in the LiveHand tab"
+            f"{armature.name} must have one mesh that it deforms, got {len(skinned)}{names}; choose it as Mesh in the "
+            "LiveHand tab"
         )
     return skinned[0]
 

@@ -13,6 +13,7 @@ from ...backend.records.errors import LiveHandError
 from .controls import clear_controls, has_masters
 from .hand import RiggedHand
 from .pose import bone_quaternions, wrist_locations
+from .sliders import FINGER_SLIDERS, slider_path
 
 _ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 
@@ -68,8 +69,8 @@ def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
     yield target.path_from_id("location"), target.name
     if has_masters(hand.armature):
         yield _rotation_channel(hand.armature.pose.bones[master_name(finger, hand.side)])
-    for control in ("curl", "spread", "ik"):
-        yield f"livehand.{finger}.{control}", finger.title()
+    for slider in FINGER_SLIDERS:
+        yield slider_path(f"{finger}.{slider}"), finger.title()
 
 
 def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
@@ -78,7 +79,7 @@ def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
     yield wrist.path_from_id("location"), wrist.name
     yield _rotation_channel(wrist)
     for control in ("fist", "opposition"):
-        yield f"livehand.{control}", "Hand"
+        yield slider_path(control), "Hand"
     for finger in FINGERS:
         yield from finger_channels(hand, finger)
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, rest_flexion_deg
 from ...backend.hand.joint_axes import euler_rad
 from ...backend.hand.model import HandModel
-from .drivers import drive_by_properties
+from .drivers import drive_by_sliders
 
 LIMIT_CONSTRAINT = "Joint Limits"
 
@@ -48,7 +48,7 @@ def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
         constraint.name = LIMIT_CONSTRAINT
         constraint.owner_space = "LOCAL"
         constraint.euler_order = "YZX"
-        drive_by_properties(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
+        drive_by_sliders(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
         for axis, name in enumerate("xyz"):
             setattr(constraint, f"use_limit_{name}", True)
             setattr(constraint, f"min_{name}", low[axis])
@@ -56,7 +56,7 @@ def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
             # IK ignores constraints and has limits of its own.
             setattr(bone, f"ik_min_{name}", low[axis])
             setattr(bone, f"ik_max_{name}", high[axis])
-            drive_by_properties(bone, f"use_ik_limit_{name}", -1, {"limit_joints": 1.0}, armature)
+            drive_by_sliders(bone, f"use_ik_limit_{name}", -1, {"limit_joints": 1.0}, armature)
 
 
 def joint_limits_rad(model: HandModel) -> np.ndarray:

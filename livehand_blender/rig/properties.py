@@ -13,7 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import retarget_properties
+from . import retarget_properties, sliders
 from .retarget_properties import LIVEHAND_PG_other_rig
 
 # Every property can be changed on a hand that is linked from another file.
@@ -41,15 +41,9 @@ _PRECISIONS = (
     ("bf16", "Half", "16-bit floats where they help; faster on recent GPUs"),
 )
 
-
-def _evaluate_again(hand, context) -> None:
-    """Without an update function, a change by a script would not reach the drivers until something else changes."""
-    hand.id_data.update_tag()
-
-
-# Blender 4.2 as a module crashes at exit if any property has had an update function. There, scripts must call
-# `update_tag()` on the armature after changing these properties.
-_ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
+# Blender 4.2 as a module crashes at exit if a class has properties with functions when it is registered. There, scripts
+# must call `update_tag()` on the armature after changing these properties.
+_ON_CHANGE = {"update": sliders.evaluate_again} if bpy.app.version >= (4, 5) else {}
 
 _Pointer = partial(PointerProperty, override=_OVERRIDE)
 _Enum = partial(EnumProperty, override=_OVERRIDE)
@@ -60,30 +54,14 @@ _Vector = partial(FloatVectorProperty, override=_OVERRIDE, **_ON_CHANGE)
 
 
 class LIVEHAND_PG_finger(bpy.types.PropertyGroup):
-    """Controls of one finger; at zero, the bones alone pose the finger."""
-
-    curl: _Float(
-        name="Curl",
-        description="Bends all joints of the finger, at 1 as in a fist; added to the bones' own rotations",
-        soft_min=-0.3,
-        soft_max=1.0,
-    )
-    spread: _Float(
-        name="Spread",
-        description="Spreads the finger away from its neighbors; added to the bones' own rotations",
-        soft_min=-1.0,
-        soft_max=1.0,
-    )
-    ik: _Float(
-        name="IK",
-        description="How far the fingertip follows its target: 0 is FK (the bones alone), 1 is IK",
-        min=0.0,
-        max=1.0,
-    )
+    """Controls of one finger, forwarded to its sliders; at zero, the bones alone pose the finger."""
 
 
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
-    """A hand: its model, avatar, shape and controls, and how it is matched to a plate."""
+    """A hand: its model, avatar, shape and controls, and how it is matched to a plate.
+
+    Shape and controls are forwarded to sliders, see `rig.sliders`.
+    """
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
     is_skin: BoolProperty(name="Is a Hand's Mesh", default=False, override=_OVERRIDE)
@@ -103,49 +81,13 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     bone_shapes: _Pointer(
         name="Bone Shapes", description="Holds the shapes of the bones, outside every scene", type=bpy.types.Collection
     )
-    beta: _Vector(
-        name="Shape",
-        description="Shape coefficients; avatars look best near zero",
-        size=10,
-        default=(0.0,) * 10,
-        # Blender clamps shape keys outside this range.
-        min=-10.0,
-        max=10.0,
-        soft_min=-3.0,
-        soft_max=3.0,
-        options={"ANIMATABLE"},
-    )
     thumb: _Pointer(name="Thumb", type=LIVEHAND_PG_finger)
     index: _Pointer(name="Index", type=LIVEHAND_PG_finger)
     middle: _Pointer(name="Middle", type=LIVEHAND_PG_finger)
     ring: _Pointer(name="Ring", type=LIVEHAND_PG_finger)
     pinky: _Pointer(name="Little", type=LIVEHAND_PG_finger)
-    fist: _Float(
-        name="Fist",
-        description="Closes the whole hand; added to the bones' own rotations",
-        soft_min=0.0,
-        soft_max=1.0,
-    )
-    opposition: _Float(
-        name="Opposition",
-        description="Brings the thumb in front of the fingers; added to the bones' own rotations",
-        soft_min=0.0,
-        soft_max=1.0,
-    )
-    follow: _Float(
-        name="Follow",
-        description="How far the hand follows the other rig: 0 not at all, 1 fully",
-        default=1.0,
-        min=0.0,
-        max=1.0,
-    )
+    has_sliders: BoolProperty(name="Has Sliders", description="Whether the sliders are the armature's own properties")
     other_rig: _Pointer(type=LIVEHAND_PG_other_rig)
-    limit_joints: BoolProperty(
-        name="Limit Joints",
-        description="Keep the finger joints within a hand's usual range",
-        override=_OVERRIDE,
-        **_ON_CHANGE,
-    )
     exposure: _Float(name="Exposure", description="Brightens the rendered hand, in stops", soft_min=-4.0, soft_max=4.0)
     gain: _Vector(
         name="Gain",
@@ -235,12 +177,21 @@ _OWNERS = (
 
 
 def attach() -> None:
-    """Add `livehand` to objects, scenes and view layers; the classes must be registered."""
+    """Add `livehand` to objects, scenes and view layers, and sliders to hands; the classes must be registered."""
     for owner, group, options in _OWNERS:
         owner.livehand = PointerProperty(type=group, **options)
+    for group, name, forward in _forwards():
+        setattr(group, name, forward)
 
 
 def detach() -> None:
     """Undo `attach`."""
+    for group, name, _ in _forwards():
+        delattr(group, name)
     for owner, _, _ in reversed(_OWNERS):
         del owner.livehand
+
+
+def _forwards():
+    for is_finger, name, forward in sliders.forwards():
+        yield LIVEHAND_PG_finger if is_finger else LIVEHAND_PG_hand, name, forward

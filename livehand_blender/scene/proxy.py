@@ -69,13 +69,12 @@ def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray])
 
     Args:
         depsgraph: of the frame.
-        albedo: name of each mesh object -> [3] linear Rec.709.
+        albedo: full name of each mesh object -> [3] linear Rec.709.
     """
-    for name, rgb in albedo.items():
-        slots = depsgraph.scene.objects[name].evaluated_get(depsgraph).material_slots
-        for colour in chain(*(_plain_colours(slot.material) for slot in slots)):
-            # An assignment would tag the material.
-            colour.foreach_set((*(rec709_to_working_space() @ np.asarray(rgb, np.float32)), 1.0))
+    for mesh in (thing for thing in depsgraph.objects if thing.name_full in albedo):
+        rgb = np.asarray(albedo[mesh.name_full], np.float32)
+        for colour in chain(*(_plain_colours(slot.material) for slot in mesh.material_slots)):
+            colour.foreach_set((*(rec709_to_working_space() @ rgb), 1.0))  # an assignment would tag the material
 
 
 def _plain_colours(material: bpy.types.Material | None) -> Iterator[bpy.types.bpy_prop_array]:

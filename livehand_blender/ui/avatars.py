@@ -66,7 +66,9 @@ class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
         layout = self.layout
         armature = polled_hand(context)
         try:
-            _draw_avatar(layout, LIVEHAND_PT_avatar.library.metadata(hand_source(armature).avatar_path), armature)
+            _draw_avatar(
+                context, layout, LIVEHAND_PT_avatar.library.metadata(hand_source(armature).avatar_path), armature
+            )
         except LiveHandError as error:
             draw_wrapped(context, layout, str(error), icon="ERROR")
         layout.use_property_split = True
@@ -97,14 +99,16 @@ class LIVEHAND_PT_choose_avatar(Tab, bpy.types.Panel):
         self.layout.label(text="For more, set a folder in the add-on's preferences")
 
 
-def _draw_avatar(layout: bpy.types.UILayout, avatar: AvatarMetadata, armature: bpy.types.Object) -> None:
+def _draw_avatar(
+    context: bpy.types.Context, layout: bpy.types.UILayout, avatar: AvatarMetadata, armature: bpy.types.Object
+) -> None:
     if icon := LIVEHAND_PT_avatar.library.icon(avatar):
         layout.template_icon(icon, scale=_LARGE_SCALE)
     column = layout.column(align=True)
     for line in facts(avatar):
-        column.label(text=line)
+        draw_wrapped(context, column, line)
     if avatar.hand_sha256 != armature.livehand.model_sha256:
-        column.label(text=f"of another hand: {avatar.hand_name}", icon="ERROR")
+        draw_wrapped(context, column, f"of another hand: {avatar.hand_name}", icon="ERROR")
 
 
 def draw_choice(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:

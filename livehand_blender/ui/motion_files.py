@@ -6,7 +6,7 @@ import bpy
 
 from ..rig.hand import active_hand
 
-_POSES, _LANDMARKS, _RIGS = ".npz;.npy;.pkl", ".json;.csv", ".bvh;.fbx;.glb;.gltf;.vrm"
+_POSES, _LANDMARKS, _RIGS = ".npz;.npy;.pkl", ".json;.jsonl;.csv", ".bvh;.fbx;.glb;.gltf;.vrm"
 PATTERN = ";".join(f"*{suffix}" for suffix in ";".join((_POSES, _LANDMARKS, _RIGS)).split(";"))
 """The file browser's filter."""
 

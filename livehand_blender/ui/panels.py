@@ -5,6 +5,7 @@ import bpy
 from ...backend.runtime.dependencies import missing_requirements
 from ..render.panels import draw_mode
 from ..rig.hand import active_hand
+from ..rig.sliders import slider_property
 from ..scene.settings import ENGINE
 from .avatars import draw_choice
 from .mixins import HandTab, Tab, polled_hand
@@ -51,7 +52,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
         armature = polled_hand(context)
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
-            column.prop(armature.livehand, "beta", index=index, text=name, slider=True)
+            column.prop(*slider_property(armature, "beta"), index=index, text=name, slider=True)
         row = self.layout.row(align=True)
         row.operator("livehand.random_shape", text="Random")
         row.operator("livehand.reset_shape", text="Reset")

@@ -6,10 +6,13 @@ import bpy
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
 from ..rig.armature import COLLECTIONS
+from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_property
 from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
 
+# A fifth of a narrow tab has room for no more.
+_SHORT_LABELS = FINGER_LABELS | {"thumb": "Thu.", "middle": "Mid."}
 # Empty rows above each finger, by how much lower its tip is than the middle finger's.
 _LOWER_ROWS = {"thumb": 2.2, "index": 0.4, "middle": 0.0, "ring": 0.3, "pinky": 1.2}
 
@@ -32,7 +35,7 @@ class LIVEHAND_PT_posing(HandTab, bpy.types.Panel):
         row.operator("livehand.mirror_pose", text="Mirror", icon="MOD_MIRROR")
         _draw_collections(self.layout, armature)
         _draw_picker(self.layout, armature)
-        _draw_controls(self.layout, armature.livehand)
+        _draw_controls(self.layout, armature)
         row = self.layout.row(align=True)
         row.operator("livehand.snap_ik_to_fk", text="FK > IK").finger = "all"
         row.operator("livehand.snap_fk_to_ik", text="IK > FK").finger = "all"
@@ -42,12 +45,12 @@ CLASSES = (LIVEHAND_PT_posing,)
 
 
 def _draw_collections(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
-    """A switch for each of the rig's bone collections."""
-    row = layout.row(align=True)
-    for name in COLLECTIONS:
-        collection = armature.data.collections.get(name)
-        if collection is not None:
-            row.prop(collection, "is_visible", text=name, toggle=True)
+    """A switch for each of the rig's bone collections, two in a row: their names have no room beside each other."""
+    column = layout.column(align=True)
+    for names in (COLLECTIONS[:2], COLLECTIONS[2:]):
+        row = column.row(align=True)
+        for collection in filter(None, map(armature.data.collections.get, names)):
+            row.prop(collection, "is_visible", text=collection.name, toggle=True)
 
 
 def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
@@ -63,14 +66,14 @@ def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None
         for joint in reversed(finger_joints(finger)):
             name = bone_name(joint, side)
             column.operator("livehand.select_bone", text=name[-3]).bone = name
-        column.operator("livehand.select_finger", text=FINGER_LABELS[finger]).finger = finger
+        column.operator("livehand.select_finger", text=_SHORT_LABELS[finger]).finger = finger
     box.operator("livehand.select_bone", text="Wrist").bone = bone_name(0, side)
 
 
-def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) -> None:
+def _draw_controls(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
     column = layout.column(align=True)
-    column.prop(hand, "fist", slider=True)
-    column.prop(hand, "opposition", slider=True)
+    for name in ("fist", "opposition"):
+        column.prop(*slider_property(armature, name), text=SLIDERS[name].label, slider=True)
     column = layout.column(align=True)
     heads = column.row(align=True)
     for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for labels beside the numbers
@@ -78,6 +81,6 @@ def _draw_controls(layout: bpy.types.UILayout, hand: bpy.types.PropertyGroup) ->
     for finger in FINGERS:
         row = column.row(align=True)
         row.label(text=FINGER_LABELS[finger])
-        for control in ("curl", "spread", "ik"):
-            row.prop(getattr(hand, finger), control, text="", slider=True)
-    layout.prop(hand, "limit_joints")
+        for name in FINGER_SLIDERS:
+            row.prop(*slider_property(armature, f"{finger}.{name}"), text="", slider=True)
+    layout.prop(*slider_property(armature, "limit_joints"), text=SLIDERS["limit_joints"].label)

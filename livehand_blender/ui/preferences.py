@@ -49,7 +49,7 @@ def draw_install_help(layout: bpy.types.UILayout, missing: bool) -> None:
     if not missing:
         return
     column = layout.column(align=True)
-    column.label(text="Rendering needs more Python packages:", icon="INFO")
-    column.label(text="run the copied command in a terminal,")
-    column.label(text="then restart Blender.")
+    column.label(text="Python packages are missing:", icon="INFO")
+    column.label(text="run the copied command in a")
+    column.label(text="terminal, then restart Blender.")
     column.operator("livehand.copy_install_command", icon="COPYDOWN")

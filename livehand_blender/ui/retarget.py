@@ -18,6 +18,7 @@ from ..retarget.skeleton import read_skeleton
 from ..retarget.source import SourceRig
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.retarget_properties import tip_property
+from ..rig.sliders import slider_property
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 
@@ -148,7 +149,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
         row.operator("livehand.follow_rig", icon="CON_ARMATURE")
         row.operator("livehand.bake_rig", text="Bake", icon="KEY_HLT")
         if is_following(armature):
-            layout.prop(armature.livehand, "follow", text="Influence", slider=True)
+            layout.prop(*slider_property(armature, "follow"), text="Influence", slider=True)
             layout.operator("livehand.stop_following", icon="X")
 
 

@@ -6,15 +6,17 @@ import textwrap
 
 import bpy
 
-_CHARACTER_PX = 7  # approximate width in Blender's interface font at its usual size
-_MIN_CHARACTERS = 20
+# Approximate widths: of a character in Blender's interface font, of a panel's margins with the tabs, of an icon.
+_CHARACTER_PX, _MARGINS_PX, _ICON_PX = 6, 45, 20
+_MIN_CHARACTERS = 30
 
 
 def draw_wrapped(context: bpy.types.Context, layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
     """Draw labels that fit the region's width; the first has the icon."""
     width_px = context.region.width if context.region else 0
     scale = context.preferences.system.ui_scale or 1  # 0 without a window
-    characters = max(_MIN_CHARACTERS, int(width_px / (_CHARACTER_PX * scale)))
+    content_px = width_px / scale - _MARGINS_PX - (_ICON_PX if icon != "NONE" else 0)
+    characters = max(_MIN_CHARACTERS, int(content_px / _CHARACTER_PX))
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, characters)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")

@@ -437,6 +437,28 @@ def _picture_elsewhere(path):
     return image
 
 
+def test_a_hand_in_several_meshes_is_refused_with_the_remedy(coarse, tmp_path):
+    """The fingers beyond the knuckles are an object of their own, as gloves and nails are."""
+    hand = coarse.make_rigged_hand()
+    fingers = hand.mesh.copy()
+    fingers.data = hand.mesh.data.copy()
+    bpy.context.collection.objects.link(fingers)
+    last = {hand.mesh.vertex_groups[name].index for name in coarse.JOINTS if name.endswith("distal")}
+    for mesh, keeps_ends in ((hand.mesh, False), (fingers, True)):
+        cut = bmesh.new()
+        cut.from_mesh(mesh.data)
+        weights = cut.verts.layers.deform.active
+        is_end = {vertex: any(group in last for group in vertex[weights].keys()) for vertex in cut.verts}
+        gone = [vertex for vertex, end in is_end.items() if end != keeps_ends]
+        bmesh.ops.delete(cut, geom=gone, context="VERTS")
+        cut.to_mesh(mesh.data)
+        cut.free()
+    mesh = mesh_skinned_to(hand.armature, hand.joint_map)
+    with pytest.raises(LiveHandError, match=r"index1.*if the hand is in several meshes, join them \(Object > Join\)"):
+        hand_model_from_mesh(bpy.context, mesh, hand.armature, hand.joint_map, tmp_path / "part.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_hands_files_are_not_replaced(coarse, tmp_path):
     hand = coarse.make_rigged_hand()
     asked = bpy.context, hand.mesh, hand.armature, hand.joint_map

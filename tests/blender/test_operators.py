@@ -153,3 +153,9 @@ def test_an_added_hand_stands_upright_its_back_to_the_front(side):
     assert np.sign((thumb - wrist)[0]) == (-1 if side == "right" else 1)
     back = model.v_template[np.argmax(model.v_template[:, 1])]
     assert (world[:3, :3] @ (back - model.joints[0]))[1] < 0
+
+
+def test_hands_are_named_by_side():
+    for side in ("right", "left", "left"):
+        bpy.ops.livehand.add_hand(side=side)
+    assert [hand.name for hand in find_hands(bpy.context.scene)] == ["Left Hand", "Left Hand.001", "Right Hand"]

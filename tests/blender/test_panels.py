@@ -3,39 +3,56 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import blf
 import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.runtime import dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands
-from livehand.livehand_blender.ui import avatars, compositing, panels, picker
+from livehand.livehand_blender.rig.sliders import SLIDERS
+from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker, retarget
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
 UI = bpy.types.UILayout.bl_rna.functions
+MODULES = (avatars, hand_model, motion, panels, picker, retarget)
+PANELS = [
+    known
+    for one in MODULES
+    for known in one.CLASSES
+    if issubclass(known, bpy.types.Panel)
+    and known is not avatars.LIVEHAND_PT_choose_avatar  # a pop-up of its own width
+]
 
 
 class Layout:
-    """Records what is drawn; rejects arguments, icons, properties and operators that Blender does not have."""
+    """Records what is drawn; rejects arguments, icons, properties and operators that Blender does not have.
 
-    def __init__(self, drawn):
-        self.drawn = drawn
+    `parts` are what stands in it: further layouts, and (text, whether it has an icon).
+    """
+
+    use_property_split = False
+
+    def __init__(self, drawn, is_row=False, is_split=False):
+        self.drawn, self.is_row, self.use_property_split, self.parts = drawn, is_row, is_split, []
+
+    def _inner(self, function, arguments, is_row=False):
+        check_arguments(function, arguments)
+        inner = Layout(self.drawn, is_row, self.use_property_split)
+        self.parts.append(inner)
+        return inner
 
     def column(self, **arguments):
-        check_arguments("column", arguments)
-        return Layout(self.drawn)
+        return self._inner("column", arguments)
 
     def row(self, **arguments):
-        check_arguments("row", arguments)
-        return Layout(self.drawn)
+        return self._inner("row", arguments, is_row=True)
 
     def split(self, **arguments):
-        check_arguments("split", arguments)
-        return Layout(self.drawn)
+        return self._inner("split", arguments, is_row=True)
 
     def grid_flow(self, **arguments):
-        check_arguments("grid_flow", arguments)
-        return Layout(self.drawn)
+        return self._inner("grid_flow", arguments)
 
     def template_icon(self, icon_value, **arguments):
         check_arguments("template_icon", arguments)
@@ -46,7 +63,7 @@ class Layout:
         self.drawn.append(panel)
 
     def box(self):
-        return Layout(self.drawn)
+        return self._inner("box", {})
 
     def separator(self, **arguments):
         check_arguments("separator", arguments)
@@ -54,16 +71,27 @@ class Layout:
     def label(self, **arguments):
         check_arguments("label", arguments)
         self.drawn.append(arguments["text"])
+        self.parts.append((arguments["text"], "icon" in arguments))
 
     def prop(self, owner, name, **arguments):
         check_arguments("prop", arguments)
-        assert name in owner.bl_rna.properties
-        self.drawn.append(name)
+        assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
+        self.drawn.append(name.strip('["]'))
+        known = owner.bl_rna.properties.get(name)
+        text = arguments.get("text", known.name if known else name)
+        # A split layout has a number's or a menu's name in its left half, and a switch's beside the box in the right.
+        is_left = self.use_property_split and known is not None and known.type != "BOOLEAN"
+        self.parts.append((text * (2 if is_left else 1), False))
+
+    def prop_search(self, owner, name, data, collection, **arguments):
+        assert hasattr(data, collection)
+        self.prop(owner, name, **arguments)
 
     def operator(self, name, **arguments):
         check_arguments("operator", arguments)
         rna = getattr(bpy.ops.livehand, name.partition(".")[2]).get_rna_type()
         self.drawn.append(name)
+        self.parts.append((arguments.get("text", rna.name), "icon" in arguments))
         return OperatorSettings(rna, self.drawn)
 
 
@@ -87,9 +115,28 @@ def check_arguments(function, arguments):
 
 
 def draw(panel):
-    drawn = []
-    panel.draw(SimpleNamespace(layout=Layout(drawn), bl_rna=panel.bl_rna), bpy.context)
-    return drawn
+    return drawn_layout(panel).drawn
+
+
+def drawn_layout(panel):
+    layout = Layout([])
+    panel.draw(SimpleNamespace(layout=layout, bl_rna=panel.bl_rna), bpy.context)
+    return layout
+
+
+# Measured in Blender's window: a sidebar 250 px wide has 205 px for a panel's content.
+NARROW_PX, FONT_PX, MARGIN_PX, ICON_PX = 205, 11, 6, 20
+
+
+def clipped(layout, width_px=NARROW_PX):
+    """The texts for which a layout of this width has no room, in Blender's own font."""
+    blf.size(0, FONT_PX)
+    share_px = width_px / (len(layout.parts) if layout.is_row else 1)
+    for part in layout.parts:
+        if isinstance(part, Layout):
+            yield from clipped(part, share_px)
+        elif blf.dimensions(0, part[0])[0] + MARGIN_PX + ICON_PX * part[1] > share_px:
+            yield part[0]
 
 
 def test_without_a_hand_the_tab_offers_to_add_one():
@@ -134,10 +181,7 @@ def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
     knuckles = [name[:-3] for name in shown if name[-3] == "1"]
     fingers = ["thumb", "index", "middle", "ring", "pinky"]
     assert knuckles == (fingers if side == "right" else fingers[::-1])
-    assert [drawn.count(name) for name in ("fist", "opposition", "limit_joints", "curl", "spread", "ik")] == [
-        *[1] * 3,
-        *[5] * 3,
-    ]
+    assert all(drawn.count(name) == 1 for name in SLIDERS if name not in ("beta", "follow"))
 
 
 def test_a_hand_of_an_earlier_version_shows_why_it_has_no_picker():
@@ -190,3 +234,22 @@ def test_the_add_menu_has_an_entry():
     drawn = []
     panels._draw_add(SimpleNamespace(layout=Layout(drawn)), bpy.context)
     assert drawn == ["livehand.add_hand"]
+
+
+@pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.__name__)
+def test_every_text_fits_a_narrow_tab(panel, monkeypatch):
+    fake = dependencies.Requirement("no_such_module_of_livehand", "fake>=1")
+    monkeypatch.setattr(dependencies, "REQUIREMENTS", (fake,))
+    bpy.context.scene.livehand.mode, bpy.context.scene.render.film_transparent = "SCENE", True
+    empty = list(clipped(drawn_layout(panel))) if not hasattr(panel, "poll") or panel.poll(bpy.context) else []
+    hand = add_hand(bpy.context, load_default_hand(), name="Right Hand")
+    hand.livehand.other_rig.armature = hand
+    assert empty + list(clipped(drawn_layout(panel))) == []
+
+
+def test_the_bound_sees_what_a_window_clipped():
+    layout = Layout([])
+    row = layout.row()
+    for name in ("FK", "IK", "Masters", "Mechanism"):
+        row.label(text=name)
+    assert list(clipped(layout)) == ["Mechanism"]

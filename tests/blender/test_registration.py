@@ -61,6 +61,12 @@ def test_rendered_views_are_stopped_first():
     assert spaces[0].shading.type == "SOLID"
 
 
+def test_the_scenes_viewport_samples_are_offered_in_both_modes():
+    for mode in ("HAND", "SCENE"):
+        bpy.context.scene.livehand.mode = mode
+        assert "CYCLES_RENDER_PT_sampling_viewport" in panels_with_our_engine()
+
+
 def test_preferences_belong_to_the_installed_package():
     from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 

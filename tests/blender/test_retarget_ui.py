@@ -102,8 +102,8 @@ class Layout:
     column = row
 
     def prop(self, owner, name, **_):
-        assert name in owner.bl_rna.properties
-        self.drawn.append(name)
+        assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
+        self.drawn.append(name.strip('["]'))
 
     def prop_search(self, owner, name, data, collection):
         assert hasattr(data, collection)

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
@@ -100,6 +101,16 @@ def test_mesh_of_a_copied_armature_alone_is_not_the_first_hands_mesh(hand, model
     assert copy.livehand.mesh == mesh_of(hand)
     with pytest.raises(Exception, match="one mesh that it deforms, got 0"):
         mesh_of(copy)
+
+
+def test_several_meshes_are_named_with_what_to_do(hand):
+    (mesh,) = hand.children
+    nails = mesh.copy()
+    nails.name = "Nails"
+    bpy.context.collection.objects.link(nails)
+    hand.livehand.mesh = None
+    with pytest.raises(LiveHandError, match=r"got 2 \(LiveHand Mesh, Nails\); choose it as Mesh in the LiveHand tab"):
+        mesh_of(hand)
 
 
 def test_an_appended_hands_bone_shapes_are_out_of_sight(hand_file):

@@ -1,18 +1,22 @@
 """Mirrored hands, and hands in collections that the scene instances or links, are seen and rendered."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.render.engine import LiveHandRender
+from livehand.livehand_blender.render.frame_setup import read_frame_setup
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, all_hands, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
 from livehand.livehand_blender.scene.light import read_hand_lights
-from livehand.livehand_blender.scene.proxy import hidden_from_camera
+from livehand.livehand_blender.scene.proxy import hidden_from_camera, use_albedo
 from livehand.livehand_blender.scene.seen_hands import visible_hands
 from livehand.livehand_blender.scene.shot import read_shot, seen_vertices
 from mathutils import Matrix
@@ -244,3 +248,40 @@ def test_vertices_of_an_instance_are_in_the_world(instanced):
     depsgraph, (_, hand) = seen()
     expected = 2 * load_default_hand().v_template + np.array([1.0, 0, 0])
     np.testing.assert_allclose(seen_vertices(hand, depsgraph), expected, atol=1e-6)
+
+
+@pytest.fixture
+def namesakes(hand_scene, fake_session, tmp_path):
+    """A local hand and one linked from another file, as objects of one scene, with the same names."""
+    path = tmp_path / "hands.blend"
+    bpy.data.libraries.write(str(path), set(find_hands(hand_scene)), fake_user=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.objects = ["LiveHand", "LiveHand Mesh"]
+    for thing in wanted.objects:
+        hand_scene.collection.objects.link(thing)
+    hand_scene.livehand.mode = "SCENE"
+    bpy.context.view_layer.update()
+    return hand_scene
+
+
+def test_namesakes_from_two_files_are_told_apart(namesakes, fake_session, fake_renderer, monkeypatch):
+    seen_names = {"LiveHand": "LiveHand Mesh", "LiveHand [hands.blend]": "LiveHand Mesh [hands.blend]"}
+    monkeypatch.setattr(fake_renderer, "mean_albedo", np.array([0.5, 0.3, 0.2]))
+    engine = SimpleNamespace(camera_override=namesakes.camera, frame_set=lambda *_: None)
+    frame = read_frame_setup(engine, bpy.context.evaluated_depsgraph_get(), fake_session)
+    assert frame.meshes == seen_names
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    use_albedo(depsgraph, {"LiveHand Mesh [hands.blend]": [0.1, 0.2, 0.3]})
+    colours = {
+        thing.name_full: thing.active_material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value[0]
+        for thing in depsgraph.objects
+        if thing.name_full in seen_names.values()
+    }
+    assert colours["LiveHand Mesh [hands.blend]"] == pytest.approx(0.1)
+    assert colours["LiveHand Mesh"] != pytest.approx(0.1)
+
+
+def test_namesakes_have_no_cryptomatte_of_their_own(namesakes, fake_session):
+    namesakes.view_layers[0].use_pass_cryptomatte_object = True
+    with pytest.raises(LiveHandError, match=r"'LiveHand' and 'LiveHand \[hands.blend\]' are both"):
+        read_frame_setup(None, bpy.context.evaluated_depsgraph_get(), fake_session)

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 STORIES = ("viewport", "first_hour", "toggle")
 SCREEN = (1280, 800)
-BLENDER_SECONDS = 600
+BLENDER_SECONDS = 1500
 
 PRINT_INSTALL_COMMAND = """
 import importlib, json

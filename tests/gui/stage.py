@@ -18,7 +18,7 @@ import numpy as np
 OUT = Path(sys.argv[sys.argv.index("--") + 1])
 PACKAGE = "bl_ext.user_default.livehand"
 TICK_S = 0.005
-PATIENCE_S = 90
+PATIENCE_S = 300  # the first picture compiles kernels, on a machine that may be busy
 
 
 class Report:

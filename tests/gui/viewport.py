@@ -18,6 +18,8 @@ FIRST_IMAGE_S = 0.5
 LONGEST_BLOCK_S = 0.1
 POSE_CHANGES = 7
 PLAYING_S = 6
+NARROW_PX = 250
+REST_S, BUSY_SHARE = 4, 0.3  # of one core, while nothing is drawn
 
 
 class Watch:
@@ -146,6 +148,7 @@ def story(watch, report):
     yield from turn_the_view(space, watch, report)
     yield from read_messages(hand, space, report)
     yield from play(watch, report)
+    yield from let_cycles_end(report)
     yield from render_a_still(space, report)
     space.shading.type = "SOLID"
     yield 2
@@ -170,12 +173,27 @@ def pose_in_the_tab(hand):
         ui.tag_redraw()
     yield 1
     screenshot("posing")
+    yield from narrow_the_tab(ui)
     bpy.ops.object.mode_set(mode="OBJECT")
     for thing in bpy.context.scene.objects:
         thing.hide_set(False)
     space.show_region_ui = False
     bpy.context.scene.frame_set(1)
     yield 1
+
+
+def narrow_the_tab(ui):
+    """Drag the sidebar's edge until it is 250 px wide, where the longest names must fit; then back."""
+    x, y = ui.x - 1, view_area().y + 120
+    height = bpy.context.window_manager.windows[0].height
+    for start, end in ((x, x + ui.width - NARROW_PX), (x + ui.width - NARROW_PX, x)):
+        words = ["mousemove", start, height - y, "sleep", 1, "mousedown", 1, "sleep", 1]
+        for place in np.linspace(start, end, 4)[1:].astype(int):
+            words += ["mousemove", place, height - y, "sleep", 1]
+        process = subprocess.Popen(["xdotool", *map(str, words), "mouseup", "1"])
+        yield lambda process=process: process.poll() is not None
+        yield 2
+        screenshot("narrow" if end > start else "wide")
 
 
 def compare_with_cycles(hand, space, watch, report):
@@ -277,6 +295,22 @@ def play(watch, report):
     bpy.context.scene.frame_set(6)
     yield 30
     report.check(skin(view_of(screenshot("viewport"))).mean() > 0.04, "no hand after playing")
+
+
+def let_cycles_end(report):
+    """In Hand Only as well, Cycles draws the scene with the scene's number of viewport samples, and then rests."""
+    start, used = time.perf_counter(), [(time.perf_counter(), time.process_time())]
+
+    def is_at_rest():
+        now = time.perf_counter(), time.process_time()
+        if now[0] - used[-1][0] < REST_S:
+            return False
+        share = (now[1] - used[-1][1]) / (now[0] - used[-1][0])
+        used.append(now)
+        return share < BUSY_SHARE
+
+    yield is_at_rest
+    report.figures["cycles_rests_after_s"] = round(time.perf_counter() - start, 1)
 
 
 def render_a_still(space, report):

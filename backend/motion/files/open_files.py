@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,10 +65,17 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
             return known.read(document)
     if is_landmarks(document):
         return read_landmarks(document)
-    content = document.content
-    got = f"keys {sorted(content)[:12]}" if isinstance(content, dict) else f"a {type(content).__name__}"
     names = ", ".join(known.name for known in FORMATS)
-    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}; {EXAMPLE}")
+    raise LiveHandError(
+        f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {_kind(content)}; {EXAMPLE}"
+    )
+
+
+def _kind(content: Any) -> str:
+    """What a document is, in words."""
+    if isinstance(content, dict):
+        return f"keys {sorted(content)[:12]}"
+    return f"an array {list(content.shape)}" if isinstance(content, np.ndarray) else f"a {type(content).__name__}"
 
 
 def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:

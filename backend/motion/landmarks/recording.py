@@ -107,6 +107,8 @@ def _frames_of(document: Document) -> tuple[Frames, Label | None]:
     if document.path.suffix.lower() == ".csv" and isinstance(content, dict):
         return table_frames(content), None
     if not isinstance(content, dict):
+        content = _named_takes(content)
+    if not isinstance(content, dict):
         return _take(content), None
     entries = {plain_key(key): value for key, value in content.items()}
     label = label_of(holder_label(entries))
@@ -117,6 +119,19 @@ def _frames_of(document: Document) -> tuple[Frames, Label | None]:
     if content and all(str(key).isdecimal() and len(str(key)) < 10 for key in content):
         return _by_number(content), None
     return (_columns(entries) or [content]), label
+
+
+def _named_takes(content: Any) -> Any:
+    """A list of hands, each a name such as 'Left' beside a list of its frames: the frames by the name."""
+    takes = content if isinstance(content, list) and len(content) <= _MOST_IN_RESULT else []
+    found = {}
+    for take in takes:
+        name = take.get("name") if isinstance(take, Mapping) else None
+        lists = [value for value in take.values() if isinstance(value, list)] if name is not None else []
+        if len(lists) != 1 or label_of(name) is None:
+            return content
+        found[name] = lists[0]
+    return found or content
 
 
 def _by_number(frames: Mapping) -> list[Any]:

@@ -24,12 +24,12 @@ MEDIAPIPE_IN_WEBXR = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19,
 _COUNTS = {21: 21, 25: 25, 63: 21, 75: 25, 400: 25}
 _POINTS_KEY = re.compile(
     r"(left|right)?(multi)?(hands?)?(world|image|picture|normali[sz]ed)?"
-    r"(landmarks?|keypoints(?:3d|2d)?|joints?|jointpositions|positions|points)(world)?"
+    r"(landmarks?|keypoints(?:3d|2d)?|joints?|joint(?:positions|transforms)|positions|points)(world)?"
 )
 _NESTED_KEY = re.compile(r"(left|right)?(hands?|inputsources?)?(result)?")
 _LABEL_KEYS = ("handedness", "handednesses", "multihandedness", "label", "side", "hand", "handlabel", "handtype")
 _LABEL_TEXTS = ("label", "categoryname", "displayname", "classname", "handedness", "side")
-_POSITIONS = ("position", "transform", "pose", "matrix", "translation", "location")
+_POSITIONS = ("position", "transform", "pose", "matrix", "offsetMatrix", "translation", "location")
 _DEEPEST = 6
 
 

@@ -404,3 +404,49 @@ def test_quoted_cells(tmp_path):
         writer.writerow([f"{name}_{axis}" for name in NAMES for axis in "xyz"])
         writer.writerows(RIGHT.reshape(3, 63).tolist())
     np.testing.assert_allclose(open_motion_file(path).points, RIGHT)
+
+
+# Layouts of files that others have published: a recorder for musicians, a bridge between programs, a WebXR emulator.
+def test_a_list_of_named_hands_with_their_frames(tmp_path):
+    def frames(points):
+        pictures = (points * 4 + 0.5).round(6)
+        return [
+            {"timestamp": 33 * k, "normalizedPositions": named(pictures[k]), "worldPositions": named(points[k])}
+            for k in range(3)
+        ]
+
+    takes = [{"name": "Left", "animationData": frames(LEFT)}, {"name": "Right", "animationData": frames(RIGHT)}]
+    file = opened(tmp_path, takes)
+    assert file.sides == ("right", "left")
+    np.testing.assert_allclose(file.points, RIGHT, atol=1e-9)
+    np.testing.assert_allclose(file.with_changes(side="left").points, LEFT, atol=1e-9)
+    by_side = opened(tmp_path, {take["name"]: take["animationData"] for take in takes})
+    np.testing.assert_allclose(by_side.points, RIGHT, atol=1e-9)
+    (one,) = takes[1:]
+    np.testing.assert_allclose(opened(tmp_path, [{"name": "Left", "animationData": []}, one]).points, RIGHT, atol=1e-9)
+
+
+def test_a_frame_on_each_line(tmp_path):
+    frames = [{"hands": [{"side": "Right", "world_landmarks": named(points)}], "timestamp_ms": 33} for points in RIGHT]
+    file = opened(tmp_path, "\n".join(map(json.dumps, frames)) + "\n", "take.jsonl")
+    np.testing.assert_allclose(file.points, RIGHT, atol=1e-9)
+    with pytest.raises(LiveHandError, match=r"take.jsonl: line 2 must be well-formed JSON"):
+        opened(tmp_path, json.dumps(frames[0]) + "\n{", "take.jsonl")
+
+
+def test_an_emulators_joint_transforms(tmp_path):
+    def matrix(point):
+        return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, *point.tolist(), 1]
+
+    joints = np.zeros((25, 3))
+    joints[[k for k, name in enumerate(WEBXR) if k == 0 or "metacarpal" not in name or "thumb" in name]] = RIGHT[0]
+    pose = {name: {"offsetMatrix": matrix(joints[k]), "radius": 0.01} for k, name in enumerate(WEBXR)}
+    file = opened(tmp_path, {"jointTransforms": pose, "gripOffsetMatrix": matrix(np.zeros(3))})
+    assert file.info.format == "WebXR joints"
+    np.testing.assert_allclose(file.points, RIGHT[:1], atol=1e-9)
+
+
+def test_a_refused_array_is_named_by_its_shape(tmp_path):
+    np.save(tmp_path / "holistic.npy", np.zeros(1692))
+    with pytest.raises(LiveHandError, match=r"got an array \[1692\]"):
+        open_motion_file(tmp_path / "holistic.npy")
