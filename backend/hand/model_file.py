@@ -109,7 +109,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
         lbs_weights=weights,
         J_regressor=regressor,
         parents=np.r_[-1, tree[0, 1:].astype(np.int64)],
-        shapedirs=shapedirs[..., :10],
+        shapedirs=np.atleast_1d(shapedirs)[..., :10],
         posedirs=posedirs,
         vt=vt,
         ft=ft,
