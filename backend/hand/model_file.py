@@ -98,7 +98,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
     )
     faces, vt, ft = _closed_mesh(arrays, v_template, path)
     tree = np.atleast_2d(_numbers(arrays, "kintree_table", path))
-    if not tree.size:
+    if tree.ndim != 2 or not tree.size:
         raise LiveHandError(f"{path}: kintree_table must be [2, 16], got {list(tree.shape)}")
     return HandModel(
         name=path.stem,

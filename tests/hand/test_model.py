@@ -112,6 +112,13 @@ def test_single_numbers_are_refused(arrays, tmp_path, key):
         load_hand_model(path)
 
 
+@pytest.mark.parametrize("key", ["v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs"])
+def test_arrays_of_another_axis_are_refused(arrays, tmp_path, key):
+    path = write(tmp_path / "bad.npz", arrays, **{key: arrays[key][None]})
+    with pytest.raises(LiveHandError, match=r"bad.npz"):
+        load_hand_model(path)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("key", ["v_template", "weights", "J_regressor", "shapedirs", "posedirs", "vt"])
 def test_numbers_must_be_finite(arrays, tmp_path, key, value):
