@@ -54,7 +54,7 @@ class Killed:
 
 
 def _render(inputs):
-    return ["render", EXAMPLES / "wave.blend", "--frames", "1-12", "--size", "64x96", "--format", "exr,png", "--json"]
+    return ["render", EXAMPLES / "wave.blend", "--frames", "1-24", "--size", "64x96", "--format", "exr,png", "--json"]
 
 
 def _train(inputs):
@@ -137,7 +137,7 @@ class Survivor:
     def run(self, kills):
         """Kill until there were so many kills, and complain."""
         number = 0
-        while self.kills < kills and number < 3 * kills:
+        while self.kills < kills and number < 5 * kills:
             number += 1
             self._round(self._folder / f"killed{number}", min(MOST_KILLS_A_RUN, kills - self.kills))
 
@@ -157,6 +157,7 @@ class Survivor:
             written += _written(process.communicate()[0])
             self._check(f"after kill {self.kills}", folder)
             if process.returncode == 0:
+                self._work_s *= 0.8  # the machine is quicker than it was
                 break
         else:
             written += self._finish(self._start(folder))
