@@ -17,10 +17,14 @@ TORCH_WANTED := $(shell sed -n 's/^ *"\(torch[<>=][^"]*\)".*/\1/p' pyproject.tom
 OTHER_BLENDERS := 4.2 5.0
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
+# Test processes; each takes whole files of tests. 0: all in one process, for a debugger.
+JOBS ?= 2
+SHARED := -n $(JOBS) --dist loadfile
+KILLS ?= 200
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast fuzz test-cuda test-gui test-matrix check docs zip clean
+.PHONY: demo test test-fast fuzz kills test-cuda test-gui test-matrix check docs zip clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -28,7 +32,7 @@ demo: $(VENV)/demo.stamp
 	@echo "Look at $(OUT)/contact_sheet.png; the frames lie beside it: wave_0001.png and wave_0001.exr (Combined, Depth) to 0024."
 
 test: $(VENV)/dev.stamp
-	$(VENV_PYTHON) -m pytest -q --durations=10
+	$(VENV_PYTHON) -m pytest -q $(SHARED) --durations=10
 
 # Files changed at random, for every reader; `make test` does 30 seconds of it. Another FIRST gives other files.
 MINUTES ?= 10
@@ -36,10 +40,14 @@ FIRST ?= $(shell date +%s)
 fuzz: $(VENV)/dev.stamp
 	$(VENV_PYTHON) tests/fuzz/run.py --seconds $$(( $(MINUTES) * 60 )) --first $(FIRST)
 
-# The daily loop, under a minute: no Blender, no training.
+# Commands killed at random moments, and repeated until they are done; `make test` does three of it.
+kills: $(VENV)/dev.stamp
+	$(VENV_PYTHON) tests/kills/run.py --kills $(KILLS)
+
+# The daily loop, under a minute: no Blender, nothing that is fitted.
 test-fast: $(VENV)/dev.stamp
-	$(VENV_PYTHON) -m pytest -q -m "not slow" tests \
-		--ignore=tests/blender --ignore=tests/gui --ignore=tests/training --ignore=tests/benchmark
+	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow" tests \
+		$(addprefix --ignore=tests/,blender gui training benchmark baselines comparison fuzz kills)
 
 # Fails without a GPU, so that nothing skipped is taken for passed.
 test-cuda: $(VENV)/dev.stamp
@@ -50,7 +58,7 @@ test-cuda: $(VENV)/dev.stamp
 test-matrix: $(OTHER_BLENDERS:%=.venv-bpy%/test.stamp)
 	@failed=; for version in $(OTHER_BLENDERS); do \
 		echo "Blender $$version"; \
-		.venv-bpy$$version/bin/python -m pytest -q tests/blender || failed="$$failed $$version"; \
+		.venv-bpy$$version/bin/python -m pytest -q $(SHARED) tests/blender || failed="$$failed $$version"; \
 	done; test -z "$$failed" || { echo "Failed in Blender$$failed" >&2; exit 1; }
 
 # A real window, in a virtual X screen. Also needs Xvfb, xdotool and ImageMagick; takes minutes. Screenshots: out/gui.

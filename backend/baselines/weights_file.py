@@ -11,6 +11,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from ..files.json_file import parse_json
+from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
 
@@ -38,13 +40,14 @@ def load_method(folder: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, A
     """
     path = folder / FILE
     try:
+        check_regular(path)
         with safe_open(path, framework="pt") as archive:
-            facts = json.loads((archive.metadata() or {})[_KEY])
+            facts = parse_json((archive.metadata() or {})[_KEY].encode(), _KEY)
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
-    except (SafetensorError, OSError, KeyError, ValueError) as error:
+    except (SafetensorError, LiveHandError, OSError, KeyError, ValueError) as error:
         raise LiveHandError(f"{path} must hold a fitted {kind}, got {error}; fit it again with --redo") from error
-    if facts.get("kind") != kind:
-        raise LiveHandError(f"{path} must hold a fitted {kind}, got {facts.get('kind')}; fit it again with --redo")
+    if not isinstance(facts, dict) or facts.get("kind") != kind:
+        raise LiveHandError(f"{path} must hold a fitted {kind}, got {str(facts)[:40]}; fit it again with --redo")
     return tensors, facts
 
 

@@ -7,17 +7,16 @@ axes is seen from that camera; a take in a world's axes is turned by half a turn
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from statistics import mean
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..batch.progress import FrameProgress, to_record
+from ..batch.progress import FrameProgress, ShotOpened
+from ..batch.report import RunReport
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.model import HandModel, upright
@@ -31,7 +30,7 @@ from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
 from ..runtime.atomic_file import replacing
-from ..runtime.command import parse_size_px, say, warn
+from ..runtime.command import parse_size_px, warn
 
 if TYPE_CHECKING:
     from ..records.frame import Frame
@@ -98,20 +97,15 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
-    light, seconds = studio_light(), []
+    light, report = studio_light(), RunReport({path: args.output}, args.output, args.json)
+    report.add(path, ShotOpened(str(args.output), len(frames)))
     for number, index in enumerate(frames, 1):
         started, pose = time.perf_counter(), motion.pose(index)
         frame = renderer.render(Shot(pose, posed_vertices(hand, pose), camera, light))
         write_png(frame, args.output / f"{index + 1:04d}.png")
-        seconds.append(time.perf_counter() - started)
-        progress = FrameProgress(index + 1, number, len(frames), "written", seconds[-1])
-        say(json.dumps(to_record(path, progress)) if args.json else str(progress))
-    return {
-        "folder": str(args.output),
-        "frames": len(frames),
-        "seconds_per_frame": round(mean(seconds), 3),
-        "summary": f"{args.output}: {len(frames)} frames, {mean(seconds):.2f} s/frame",
-    }
+        seconds = time.perf_counter() - started
+        report.add(path, FrameProgress(index + 1, number, len(frames), "written", seconds))
+    return report.result()
 
 
 def posed_upright(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from ..evaluation.contact_sheet import ERROR_GAIN, label_strip, on_background, save_sheet
+from ..files.npz_file import read_npz
+from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
 
 GRID, ERRORS = "grid.png", "errors.png"
@@ -27,13 +30,23 @@ def save_pictures(pairs: Sequence[Pair], path: Path) -> None:
 
 
 def load_pictures(path: Path) -> list[Pair]:
-    """The pictures of a row, [H, W, 4] in [0, 1]; none if they are not there."""
+    """The pictures of a row, [H, W, 4] in [0, 1]; none if they are not there.
+
+    Raises:
+        LiveHandError: the file is damaged.
+    """
     if not path.is_file():
         return []
-    with np.load(path) as arrays:
-        count = len(arrays.files) // 2
-        kept = [[arrays[f"{name}{k}"].astype(np.float32) / 255 for name in ("truth", "image")] for k in range(count)]
-    return [(truth, image) for truth, image in kept]
+    arrays = read_npz(path)
+    names = [(f"truth{index}", f"image{index}") for index in range(len(arrays) // 2)]
+    if {*arrays} != {*chain(*names)} or not all(map(_is_picture, arrays.values())):
+        raise LiveHandError(f"{path} must hold a row's pictures; begin the row again with --redo")
+    kept = {name: array.astype(np.float32) / 255 for name, array in arrays.items()}
+    return [(kept[truth], kept[image]) for truth, image in names]
+
+
+def _is_picture(array: np.ndarray) -> bool:
+    return array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 4 and array.size > 0
 
 
 def save_grids(rows: Mapping[str, Sequence[Pair]], folder: Path) -> None:

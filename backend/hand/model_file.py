@@ -20,6 +20,7 @@ from .atlas import unwrap, with_cap_chart
 from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel
 
+_FARTHEST_M = 10.0  # farther vertices keep the unwrapping busy for minutes
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
@@ -98,7 +99,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
     )
     faces, vt, ft = _closed_mesh(arrays, v_template, path)
     tree = np.atleast_2d(_numbers(arrays, "kintree_table", path))
-    if not tree.size:
+    if tree.ndim != 2 or not tree.size:
         raise LiveHandError(f"{path}: kintree_table must be [2, 16], got {list(tree.shape)}")
     return HandModel(
         name=path.stem,
@@ -109,7 +110,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
         lbs_weights=weights,
         J_regressor=regressor,
         parents=np.r_[-1, tree[0, 1:].astype(np.int64)],
-        shapedirs=shapedirs[..., :10],
+        shapedirs=np.atleast_1d(shapedirs)[..., :10],
         posedirs=posedirs,
         vt=vt,
         ft=ft,
@@ -129,6 +130,11 @@ def _closed_mesh(
     """Faces including caps, and an atlas (vt, ft) of all of them: the file's own or a new one."""
     faces = _numbers(arrays, "f", path).astype(np.int64)
     _check_triangles(path, ("v_template", v_template, 3), ("f", faces))
+    if np.abs(v_template).max() > _FARTHEST_M:
+        raise LiveHandError(
+            f"{path}: v_template must be a hand in metres, within {_FARTHEST_M:g} m of the origin, "
+            f"got {np.abs(v_template).max():.3g}; scale it"
+        )
     if "vt" not in arrays or "ft" not in arrays:
         faces = capped(v_template, faces)
         return faces, *unwrap(v_template, faces)

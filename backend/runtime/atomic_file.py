@@ -1,18 +1,28 @@
-"""Files that are whole or not there: written under a temporary name beside their place, and renamed."""
+"""Files that are whole or not there: written under a temporary name beside their place, and renamed.
+
+A temporary name, `.NAME.TOKEN-OWNER.partial.SUFFIX`, has a part that nobody can foresee, and names its process. What a
+killed process leaves is removed by the next one that writes into the folder.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import time
 from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 
 from ..records.errors import LiveHandError
+from .process_identity import has_ended, process_name
 
 _LONGEST_STEM = 100  # of a temporary name; a file system takes names of 255 bytes
 _RETRIES, _RETRY_S = 10, 0.05
+_LEFTOVER = re.compile(r"\..*\.[0-9a-f]{16}(?:-([0-9a-f]+-[0-9]+))?\.partial(?:\.[^.]*)?", re.DOTALL)
+_STALE_S = 24 * 3600.0
+"""After so long a temporary file is nobody's, even if its process cannot be asked."""
 
 
 @contextlib.contextmanager
@@ -30,11 +40,12 @@ def replacing(path: Path, is_durable: bool = False) -> Generator[Path, None, Non
         LiveHandError: the file cannot be written.
     """
     stem = path.stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
-    temporary = path.with_name(f".{stem}.{secrets.token_hex(8)}.partial{path.suffix}")
+    temporary = path.with_name(f".{stem}.{secrets.token_hex(8)}-{process_name()}.partial{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
+            _remove_leftovers(path.parent.absolute())
             yield temporary
             if is_durable:
                 with temporary.open("rb+") as file:
@@ -44,6 +55,16 @@ def replacing(path: Path, is_durable: bool = False) -> Generator[Path, None, Non
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise LiveHandError(f"{path} must be writable ({error}); make room, or choose another folder") from error
+
+
+@cache
+def _remove_leftovers(folder: Path) -> None:
+    """Once: remove the temporary files of processes that are known to have ended, and those that are a day old."""
+    for path in folder.iterdir():
+        match = _LEFTOVER.fullmatch(path.name)
+        with contextlib.suppress(OSError):  # another process removes it, or it is another user's
+            if match and (has_ended(match[1] or "") or time.time() - path.lstat().st_mtime > _STALE_S):
+                path.unlink()
 
 
 def rename_over(source: Path, target: Path) -> None:

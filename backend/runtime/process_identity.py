@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import socket
 import sys
@@ -28,3 +29,18 @@ def is_running(pid: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def process_name() -> str:
+    """A name of this process for files: eight digits for its space, and its id."""
+    return f"{_space_digits()}-{os.getpid()}"
+
+
+def has_ended(name: str) -> bool:
+    """Whether the process of a name from `process_name` is known not to run any more."""
+    space, _, pid = name.partition("-")
+    return space == _space_digits() and pid.isdecimal() and not is_running(int(pid))
+
+
+def _space_digits() -> str:
+    return hashlib.sha256(process_space().encode()).hexdigest()[:8]

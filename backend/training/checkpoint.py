@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 
 import torch
@@ -16,6 +17,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
+from ..files.json_file import parse_json
+from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
 
@@ -94,10 +97,11 @@ def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
         LiveHandError: the checkpoint is unreadable, altered, or another run's (capture, configuration or steps differ).
     """
     try:
+        check_regular(path)
         with safe_open(path, framework="pt") as archive:
             metadata = dict(archive.metadata() or {})
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, LiveHandError, OSError) as error:
         raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start again") from error
     # Earlier versions wrote no checksum.
     if metadata.pop(_CHECKSUM, None) not in (None, _checksum(metadata, tensors)):
@@ -109,8 +113,14 @@ def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
             f"checkpoint {path} must be of the same capture and settings, got another run's; repeat its settings, "
             "choose another output, or delete it"
         )
-    state.restore(tensors)
-    return Progress(**json.loads(metadata["progress"]))
+    try:
+        progress = Progress(**parse_json(metadata["progress"].encode(), "progress"))
+        if not all(type(value) in (int, float) and 0 <= value < inf for value in asdict(progress).values()):
+            raise ValueError(progress)
+        state.restore(tensors)
+    except (LiveHandError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise LiveHandError(f"checkpoint {path} must be whole, got {error}; delete it to start again") from error
+    return progress
 
 
 def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Protocol
 
 import bpy
-from PIL import Image
 from tqdm import tqdm
 
+from ...backend.batch.frame_file import is_finished
 from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
 from ...backend.captures.person import Person
 from ...backend.captures.plan import CapturePlan
@@ -137,14 +137,8 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> Non
 
 def is_complete(path: Path, view: CaptureView) -> bool:
     """Whether the image exists, can be decoded and has its camera's size."""
-    if view.is_linear:
-        return is_complete_picture(path, view.camera.size_px)
-    try:
-        with Image.open(path, formats=("PNG",)) as image:
-            image.load()
-            return image.size == tuple(view.camera.size_px)
-    except OSError:
-        return False
+    size_px = tuple(view.camera.size_px)
+    return is_complete_picture(path, size_px) if view.is_linear else is_finished(path, size_px)
 
 
 def _begin_or_resume(capture: Capture) -> None:

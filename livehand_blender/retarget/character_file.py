@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import get_args
 
 import bpy
 
+from ...backend.files.json_file import read_json
 from ...backend.hand.model import JOINT_NAMES
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
@@ -95,8 +95,8 @@ def read_joint_map(armature: bpy.types.Object, side: Side | None, bones: Path | 
 
 def _read_map(path: Path, side: Side | None) -> JointMap:
     try:
-        named = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        named = read_json(path)
+    except LiveHandError as error:
         raise LiveHandError(f'{path} must be JSON like {{"wrist": "Bone", ...}} ({error})') from error
     if not isinstance(named, dict) or not all(isinstance(value, str) for value in named.values()):
         raise LiveHandError(f"{path} must map the names of joints to names of bones, got {str(named)[:60]}")

@@ -15,6 +15,7 @@ import bpy
 
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.hand_from_mesh.hand_model import MeshHand
+from ...backend.runtime.atomic_file import replacing
 from ..capture.look import MODEL_KEY
 from .pictures import images_of, is_missing, plain_colours
 from .rest_mesh import RestMesh
@@ -43,15 +44,13 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHa
     look[MODEL_KEY] = sha256
     scene = bpy.data.scenes.new("Hand")  # so that the hand is visible when the file is opened
     scene.collection.objects.link(look)
-    partial = path.with_name(f"{path.stem}.partial.blend")
     images = images_of(look.data.materials)
     missing = {image for image in images if is_missing(image)}
     try:
-        with plain_colours(look.data.materials, missing), _packed(images - missing):
-            bpy.data.libraries.write(str(partial), {scene}, path_remap="ABSOLUTE", compress=True)
-        partial.replace(path)
+        with replacing(path) as temporary, plain_colours(look.data.materials, missing), _packed(images - missing):
+            bpy.data.libraries.write(str(temporary), {scene}, path_remap="ABSOLUTE", compress=True)
         return sorted(image.filepath for image in missing)
-    except (OSError, RuntimeError) as error:
+    except RuntimeError as error:
         raise LiveHandError(f"{path} must be writable ({error})") from error
     finally:
         data = look.data

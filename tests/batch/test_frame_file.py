@@ -71,3 +71,13 @@ def test_the_header_has_size_channels_and_compression():
     assert (part.size_px, part.channels, part.compression) == (SIZE_PX, {"A": 4}, 3)
     assert [part.unpacked_size(chunk) for chunk in range(part.chunk_count)] == [16 * 6 * 4, 4 * 6 * 4]
     assert position < len(exr_bytes(SIZE_PX))
+
+
+def test_a_picture_whose_chunk_claims_to_be_shorter_is_not_finished(tmp_path):
+    """Its end is there, and Pillow raises a ValueError for its header."""
+    path = tmp_path / "wave_0001.png"
+    Image.new("RGBA", SIZE_PX).save(path)
+    raw = bytearray(path.read_bytes())
+    cut_header = struct.pack(">I", 12) + b"IHDR" + raw[16:28]
+    path.write_bytes(raw[:8] + cut_header + struct.pack(">I", zlib.crc32(cut_header[4:])) + raw[33:])
+    assert not is_finished(path, SIZE_PX)

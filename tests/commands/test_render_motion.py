@@ -118,9 +118,10 @@ def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
 
 def test_every_line_is_json_if_asked(gestures, tmp_path, capsys):
     assert main(["render", str(gestures), "-o", str(tmp_path / "out"), "--size", "48x64", "--json"]) == 0
-    *events, result = map(json.loads, capsys.readouterr().out.splitlines())
+    opened, *events, result = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (opened["event"], opened["folder"], opened["frames"]) == ("shot", str(tmp_path / "out"), 2)
     assert [(event["event"], event["frame"], event["count"]) for event in events] == [("frame", 1, 2), ("frame", 2, 2)]
-    assert result["frames"] == 2
+    assert (result["frames"], result["written"], result["files"][0]["file"]) == (2, 2, str(gestures))
 
 
 def test_the_hand_is_in_a_studios_light(gestures, tmp_path):

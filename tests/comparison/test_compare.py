@@ -205,6 +205,11 @@ def test_pictures_are_kept(tmp_path):
     assert truth.max() == pytest.approx(0.25, abs=0.002)
     assert image.max() == 1
     assert load_pictures(tmp_path / "none.npz") == []
+    np.savez(tmp_path / "other.npz", truth0=np.zeros((4, 4, 4)), image0=np.zeros((4, 4, 4)))
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "p.npz").read_bytes()[:-9])
+    for name in ("other.npz", "cut.npz"):
+        with pytest.raises(LiveHandError, match=name):
+            load_pictures(tmp_path / name)
 
 
 def test_rows_are_chosen_by_table_and_name(own):

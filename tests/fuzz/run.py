@@ -1,7 +1,7 @@
 """Reads changed files until the time is up: a right result or a `LiveHandError`, nothing else.
 
-Run as a program, in a process of its own: it limits its memory and each case's processor time, and refuses to start
-processes, to connect, and to write outside its folder. A case that kills it is found in that folder.
+Run as a program: its child limits its memory and each case's time, and refuses to start processes, to connect, and to
+write outside its folder. A case that ends the child is a fault, and the next child goes on after it.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import warnings
 from collections import Counter, defaultdict
 from pathlib import Path
 
-CASE_CPU_S, CASE_MIB = 10, 2048
+CASE_CPU_S, CASE_WALL_S, CASE_MIB = 10, 120, 2048
 _STARTS = (
     "subprocess.Popen",
     "os.system",
@@ -64,6 +64,7 @@ def run_case(seed, raw, folder):
     path = case / seed.name
     path.write_bytes(raw)
     signal.setitimer(signal.ITIMER_PROF, CASE_CPU_S)
+    signal.alarm(CASE_WALL_S)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         with warnings.catch_warnings():
@@ -82,31 +83,78 @@ def run_case(seed, raw, folder):
         fault = None
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.alarm(0)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10
     return fault or (f"{grown} MiB of memory" if grown > CASE_MIB else None)
 
 
-def fuzz(folder, seconds, first):
-    """Counts of cases and faults by reader."""
+class Tally:
+    """Cases and the first of each kind of fault, by reader."""
+
+    def __init__(self):
+        self.cases, self.faults = Counter(), defaultdict(dict)
+
+    def add(self, reader, number, fault):
+        self.cases[reader] += 1
+        if fault:
+            self.faults[reader].setdefault(fault, number)
+
+
+def fuzz(folder, end, number):
+    """Cases from this number until the time is up; `folder/log` has a line before and one after each."""
+    os.environ["TQDM_DISABLE"] = "1"
     import numpy as np
     import numpy.testing  # asks for the processor by a process of its own, the first time that scipy imports it
     from seeds import all_seeds
 
+    folder.mkdir()
+    os.chdir(folder)
     seeds = all_seeds()
     guard(folder)
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # ends the process, whatever it is in
-    counts, faults, end, number = Counter(), defaultdict(dict), time.monotonic() + seconds, first
+    for number_of_signal in (signal.SIGPROF, signal.SIGALRM):
+        signal.signal(number_of_signal, signal.SIG_DFL)  # ends the process, whatever it is in
+    with (folder / "log").open("w") as log:
+        while time.monotonic() < end:
+            seed = seeds[number % len(seeds)]
+            rng = np.random.default_rng(number)
+            raw = seed.raw if number < len(seeds) else seed.mutated(rng)
+            log.write(json.dumps([seed.reader, number]) + "\n")
+            log.flush()
+            log.write(json.dumps([seed.reader, number, run_case(seed, raw, folder)]) + "\n")
+            number += 1
+
+
+def run_children(folder, seconds, number):
+    """The tally of as many children, one after another, as it takes."""
+    tally, end, child = Tally(), time.monotonic() + seconds, 0
     while time.monotonic() < end:
-        seed = seeds[number % len(seeds)]
-        rng = np.random.default_rng(number)
-        raw = seed.raw if number < len(seeds) else seed.mutated(rng)
-        (folder / "last").write_text(f"{seed.reader} {seed.name} case {number}")
-        fault = run_case(seed, raw, folder)
-        counts[seed.reader] += 1
-        if fault and fault not in faults[seed.reader]:
-            faults[seed.reader][fault] = number
-        number += 1
-    return counts, faults
+        status, home, child = _forked(fuzz, folder / str(child), end, number), folder / str(child), child + 1
+        lines = [json.loads(line) for line in (home / "log").read_text().splitlines()]
+        for reader, case, fault in (line for line in lines if len(line) == 3):
+            tally.add(reader, case, fault)
+        shutil.rmtree(home)
+        if not status:
+            break
+        if not os.WIFSIGNALED(status):
+            sys.exit("the fuzzer itself failed")
+        reader, case = lines[-1]
+        tally.add(reader, case, signal.Signals(os.WTERMSIG(status)).name)
+        number = case + 1
+    return tally
+
+
+def _forked(function, *arguments):
+    """The status, as of `os.wait`, of a process that calls the function."""
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1]
+    try:
+        function(*arguments)
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(1)
 
 
 def main():
@@ -117,16 +165,15 @@ def main():
     args = parser.parse_args()
     with contextlib.suppress(ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (args.memory_mib << 20,) * 2)
-    folder = Path(tempfile.mkdtemp(prefix="livehand-fuzz-"))
-    os.chdir(folder)
-    counts, faults = fuzz(folder, args.seconds, args.first)
-    for reader in sorted(counts):
-        sys.stdout.write(f"{reader:20s} {counts[reader]:7d} cases  {len(faults[reader])} kinds of faults" + "\n")
-        for fault, number in faults[reader].items():
-            sys.stdout.write(f"    case {number}: {fault}" + "\n")
-    sys.stdout.write(json.dumps({"cases": sum(counts.values()), "faults": sum(map(len, faults.values()))}) + "\n")
-    shutil.rmtree(folder, ignore_errors=True)
-    sys.exit(1 if any(faults.values()) else 0)
+    with tempfile.TemporaryDirectory(prefix="livehand-fuzz-") as folder:
+        tally = run_children(Path(folder), args.seconds, args.first)
+    for reader in sorted(tally.cases):
+        sys.stdout.write(f"{reader:20s} {tally.cases[reader]:7d} cases  {len(tally.faults[reader])} kinds of faults\n")
+        for fault, number in tally.faults[reader].items():
+            sys.stdout.write(f"    case {number}: {fault}\n")
+    faults = sum(map(len, tally.faults.values()))
+    sys.stdout.write(json.dumps({"cases": tally.cases.total(), "faults": faults}) + "\n")
+    sys.exit(1 if faults else 0)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """A small sound file of every kind that is read, and the reader of each."""
 
+import argparse
 import io
 import json
 import pickle
@@ -14,6 +15,10 @@ import numpy as np
 import torch
 from livehand.backend.avatars import file as avatar_files
 from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
+from livehand.backend.baselines.weights_file import load_network, save_method
+from livehand.backend.batch.frame_file import is_finished
+from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
+from livehand.backend.batch.lease_owner import read_owner, signature
 from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.captures.exr import read_exr, write_exr
 from livehand.backend.captures.importers.interhand import read_cameras, read_fits, read_images
@@ -22,6 +27,8 @@ from livehand.backend.captures.importers.transforms_capture import import_transf
 from livehand.backend.captures.picture import read_mask, read_picture
 from livehand.backend.captures.split import FrameSplit, load_split, split_document
 from livehand.backend.commands.inspect import inspect
+from livehand.backend.commands.render_motion import parse_picture_camera
+from livehand.backend.comparison.grid import load_pictures, save_pictures
 from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
 from livehand.backend.motion.files.import_options import ImportOptions, motion_and_warning
 from livehand.backend.motion.files.open_files import open_motion_file
@@ -34,6 +41,9 @@ from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+from livehand.backend.runtime.command import parse_size_px
+from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint
+from livehand.livehand_blender.render.command import parse_formats
 from mutation import changed_array, mutated_bytes, mutated_json, mutated_npz
 from PIL import Image
 from safetensors import safe_open
@@ -179,16 +189,27 @@ def changed_header(raw, rng):
     header = json.loads(json.loads(raw[8 : 8 + length])["__metadata__"][HEADER_KEY])
     header.pop("checksum")
     header = json.loads(mutated_json(json.dumps(header).encode(), rng)) if rng.random() < 0.98 else [header]
-    tensors = _tensors(raw)
-    if rng.random() < 0.3:
-        key = list(tensors)[rng.integers(len(tensors))]
-        tensors[key] = tensors[key].to((torch.bfloat16, torch.float64, torch.int8)[rng.integers(3)])
+    tensors = _changed_tensors(_tensors(raw), rng)
     if isinstance(header, dict):
         try:
             header["checksum"] = avatar_files._checksum(header, tensors)
         except (TypeError, ValueError):
             pass
     return save(tensors, metadata={HEADER_KEY: json.dumps(header)})
+
+
+def _changed_tensors(tensors, rng):
+    """The same in seven of ten cases; else one has another type or shape, is not finite, or is missing."""
+    key, kind = list(tensors)[rng.integers(len(tensors))], rng.integers(20)
+    if kind < 3:
+        tensors[key] = tensors[key].to((torch.bfloat16, torch.float64, torch.int8)[kind])
+    elif kind == 3:
+        tensors[key] = tensors[key].reshape(-1)[: int(rng.integers(3))].clone()
+    elif kind == 4 and tensors[key].is_floating_point() and tensors[key].numel():
+        tensors[key].view(-1)[0] = float("nan")
+    elif kind == 5:
+        del tensors[key]
+    return tensors
 
 
 def _tensors(raw):
@@ -286,13 +307,72 @@ def picture_seeds():
     yield Seed("exr", "a.exr", Path("a.exr").read_bytes(), read_exr)
 
 
+def own_file_seeds():
+    """What LiveHand writes for itself: leases, frames, checkpoints, fitted methods, pictures of a comparison."""
+    yield Seed("lease", "a.claim", signature().encode(), read_owner, mutated_json)
+    for seed in picture_seeds():
+        if seed.name in ("a.png", "a.exr") and seed.reader != "mask":
+            yield Seed("frame", seed.name, seed.raw, lambda path: is_finished(path, (8, 8)))
+    module = torch.nn.Linear(2, 2)
+    state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
+    save_checkpoint(Path("a.checkpoint"), state, Progress(7), "run")
+    raw = Path("a.checkpoint").read_bytes()
+    yield Seed("checkpoint", "a.checkpoint", raw, lambda path: load_checkpoint(path, state, "run"), _unsigned)
+    save_method(Path(), "fuzz", module.state_dict(), {"size": 3})
+    raw = Path("method.safetensors").read_bytes()
+    yield Seed(
+        "method", "method.safetensors", raw, lambda path: load_network(path.parent, "fuzz", module), _other_facts
+    )
+    save_pictures([(np.zeros((4, 4, 4)), np.ones((4, 4, 4)))], Path("pictures.npz"))
+    yield Seed("comparison", "pictures.npz", Path("pictures.npz").read_bytes(), load_pictures, mutated_npz)
+
+
+def _unsigned(raw, rng):
+    """A checkpoint as of the versions without checksums, with other progress or other tensors."""
+    tensors = _changed_tensors(_tensors(raw), rng)
+    progress = mutated_json(b'{"step": 7, "seconds": 1.5, "skipped": 0}', rng).decode()
+    return save(tensors, metadata={"progress": progress, "run": "run"})
+
+
+def _other_facts(raw, rng):
+    facts = mutated_json(b'{"kind": "fuzz", "size": 3}', rng).decode()
+    return save(_changed_tensors(_tensors(raw), rng), metadata={"livehand_method": facts})
+
+
+def argument_seeds():
+    """Texts of the command line."""
+    texts = {
+        "frames": ("1-24,30", parse_frames),
+        "chunk": ("2/8", parse_chunk),
+        "size": ("334x512", parse_size_px),
+        "picture": ("1280x720@60", parse_picture_camera),
+        "format": ("exr,png", parse_formats),
+    }
+    for name, (text, parse) in texts.items():
+        yield Seed("arguments", name, text.encode(), _parsed_as(name, parse))
+
+
+def _parsed_as(name, parse):
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    parser.add_argument(f"--{name}", type=parse)
+
+    def read(path):
+        try:
+            parser.parse_args([f"--{name}={path.read_bytes().decode(errors='surrogateescape')}"])
+        except argparse.ArgumentError as error:
+            raise LiveHandError(str(error)) from error
+
+    return read
+
+
 def all_seeds():
     """Every seed; those of poses and hands are also inspected. Written beside the working directory's cases."""
     seeds = [*motion_seeds(), *hand_seeds(), *avatar_seeds(), *capture_seeds(), *picture_seeds()]
+    seeds += [*own_file_seeds(), *argument_seeds()]
     readable = (".npz", ".pkl", ".json", ".safetensors", ".npy", ".csv")
     inspected = [
         Seed("inspect", seed.name, seed.raw, inspect, seed.change)
         for seed in seeds
-        if seed.name.endswith(readable) and seed.reader != "interhand"
+        if seed.name.endswith(readable) and seed.reader not in ("interhand", "method", "comparison")
     ]
     return seeds + inspected

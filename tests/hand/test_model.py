@@ -105,6 +105,31 @@ def test_flat_arrays_are_refused(arrays, tmp_path, key):
         load_hand_model(path)
 
 
+@pytest.mark.parametrize("key", ["v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs"])
+def test_single_numbers_are_refused(arrays, tmp_path, key):
+    path = write(tmp_path / "bad.npz", arrays, **{key: np.float64(1)})
+    with pytest.raises(LiveHandError, match=r"bad.npz"):
+        load_hand_model(path)
+
+
+@pytest.mark.parametrize("key", ["v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs"])
+def test_arrays_of_another_axis_are_refused(arrays, tmp_path, key):
+    path = write(tmp_path / "bad.npz", arrays, **{key: arrays[key][None]})
+    with pytest.raises(LiveHandError, match=r"bad.npz"):
+        load_hand_model(path)
+
+
+@pytest.mark.parametrize("value", [11.0, 1e4, 1e300])
+def test_a_vertex_that_would_keep_the_unwrapping_busy_is_refused_at_once(arrays, tmp_path, value):
+    vertices = arrays["v_template"].copy()
+    vertices[5, 0] = value
+    path = write(
+        tmp_path / "bad.npz", {key: arrays[key] for key in arrays if key not in ("vt", "ft")}, v_template=vertices
+    )
+    with pytest.raises(LiveHandError, match=r"within 10 m of the origin, got"):
+        load_hand_model(path)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("key", ["v_template", "weights", "J_regressor", "shapedirs", "posedirs", "vt"])
 def test_numbers_must_be_finite(arrays, tmp_path, key, value):

@@ -1,11 +1,16 @@
 """A file is whole or as before, and nobody else's file is touched on the way."""
 
 import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.runtime import atomic_file
 from livehand.backend.runtime.atomic_file import rename_over, replacing
+from livehand.backend.runtime.process_identity import process_name
 
 
 def names(folder):
@@ -63,11 +68,47 @@ def test_temporary_names_differ_and_an_existing_file_or_link_is_never_taken(tmp_
         assert one != other
     (tmp_path / "theirs").write_text("theirs")
     monkeypatch.setattr(atomic_file.secrets, "token_hex", lambda _: "guessed")
-    (tmp_path / ".a.guessed.partial").symlink_to(tmp_path / "theirs")
+    guessed = tmp_path / f".a.guessed-{process_name()}.partial"
+    guessed.symlink_to(tmp_path / "theirs")
     with pytest.raises(LiveHandError, match="exists"), replacing(tmp_path / "a") as temporary:
         temporary.write_text("ours")
     assert (tmp_path / "theirs").read_text() == "theirs"
-    assert (tmp_path / ".a.guessed.partial").is_symlink()
+    assert guessed.is_symlink()
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from livehand.backend.runtime.atomic_file import replacing
+with replacing(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_what_a_killed_process_leaves_is_removed_by_the_next_one_and_nothing_else_is(tmp_path):
+    assert subprocess.run([sys.executable, "-c", KILLED, tmp_path / "a.png"], check=False).returncode < 0
+    (left,) = names(tmp_path)
+    token, day_ago = "0123456789abcdef", time.time() - 25 * 3600
+    space, _, dead = left.split("-", 1)[1].split(".")[0].partition("-")
+    old = [f".b.{token}.partial.png", f".b.{token}-00000000-1.partial"]
+    theirs = [
+        *(
+            f".c.{token}.partial.png",
+            f".c.{token}-{space}-{os.getppid()}.partial.png",
+            f".c.{token}-00000000-1.partial",
+        ),
+        *(f"c.{token}-{space}-{dead}.partial.png", f".c.{token}-{space}-{dead}.png", "x.partial", ".x.partial.png"),
+        f".c.{token}-{space}-.partial.png",
+    ]
+    for name in (*old, *theirs):
+        (tmp_path / name).touch()
+    for name in (*old, "x.partial", ".x.partial.png"):
+        os.utime(tmp_path / name, (day_ago, day_ago))
+    with replacing(tmp_path / "a.png"):
+        pass
+    assert names(tmp_path) == sorted([*theirs, "a.png"])
 
 
 def test_a_long_name_has_a_shorter_temporary_one(tmp_path):

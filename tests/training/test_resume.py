@@ -186,3 +186,26 @@ def test_a_flipped_bit_of_a_checkpoint_is_found_and_an_older_one_without_checksu
     metadata.pop("sha256")
     save_file(tensors, path, metadata=metadata)
     assert load_checkpoint(path, state, "run") == Progress(7)
+
+
+@pytest.mark.parametrize(
+    "progress",
+    ["[]", "5", '{"step": 7, "x": 1}', '{"step": null}', '{"step": -1}', '{"seconds": Infinity}', "[" * 5000],
+)
+def test_a_checkpoint_without_checksum_whose_progress_is_none_is_refused_in_words(tmp_path, progress):
+    module = torch.nn.Linear(2, 2)
+    state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
+    path = checkpoint_path(tmp_path / "a.safetensors")
+    save_file(state.tensors(), path, metadata={"progress": progress, "run": "run"})
+    with pytest.raises(LiveHandError, match="delete it to start again"):
+        load_checkpoint(path, state, "run")
+
+
+def test_a_checkpoint_of_other_sizes_is_refused_in_words(tmp_path):
+    module = torch.nn.Linear(2, 2)
+    state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
+    path = checkpoint_path(tmp_path / "a.safetensors")
+    tensors = {**state.tensors(), "part.bias": torch.zeros(1)}
+    save_file(tensors, path, metadata={"progress": '{"step": 7}', "run": "run"})
+    with pytest.raises(LiveHandError, match=r"size mismatch(.|\n)*delete it to start again"):
+        load_checkpoint(path, state, "run")

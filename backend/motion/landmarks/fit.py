@@ -26,6 +26,7 @@ _STEPS = 6  # of the poses per round
 _FRAMES_AT_ONCE = 500  # bounds memory
 _FRAMES_FOR_SIDE = 40  # used to find out which hand it is
 _SCALES = (0.4, 2.5)
+_FARTHEST_M = 10.0  # from the wrist, that a tracker may err
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
 
 
@@ -94,6 +95,7 @@ def fit_landmarks(
     nodes[:, NODES_OF_LANDMARKS] = points if side == "right" else points * MIRROR_POINT
     skeleton = HandSkeleton.of(model)
     scale, beta, natural = _scale(nodes, skeleton), np.zeros(10), NaturalPoses.of_gestures()
+    _check_reach(nodes)
     if not noise.fits_scale:
         scale = 1.0
     nodes = _without_scale(nodes, scale)
@@ -127,7 +129,8 @@ def palm_m(model: HandModel) -> float:
 
 def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
     """Scale of the palm's bones, which no pose changes, against the mean shape's."""
-    palm = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
+    with np.errstate(over="ignore"):
+        palm = np.linalg.norm(nodes[:, [1, 5, 9, 13]] - nodes[:, :1], axis=-1).mean()
     scale = float(palm / np.linalg.norm(skeleton.offsets(np.zeros(10))[:4, 0], axis=-1).mean())
     if not _SCALES[0] < scale < _SCALES[1]:
         raise LiveHandError(
@@ -135,6 +138,17 @@ def _scale(nodes: np.ndarray, skeleton: HandSkeleton) -> float:
             "give world landmarks, not those in the image, or change the unit"
         )
     return scale
+
+
+def _check_reach(nodes: np.ndarray) -> None:
+    """Raise if a node of [T, 21, 3] m is where no tracker puts a hand's: the fit would be of that node alone."""
+    with np.errstate(over="ignore"):
+        reach_m = np.abs(nodes - nodes[:, :1]).max((1, 2))
+    if reach_m.max() > _FARTHEST_M:
+        raise LiveHandError(
+            f"landmarks must lie within {_FARTHEST_M:g} m of the wrist, got one {reach_m.max():.3g} m away in "
+            f"frame {reach_m.argmax() + 1} of those with a hand; leave that frame out, or track the hand again"
+        )
 
 
 def _without_scale(nodes: np.ndarray, scale: float) -> np.ndarray:

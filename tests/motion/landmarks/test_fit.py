@@ -221,3 +221,12 @@ def test_a_thousand_frames_would_take_less_than_a_minute(hand):
     started = time.process_time()
     fit_landmarks(points, hand, "right")
     assert 10 * (time.process_time() - started) < 60
+
+
+@pytest.mark.parametrize("far_m", [11.0, 2.0**63, 1e308])
+def test_a_landmark_far_from_the_wrist_is_named_by_its_frame(far_m):
+    theta, beta, transl, _ = natural(3, 0)
+    points = landmarks(theta, beta, transl)
+    points[1, 8, 0] += far_m
+    with pytest.raises(LiveHandError, match=r"within 10 m of the wrist, got one .* in frame 2 "):
+        fit_landmarks(points, HAND, "right")

@@ -1,0 +1,52 @@
+"""The `livehand` program with small networks, surfaces and textures, and a checkpoint every five steps."""
+
+from dataclasses import replace
+from functools import partial
+from unittest.mock import patch
+
+
+def main():
+    from livehand.livehand_blender.cli import program
+
+    for change in (*_training(), *_comparison(), *_capture()):
+        change.start()
+    program()
+
+
+def _training():
+    from livehand.backend.nerf import avatar
+    from livehand.backend.nerf.field import FieldConfig
+    from livehand.backend.nerf.sampler import SamplerConfig
+    from livehand.backend.nerf.superres import SuperResConfig
+    from livehand.backend.training import command
+    from livehand.backend.training.config import TrainConfig
+
+    field = FieldConfig(width=16, planes=((32, 2, 4),), relief=8)
+    small = avatar.AvatarConfig(field, SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003))
+    read = command.from_options
+
+    def with_checkpoints(config, *arguments, **values):
+        options = read(config, *arguments, **values)
+        return replace(options, checkpoint_every=5) if config is TrainConfig else options
+
+    yield patch.dict(avatar.PRESETS, default=small)
+    yield patch.object(command, "from_options", with_checkpoints)
+
+
+def _comparison():
+    from livehand.backend.comparison import rows
+
+    methods = [replace(method, resolution=64) if hasattr(method, "resolution") else method for method in rows.METHODS]
+    yield patch.object(rows, "METHODS", methods)
+
+
+def _capture():
+    from livehand.backend.hand.builtin import detailed_surface
+    from livehand.livehand_blender.capture import bake, render
+
+    yield patch.object(render, "detailed_surface", partial(detailed_surface.detailed_surface, levels=1))
+    yield patch.object(render, "bake_skin", partial(bake.bake_skin, size_px=64))
+
+
+if __name__ == "__main__":
+    main()
