@@ -17,7 +17,7 @@ from ..nerf.rays import HandInView, RenderedRays
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
 from .kernels.compiled import in_parallel
-from .kernels.fused import render_rays
+from .kernels.fused import DENSITY_BLOCK, render_rays
 from .kernels.planes import BLOCK
 from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
 from .shell import live_rays, rasterise_shell, surface_of
@@ -127,9 +127,9 @@ def packed(field: PlaneField) -> PackedField:
         texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
         relief_gain=np.float32(RELIEF_GAIN),
         pose_channels=LOCAL_POSE_CHANNELS,
-        near_bias=_array(field.near.bias),
-        near_weight=np.ascontiguousarray(_padded(field.near.weight, 4).T),
-        density_weight=_array(field.density.weight)[0].copy(),
+        near_bias=_padded(field.near.bias[None], DENSITY_BLOCK)[0],
+        near_weight=np.ascontiguousarray(_padded(field.near.weight.T, DENSITY_BLOCK)[None]),
+        density_weight=_padded(field.density.weight, DENSITY_BLOCK)[0],
         density_bias=np.float32(_array(field.density.bias)[0]),
         slope=np.float32(PRIOR_SLOPE),
         prior=np.float32(PRIOR_OFFSET),

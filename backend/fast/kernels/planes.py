@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
 
 BLOCK = 4
 """Channels are read in blocks of this many: a number known at compile time, so that each fits one register."""
@@ -12,7 +13,7 @@ _HALF, _0, _1, _2 = (np.float32(value) for value in (0.5, 0, 1, 2))
 _BLOCK = np.uintp(BLOCK)
 
 
-@compiled
+@part
 def read_plane(table, start, resolution, heights, channels, u, v, height, fade, out, at):
     """Write the plane's features, times `fade`, to out[at : at + channels], channels a multiple of BLOCK.
 
@@ -37,7 +38,7 @@ def read_plane(table, start, resolution, heights, channels, u, v, height, fade, 
         a, b, c, d, to = a + _BLOCK, b + _BLOCK, c + _BLOCK, d + _BLOCK, to + _BLOCK
 
 
-@compiled
+@part
 def _texel(position, count):
     """(first of the two texels about a position, share of the second), kept inside the grid, NaN too."""
     position = min(max(position, _0), np.float32(count - 1))
@@ -127,7 +128,7 @@ def place_gradient(table, sizes, uv, height, fade, outward, columns, at, first, 
         gradient[sample, 3] += mean_a + fx * (mean_b - mean_a) + fy * along_y
 
 
-@compiled
+@part
 def _cell(u, v, height, sizes):
     """(where the first corner's features begin in the flat table, shares of the next in u, in v and in height)."""
     resolution, heights, channels = sizes

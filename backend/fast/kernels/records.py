@@ -84,8 +84,8 @@ class PackedField(NamedTuple):
         texels_m: [planes] size of a texel on the skin.
         relief_gain: factor of the relief.
         pose_channels: of the local pose.
-        near_bias: [hidden].
-        near_weight: [inputs, hidden], inputs padded with zeros to a multiple of 4.
+        near_bias: [hidden], padded with zeros to whole blocks.
+        near_weight: [1, inputs, hidden].
         density_weight: [hidden].
         density_bias: of the density.
         slope: of the density's prior over height.
@@ -103,6 +103,30 @@ class PackedField(NamedTuple):
     density_bias: np.float32
     slope: np.float32
     prior: np.float32
+
+
+class RayBuffers(NamedTuple):
+    """What the samples of one ray are computed in.
+
+    Attributes:
+        start: [L] of its intervals, m.
+        end: [L] m.
+        part: [L] the current face of each part that it has entered.
+        tried: [3, K] distances^2 and weights of the faces around.
+        gathered: [features].
+        channels: [C] of the skin.
+        relief: [4].
+        hidden: [hidden] of the density.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    part: np.ndarray
+    tried: np.ndarray
+    gathered: np.ndarray
+    channels: np.ndarray
+    relief: np.ndarray
+    hidden: np.ndarray
 
 
 class RayOutputs(NamedTuple):
