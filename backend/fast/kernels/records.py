@@ -166,9 +166,9 @@ class ShadowCasters(NamedTuple):
         frames: [K, 3, 3] of the views.
         distance: [K] of the light.
         px_per_radius: [K] scale of the maps.
-        vertices: [V, 3] of the mesh.
+        vertices: [3, V] of the mesh.
         faces: [F, 3] of the mesh.
-        others: [3 T, 3] corners of other triangles.
+        others: [3, 3 T] corners of other triangles.
         others_faces: [T, 3] their indices.
         map_px: width and height of a map.
         tolerance: by which a point may lie behind the middle of the mesh.
