@@ -10,12 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..nerf.backend import Precision, RenderHooks, autocast
+from ..nerf.backend import Decoder, Precision, RenderHooks
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
 from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
 from ..nerf.rays import HandInView, RenderedRays
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
+from .decoder import decoder
 from .kernels.compiled import in_parallel
 from .kernels.fused import DENSITY_BLOCK, render_rays
 from .kernels.planes import BLOCK
@@ -63,8 +64,7 @@ class FusedRayRenderer:
         """As `RayRenderer`."""
         rays = self.gather(hand, conditions, hooks)
         hooks.on_stage("field")
-        with autocast(rays.t.device, self.precision):
-            composite = self.decode(rays.gathered, rays.view)
+        composite = self.decode(rays.gathered, rays.view)
         return RenderedRays(rays.pixel, composite, rays.t, rays.dt)
 
     def gather(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> GatheredRays:
@@ -90,7 +90,7 @@ class FusedRayRenderer:
     def decode(self, gathered: Composite, view: Tensor) -> Composite:
         """What the field makes of rays (`PlaneField.shaded`)."""
         chunks = zip(*(values.split(self.rays_per_decode) for values in (*gathered, view)), strict=True)
-        channels = [self.field.shaded(Composite(*chunk), view).channels for *chunk, view in chunks]
+        channels = [self.field.shaded(Composite(*chunk), view, self._decoder).channels for *chunk, view in chunks]
         return gathered._replace(channels=torch.cat(channels))
 
     def _skin(self, hand: HandInView, conditions: FrameConditions) -> Skin:
@@ -106,6 +106,10 @@ class FusedRayRenderer:
         samples = self.config.samples_per_ray
         sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
+
+    @cached_property
+    def _decoder(self) -> Decoder:
+        return decoder(self.field, torch.device("cpu"), self.precision)
 
     @cached_property
     def _packed(self) -> PackedField:

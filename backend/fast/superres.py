@@ -31,8 +31,9 @@ from .kernels.convolution import (
     quantise,
 )
 from .kernels.vectors import has_int8_products, has_vectors
+from .packing import PackedWeights
 
-_STEPS, _MOST = np.float32(255), 127
+_STEPS = np.float32(255)
 _LEAST_SPAN = 1e-6
 
 
@@ -48,17 +49,13 @@ class PackedLayer:
     """A convolution of 3 x 3 pixels.
 
     Attributes:
-        weights: [9, C, 64] fp32, or [9, C / 4, 64] int32, four int8 each.
-        factors: [64] by which sums of these products are too small.
-        sums: [64] of each output's weights.
+        weights: of 9 taps.
         bias: [64].
         of_nothing: [C] the input far from any hand.
         is_residual: whether the input is added.
     """
 
-    weights: np.ndarray
-    factors: np.ndarray
-    sums: np.ndarray
+    weights: PackedWeights
     bias: np.ndarray
     of_nothing: np.ndarray
     is_residual: bool
@@ -66,20 +63,9 @@ class PackedLayer:
     @classmethod
     def of(cls, weight: Tensor, bias: Tensor, of_nothing: Tensor, is_residual: bool, is_int8: bool) -> PackedLayer:
         """A layer of at most 64 outputs."""
-        padded = torch.zeros(CHANNELS, *weight.shape[1:])
-        padded[: len(weight)] = weight
         biases = torch.zeros(CHANNELS)
         biases[: len(bias)] = bias
-        factors = padded.abs().amax((1, 2, 3)).clamp(min=1e-12) / _MOST if is_int8 else torch.ones(CHANNELS)
-        values = (padded / factors[:, None, None, None]).permute(2, 3, 1, 0).reshape(9, -1, CHANNELS)
-        if is_int8:
-            values = values.round()
-        sums = values.sum((0, 1))
-        if is_int8:
-            fours = values.to(torch.int8).reshape(9, -1, 4, CHANNELS).transpose(2, 3).contiguous()
-            values = fours.view(torch.int32)[..., 0]
-        arrays = (one.contiguous().numpy() for one in (values, factors, sums, biases, of_nothing))
-        return cls(*arrays, is_residual)
+        return cls(PackedWeights.of(weight, is_int8), biases.numpy(), of_nothing.numpy(), is_residual)
 
 
 @dataclass(frozen=True)
@@ -142,9 +128,10 @@ class Source(NamedTuple):
 def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.ndarray) -> Source:
     """The source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
     rows = len(runs) + 2
-    if layer.weights.dtype == np.float32:
+    words, factors, sums = layer.weights
+    if words.dtype == np.float32:
         _in_rows(partial(fill_around, runs, layer.of_nothing, np.float32(0)), rows, image)
-        return Source(image, layer.weights, layer.factors, layer.bias)
+        return Source(image, words, factors, layer.bias)
     least = min(bounds[:, 0].min(), layer.of_nothing.min(), 0.0)
     scale = np.float32(max(bounds[:, 1].max(), layer.of_nothing.max(), least + _LEAST_SPAN) - least) / _STEPS
     zero = np.rint(-least / scale).astype(np.float32)
@@ -152,8 +139,8 @@ def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.
     _in_rows(partial(quantise, image, scale, zero, runs), len(runs), rounded)
     of_nothing = np.rint(layer.of_nothing / scale + zero).clip(0, _STEPS).astype(np.uint8)
     _in_rows(partial(fill_around, runs, of_nothing, np.uint8(zero)), rows, rounded)
-    factors = layer.factors * scale
-    return Source(rounded, layer.weights, factors, layer.bias - factors * zero * layer.sums)
+    factors = factors * scale
+    return Source(rounded, words, factors, layer.bias - factors * zero * sums)
 
 
 def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.ndarray) -> None:
