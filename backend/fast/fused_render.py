@@ -21,6 +21,7 @@ from .kernels.compiled import in_parallel
 from .kernels.fused import DENSITY_BLOCK, render_rays
 from .kernels.planes import BLOCK
 from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
+from .kernels.vectors import has_half_precision
 from .shell import live_rays, rasterise_shell, surface_of
 
 
@@ -126,7 +127,7 @@ def packed(field: PlaneField) -> PackedField:
         for start, plane, table in zip(starts, planes, tables, strict=True)
     ]
     return PackedField(
-        table=np.concatenate([table.ravel() for table in tables]),
+        table=_narrow(np.concatenate([table.ravel() for table in tables])),
         layout=np.array(layout),
         texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
         relief_gain=np.float32(RELIEF_GAIN),
@@ -138,6 +139,13 @@ def packed(field: PlaneField) -> PackedField:
         slope=np.float32(PRIOR_SLOPE),
         prior=np.float32(PRIOR_OFFSET),
     )
+
+
+def _narrow(table: np.ndarray) -> np.ndarray:
+    """The bits of half precision, in which avatars' files hold their planes, if the kernels can read them."""
+    if not has_half_precision() or np.abs(table).max() > np.finfo(np.float16).max:
+        return table
+    return table.astype(np.float16).view(np.uint16)
 
 
 def _array(values: Tensor) -> np.ndarray:

@@ -79,7 +79,8 @@ class PackedField(NamedTuple):
     """Tables and weights of a field of planes.
 
     Attributes:
-        table: flat texels of all planes, the relief's last, channels padded to whole blocks.
+        table: flat texels of all planes, the relief's last, channels padded to whole blocks; fp32, or the bits of half
+            precision.
         layout: [planes, 5] start in the table, resolution, heights, channels with padding, channels without.
         texels_m: [planes] size of a texel on the skin.
         relief_gain: factor of the relief.

@@ -35,6 +35,12 @@ def has_int8_products() -> bool:
     return has_vectors() and _has("avx512vnni")
 
 
+@cache
+def has_half_precision() -> bool:
+    """Whether this processor converts numbers of half precision."""
+    return _has("f16c")
+
+
 def _has(feature: str) -> bool:
     is_known = llvmlite.binding.llvm_version_info[0] >= _OLDEST_LLVM
     return is_known and bool(llvmlite.binding.get_host_cpu_features().get(feature))
@@ -141,3 +147,65 @@ class _WindowCode:
     @staticmethod
     def _address(value: int) -> ir.Constant:
         return ir.Constant(_ADDRESS, value)
+
+
+def _blend_texels(typingctx, table, first, texel, row, above, weights, share, out, to):
+    """Store four channels between four texels, and between two layers of each, in out[to : to + 4].
+
+    Args:
+        typingctx: numba's.
+        table: fp32, or the bits of half precision as uint16.
+        first: where the channels of the first texel begin in the flat table.
+        texel: from a texel to the next in its row.
+        row: to the one in the next row.
+        above: to the same channels of the next layer.
+        weights: fp32 of the four texels.
+        share: of the next layer.
+        out: fp32.
+        to: where.
+    """
+    signature = types.void(table, *[types.intp] * 4, types.UniTuple(types.float32, 4), types.float32, out, types.intp)
+
+    def codegen(context, builder, signature, arguments):
+        tables, first, texel, row, above, weights, share, outs, to = arguments
+        data, result = (
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in ((signature.args[0], tables), (signature.args[7], outs))
+        )
+        corners = first, builder.add(first, texel), builder.add(first, row), builder.add(builder.add(first, texel), row)
+        factors = [_spread_four(builder, weight) for weight in cgutils.unpack_tuple(builder, weights)]
+
+        def layer(offset):
+            total = ir.Constant(_FOUR, None)
+            for corner, factor in zip(corners, factors, strict=True):
+                address = builder.gep(data, [builder.add(corner, offset)])
+                values = _load_four(builder, address, is_half=table.dtype == types.uint16)
+                total = builder.fadd(total, builder.fmul(values, factor))
+            return total
+
+        low, high = layer(ir.Constant(_ADDRESS, 0)), layer(above)
+        between = builder.fmul(_spread_four(builder, share), builder.fsub(high, low))
+        target = builder.bitcast(builder.gep(result, [to]), _FOUR.as_pointer())
+        builder.store(builder.fadd(low, between), target, align=4)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+blend_texels: Callable[..., None] = intrinsic(_blend_texels)
+"""Called by kernels, without `typingctx`."""
+
+_FOUR = ir.VectorType(ir.FloatType(), 4)
+
+
+def _load_four(builder: ir.IRBuilder, address, is_half: bool):
+    if not is_half:
+        return builder.load(builder.bitcast(address, _FOUR.as_pointer()), align=4)
+    halves = ir.VectorType(ir.HalfType(), 4)
+    return builder.fpext(builder.load(builder.bitcast(address, halves.as_pointer()), align=2), _FOUR)
+
+
+def _spread_four(builder: ir.IRBuilder, value):
+    nothing = ir.Constant(_FOUR, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_WORD, 4), [0] * 4))
