@@ -75,6 +75,11 @@ def disk_cache() -> Iterator[bool]:
         options["CACHE_DIR"] = previous
 
 
+def kernel_folder() -> Path | None:
+    """Where machine code is kept; None: nowhere."""
+    return _cache_folder(config.__dict__["CACHE_DIR"])
+
+
 def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> None:
     """Call run(first, last) for consecutive ranges of [0, count) on `threads` threads."""
     if threads == 1 or count < threads * _CHUNKS_PER_THREAD:

@@ -18,8 +18,6 @@ _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value i
 _TRANSPARENT = np.float32(1 / 256)
 """A ray whose transmittance is below this (one 8-bit level) counts as opaque."""
 _OPAQUE = np.float32(30)
-_INSIDE = np.float32(0.02)
-"""Weights of a point on a face from which on no other face is searched; nothing is lost (docs/performance.md)."""
 NORMAL, ROTATION, POSE = 0, 3, 12
 """Where these begin among the vertices' channels."""
 DENSITY_BLOCK = 2 * LANES
@@ -58,7 +56,7 @@ def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out)
         since, depth = place_sample(offset, start, end, intervals)
         x, y, z = point_at(rays, ray, depth)
         face, wb, wc, height = deepest_part(
-            x, y, z, depth, since, pixel, crossings, surface, current, _INSIDE, buffers.tried
+            x, y, z, depth, since, pixel, crossings, surface, current, units.inside, buffers.tried
         )
         height /= scale * units.shell_m
         footprint_m = depth / (units.focal_px * scale)
