@@ -21,6 +21,7 @@ from ..backend.captures.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
+from ..backend.commands.warm_up import COMMAND as WARM_UP
 from ..backend.comparison.command import COMMAND as COMPARE
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
@@ -130,6 +131,7 @@ COMMANDS: dict[str, Command] = {
         EVALUATE,
         COMPARE,
         BENCHMARK,
+        WARM_UP,
         SHEET,
         replace(INSPECT, run=_inspect),
         THUMBNAIL,

@@ -55,16 +55,17 @@ def run(
     from .plot import new_figure
 
     plan = plan_of(args)
+    set_threads(args.threads)
+    machine = describe(torch_device(args.device))  # its load is that of before
     figure = (
         new_figure() if args.plot else None
     )  # before minutes of measurements: new_figure raises where matplotlib is missing
-    set_threads(args.threads)
     device, hand = torch_device(args.device), load_default_hand()
     configurations = load_configurations(hand, device, args.avatar, args.paper_avatar)
     bench = Bench(configurations, hand, device, make_cycles(args) if make_cycles else None)
     sizes, peaks = bench.run(plan, lambda part: say(f"measuring {part}"))
     growth = _growth(bench, plan, sizes, figure, args.plot) if figure else {}
-    return _result(describe(device), peaks, sizes, growth)
+    return _result(machine, peaks, sizes, growth)
 
 
 def plan_of(args: argparse.Namespace) -> BenchmarkPlan:

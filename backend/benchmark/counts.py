@@ -21,6 +21,9 @@ from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.crop import MARGIN_PX
 from ..nerf.field import CHANNELS, PlaneField
+from ..nerf.light_samples import SKY_DIRECTIONS
+from ..nerf.lighting import COEFFICIENTS
+from ..nerf.lit_field import LitField
 from ..nerf.sampler import SamplerConfig
 from ..nerf.superres import LIT_DETAIL, LIT_MAPS, LitSuperRes
 from ..records.camera import Camera
@@ -39,6 +42,7 @@ PIXEL_TEST_FLOP = 15
 _ONCE_A_FRAME = ("pose", "light")
 # Layers of a plane field that decode rays.
 _ONCE_A_RAY = ("trunk", "channels")
+_LIGHT_FLOP = 15 + 25 + 6 + 18 + 26 + 42  # `light_work` says of what
 _FLOAT_BYTES, _SAMPLE_BYTES = 4, 20  # a sample on the surface: face, three barycentrics, height
 _POSE_FEATURES, _SHAPE_FEATURES, _JOINTS = 135, 10, 16
 
@@ -173,6 +177,18 @@ def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Wor
     return Work(counter.get_total_flops(), number_bytes * numbers, "network")
 
 
+def light_work(counts: Counts) -> Work:
+    """The sky alone: shadows and features of every ray in every direction, and the product at full size.
+
+    A ray and direction: 15 FLOP to project the point, 25 to compare it with four pixels of a map, 6 for its share of the
+    light, 18 to sum that, 26 for two depths of scattered light and 42 for two lobes. A pixel of the hand at full size:
+    4 rays' 21 numbers blended, and 14 coefficients times these. Reads the points, writes the features and RGB.
+    """
+    pairs, pixels = SKY_DIRECTIONS * counts.rays, 4 * counts.rays
+    moved = _FLOAT_BYTES * (2 * 12 * counts.rays + 21 * counts.rays + (COEFFICIENTS + 6 + 4 + 3) * pixels)
+    return Work(_LIGHT_FLOP * pairs + (2 * 4 * 21 + 60) * pixels, moved)
+
+
 def decode_work(counts: Counts) -> Work:
     """About 20 FLOP per pixel of the crop (clamps, the sRGB curve); reads RGBA and depth, writes the whole frame."""
     crop = 4 * counts.crop_px[0] * counts.crop_px[1]
@@ -189,6 +205,7 @@ def stage_work(counts: Counts, avatar: Avatar, number_bytes: int) -> dict[str, W
         "field": field_work(counts, avatar.field, number_bytes),
         "volume": volume_work(counts, number_bytes),
         "superres": superres_work(counts, avatar.superres, number_bytes),
+        **({"light": light_work(counts)} if isinstance(avatar.field, LitField) else {}),
         "decode": decode_work(counts),
     }
 

@@ -16,7 +16,7 @@ _DONE_WITHIN_REFERENCE = {"rasterise": "sample", "gather": "field", "volume": "f
 def floor_ms(work: Work, peaks: Peaks, precision: str) -> float:
     """One stage's floor; `precision` is that of the networks."""
     is_half = work.unit == "network" and precision == "bf16"
-    arithmetic_s = work.flop / (peaks.bf16_flops if is_half else peaks.fp32_flops)
+    arithmetic_s = work.flop / (peaks.reduced_flops if is_half else peaks.fp32_flops)
     return 1000 * max(arithmetic_s, work.bytes / peaks.bytes_per_s)
 
 

@@ -16,9 +16,12 @@ from typing import NamedTuple
 import torch
 from torch.nn.functional import conv2d
 
-from ..rendering.backends import has_numba
+from ..rendering.backends import has_int8_kernels, has_numba
 
 _REPEATS = 7
+_PRODUCTS_OF_INT8 = 4
+_BUSY = 0.25
+"""Load of other programs, as a share of the processors, from which on a machine counts as busy."""
 
 
 class Loads(NamedTuple):
@@ -44,11 +47,25 @@ LOADS = {
 
 
 class Peaks(NamedTuple):
-    """FLOP/s of large products or convolutions in single precision and bfloat16; bytes/s of a copy, both ways."""
+    """What the machine reaches.
+
+    Attributes:
+        fp32_flops: FLOP/s of large products or convolutions in single precision.
+        bf16_flops: the same in bfloat16.
+        bytes_per_s: of a copy, both ways.
+        int8_flops: of the kernels' int8, derived: an instruction takes four products where single precision takes one;
+            0 where there are no such instructions.
+    """
 
     fp32_flops: float
     bf16_flops: float
     bytes_per_s: float
+    int8_flops: float = 0.0
+
+    @property
+    def reduced_flops(self) -> float:
+        """Of networks in reduced precision."""
+        return max(self.bf16_flops, self.int8_flops)
 
     def or_better(self, other: Peaks) -> Peaks:
         """The higher of each, since other load on the machine can only lower a peak."""
@@ -66,8 +83,8 @@ def set_threads(count: int | None) -> None:
         numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
 
 
-def describe(device: torch.device) -> dict[str, str | int | bool | None]:
-    """Hardware and software that the figures depend on; `amx` and `avx512_bf16` are None where they are not known."""
+def describe(device: torch.device) -> dict[str, str | float | bool | None]:
+    """Hardware and software that the figures depend on; what is not known is None."""
     flags = _cpu_flags()
     return {
         "cpu": _cpu_name(),
@@ -78,8 +95,10 @@ def describe(device: torch.device) -> dict[str, str | int | bool | None]:
         "python": platform.python_version(),
         "torch": torch.__version__,
         "numba": has_numba(),
+        **_load(),
         "amx": None if flags is None else "amx_bf16" in flags,
         "avx512_bf16": None if flags is None else "avx512_bf16" in flags,
+        "avx512_vnni": None if flags is None else "avx512_vnni" in flags,
     }
 
 
@@ -110,7 +129,9 @@ def measure_peaks(
     target = torch.zeros_like(source)
     copied = 2 * source.numel() * source.element_size()
     bytes_per_s = copied / fastest(lambda: target.copy_(source))
-    return Peaks(peak_flops(torch.float32), peak_flops(torch.bfloat16), bytes_per_s)
+    fp32_flops = peak_flops(torch.float32)
+    int8_flops = _PRODUCTS_OF_INT8 * fp32_flops if device.type == "cpu" and has_int8_kernels() else 0.0
+    return Peaks(fp32_flops, peak_flops(torch.bfloat16), bytes_per_s, int8_flops)
 
 
 def _took_s(work: Callable[[], object], device: torch.device, wall_s: Callable[[], float]) -> float:
@@ -124,6 +145,17 @@ def _took_s(work: Callable[[], object], device: torch.device, wall_s: Callable[[
 def _synchronise(device: torch.device) -> None:
     if device.type == "cuda":
         torch.cuda.synchronize()
+
+
+def _load() -> dict[str, float | bool | None]:
+    """Programs that wanted a processor in the minute before, and whether they were enough to spoil figures.
+
+    Both are None where the system does not tell.
+    """
+    if not hasattr(os, "getloadavg"):
+        return {"load_before": None, "busy": None}
+    load = os.getloadavg()[0]
+    return {"load_before": round(load, 2), "busy": load > _BUSY * (os.cpu_count() or 1)}
 
 
 def _cpu_name() -> str:

@@ -20,6 +20,7 @@ def peaks_document(peaks: Peaks) -> dict[str, float]:
     return {
         "fp32_tflops": round(peaks.fp32_flops / 1e12, 3),
         "bf16_tflops": round(peaks.bf16_flops / 1e12, 3),
+        "int8_tflops": round(peaks.int8_flops / 1e12, 3),
         "gb_per_s": round(peaks.bytes_per_s / 1e9, 1),
     }
 
@@ -58,7 +59,8 @@ def machine_lines(machine: Mapping[str, Any], peaks: Mapping[str, float]) -> lis
     """The machine and its peaks, a line each."""
     described = ", ".join(f"{name} {value}" for name, value in machine.items() if value is not None)
     measured = ", ".join(f"{value} {name}" for name, value in peaks.items())
-    return [described, f"peaks: {measured}"]
+    warning = "the machine was busy before: trust core-seconds and ratios, not milliseconds"
+    return [described, f"peaks: {measured}", *([warning] if machine.get("busy") else [])]
 
 
 def size_lines(size: str, document: Mapping[str, Any]) -> list[str]:

@@ -17,11 +17,12 @@ from ..nerf.field import MlpField, PlaneField
 from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
+from .decoder import decoder
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import enlarged_rays, light_features, relit
+from .lighting import enlarged_rays, light_features, relit, shares_of_rays
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -48,8 +49,9 @@ class NumbaBackend:
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    decoder = staticmethod(decoder)
     superres = staticmethod(superres)
-    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays))
+    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, shares=shares_of_rays))
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

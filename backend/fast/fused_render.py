@@ -10,16 +10,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..nerf.backend import Precision, RenderHooks, autocast
+from ..nerf.backend import Decoder, Precision, RenderHooks
 from ..nerf.conditions import LOCAL_POSE_CHANNELS, FrameConditions
 from ..nerf.field import PRIOR_OFFSET, PRIOR_SLOPE, RELIEF_GAIN, PlaneField
 from ..nerf.rays import HandInView, RenderedRays
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
+from .decoder import decoder
 from .kernels.compiled import in_parallel
-from .kernels.fused import render_rays
+from .kernels.fused import DENSITY_BLOCK, render_rays
 from .kernels.planes import BLOCK
 from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
+from .kernels.vectors import has_half_precision
 from .shell import live_rays, rasterise_shell, surface_of
 
 
@@ -51,6 +53,8 @@ class FusedRayRenderer:
         precision: of the decoder.
         rays_per_chunk: between two calls of `before_chunk`.
         rays_per_decode: per call of the decoder, whose activations then stay in the cache.
+        inside: samples over the inside of a face, all three weights over this, are taken to be nearest to it; 1: all
+            faces around are searched, as the reference does.
     """
 
     field: PlaneField
@@ -58,13 +62,13 @@ class FusedRayRenderer:
     precision: Precision = "fp32"
     rays_per_chunk: int = 1 << 15
     rays_per_decode: int = 1 << 12
+    inside: float = 0.02
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
         """As `RayRenderer`."""
         rays = self.gather(hand, conditions, hooks)
         hooks.on_stage("field")
-        with autocast(rays.t.device, self.precision):
-            composite = self.decode(rays.gathered, rays.view)
+        composite = self.decode(rays.gathered, rays.view)
         return RenderedRays(rays.pixel, composite, rays.t, rays.dt)
 
     def gather(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> GatheredRays:
@@ -90,7 +94,7 @@ class FusedRayRenderer:
     def decode(self, gathered: Composite, view: Tensor) -> Composite:
         """What the field makes of rays (`PlaneField.shaded`)."""
         chunks = zip(*(values.split(self.rays_per_decode) for values in (*gathered, view)), strict=True)
-        channels = [self.field.shaded(Composite(*chunk), view).channels for *chunk, view in chunks]
+        channels = [self.field.shaded(Composite(*chunk), view, self._decoder).channels for *chunk, view in chunks]
         return gathered._replace(channels=torch.cat(channels))
 
     def _skin(self, hand: HandInView, conditions: FrameConditions) -> Skin:
@@ -98,7 +102,7 @@ class FusedRayRenderer:
         return Skin(hand.topology.corner_uv.numpy(), channels.numpy())
 
     def _units(self, hand: HandInView) -> RayUnits:
-        values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale)
+        values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale, self.inside)
         return RayUnits(self.config.samples_per_ray, *(np.float32(value) for value in values))
 
     def _buffers(self, rays: int) -> tuple[Composite, Tensor, Tensor]:
@@ -106,6 +110,10 @@ class FusedRayRenderer:
         samples = self.config.samples_per_ray
         sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
+
+    @cached_property
+    def _decoder(self) -> Decoder:
+        return decoder(self.field, torch.device("cpu"), self.precision)
 
     @cached_property
     def _packed(self) -> PackedField:
@@ -122,18 +130,25 @@ def packed(field: PlaneField) -> PackedField:
         for start, plane, table in zip(starts, planes, tables, strict=True)
     ]
     return PackedField(
-        table=np.concatenate([table.ravel() for table in tables]),
+        table=_narrow(np.concatenate([table.ravel() for table in tables])),
         layout=np.array(layout),
         texels_m=np.array([field.config.atlas_m / plane.resolution for plane in planes], np.float32),
         relief_gain=np.float32(RELIEF_GAIN),
         pose_channels=LOCAL_POSE_CHANNELS,
-        near_bias=_array(field.near.bias),
-        near_weight=np.ascontiguousarray(_padded(field.near.weight, 4).T),
-        density_weight=_array(field.density.weight)[0].copy(),
+        near_bias=_padded(field.near.bias[None], DENSITY_BLOCK)[0],
+        near_weight=np.ascontiguousarray(_padded(field.near.weight.T, DENSITY_BLOCK)[None]),
+        density_weight=_padded(field.density.weight, DENSITY_BLOCK)[0],
         density_bias=np.float32(_array(field.density.bias)[0]),
         slope=np.float32(PRIOR_SLOPE),
         prior=np.float32(PRIOR_OFFSET),
     )
+
+
+def _narrow(table: np.ndarray) -> np.ndarray:
+    """The bits of half precision, in which avatars' files hold their planes, if the kernels can read them."""
+    if not has_half_precision() or np.abs(table).max() > np.finfo(np.float16).max:
+        return table
+    return table.astype(np.float16).view(np.uint16)
 
 
 def _array(values: Tensor) -> np.ndarray:

@@ -20,9 +20,10 @@ from ..nerf.lighting import (
     LightShadows,
     SurfacePoints,
 )
-from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, feature_maps
+from ..nerf.rays import CameraTensors
+from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, SkinDepth, feature_maps, ray_depths
 from .kernels.compiled import in_parallel
-from .kernels.lighting import enlarge_pixels, relit_pixels
+from .kernels.lighting import enlarge_pixels, ray_shares, relit_pixels
 from .kernels.lighting import light_features as fill_features
 from .kernels.records import EnlargedArrays, FeatureArrays, LampArrays, Lobes, PointArrays, RelitImage, SkyArrays
 
@@ -62,6 +63,21 @@ def enlarged_rays(
         torch.get_num_threads(),
     )
     return EnlargedRays(*buffers)
+
+
+def shares_of_rays(
+    position: Float[Tensor, "R 3"],
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
+    at: Int[Tensor, " P"],
+    skin: SkinDepth,
+) -> Float[Tensor, "P 4"]:
+    """As `nerf.relighting.shares_of_rays`."""
+    depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
+    arrays, out = _arrays(at, depth, skin.depth), shares.numpy()
+    where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
+    in_parallel(lambda first, last: ray_shares(*where, first, last, out), len(at), torch.get_num_threads())
+    return shares
 
 
 def relit(

@@ -16,12 +16,12 @@ from .kernels.shadow import look_up_points
 def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> PointShadows:
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
     scale = px_per_radius(scene.views, scene.map_px)
-    tensors = (*scene.views, scale, scene.vertices, scene.faces, scene.others)
+    tensors = (*scene.views, scale, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
     others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
-    shape, places = (len(scale), len(points)), points.contiguous().numpy()
+    shape, places = (len(scale), len(points)), points.T.contiguous().numpy()
     shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
     threads = torch.get_num_threads()

@@ -1,6 +1,7 @@
-"""Super-resolution where the hand is: the networks' convolutions over one run of pixels a row, in bf16.
+"""Super-resolution where the hand is: the networks' convolutions over one run of pixels a row.
 
-What lies farther than a pixel from the hand is taken for a picture of nothing, in every layer.
+What lies farther than two pixels from the hand is taken for a picture of nothing, in every layer. In reduced precision
+all layers but the first multiply int8: values of a layer are rounded to 256 steps between their least and largest.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -26,15 +28,19 @@ from .kernels.convolution import (
     fill_around,
     find_runs,
     load_maps,
+    quantise,
 )
-from .kernels.vectors import has_bf16_products
+from .kernels.vectors import has_int8_products, has_vectors
+from .packing import PackedWeights
+
+_STEPS = np.float32(255)
+_LEAST_SPAN = 1e-6
 
 
 def superres(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
     """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
-    is_exact = precision != "bf16" or not has_bf16_products()
-    if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and not is_exact:
-        return RowSuperRes.of(network)
+    if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and has_vectors():
+        return RowSuperRes.of(network, is_int8=precision == "bf16" and has_int8_products())
     return in_precision(network, device, precision)
 
 
@@ -43,16 +49,23 @@ class PackedLayer:
     """A convolution of 3 x 3 pixels.
 
     Attributes:
-        weights: bf16 as uint16 [9, pairs of input channels, 64, 2].
+        weights: of 9 taps.
         bias: [64].
-        of_nothing: bf16 as uint16 [C], the input far from any hand.
+        of_nothing: [C] the input far from any hand.
         is_residual: whether the input is added.
     """
 
-    weights: np.ndarray
+    weights: PackedWeights
     bias: np.ndarray
     of_nothing: np.ndarray
     is_residual: bool
+
+    @classmethod
+    def of(cls, weight: Tensor, bias: Tensor, of_nothing: Tensor, is_residual: bool, is_int8: bool) -> PackedLayer:
+        """A layer of at most 64 outputs."""
+        biases = torch.zeros(CHANNELS)
+        biases[: len(bias)] = bias
+        return cls(PackedWeights.of(weight, is_int8), biases.numpy(), of_nothing.numpy(), is_residual)
 
 
 @dataclass(frozen=True)
@@ -63,17 +76,20 @@ class RowSuperRes:
     layers: tuple[PackedLayer, ...]
 
     @classmethod
-    def of(cls, network: ResidualSuperRes) -> RowSuperRes:
+    def of(cls, network: ResidualSuperRes, is_int8: bool) -> RowSuperRes:
         """The network with its weights packed."""
-        layers, nothing = [], torch.zeros(_even(network.head.in_channels))
+        layers, nothing = [], torch.zeros(network.head.in_channels)
         for layer in (network.head, *network.body):
             assert isinstance(layer, nn.Conv2d)
-            packed, answer = _packed(layer, nothing, is_residual=layer is not network.head)
-            layers.append(packed)
-            nothing = answer
+            is_first = layer is network.head
+            weight, bias = _parameters(layer)
+            layers.append(PackedLayer.of(weight, bias, nothing, not is_first, is_int8 and not is_first))
+            answer = torch.nn.functional.leaky_relu(weight.sum((2, 3)) @ nothing + bias, SLOPE)
+            nothing = answer if is_first else answer + nothing
         channels = network.tail.out_channels // 4
         order = torch.arange(4 * channels).reshape(channels, 4).T.flatten()  # the four pixels one after the other
-        layers.append(_packed(network.tail, nothing, is_residual=False, order=order)[0])
+        weight, bias = (values[order] for values in _parameters(network.tail))
+        layers.append(PackedLayer.of(weight, bias, nothing, False, is_int8))
         return cls(network, tuple(layers))
 
     def __call__(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
@@ -85,21 +101,46 @@ class RowSuperRes:
         """As `ResidualSuperRes.residual`."""
         planes = maps[0].numpy()
         height, width = planes.shape[1:]
-        runs = np.zeros((height, 2), np.int64)
+        runs, bounds = np.zeros((height, 2), np.int64), np.empty((height, 2), np.float32)
         find_runs(planes[-1], runs)
         *hidden, last = self.layers
-        image = _image(height, width, 2 * hidden[0].weights.shape[1])
+        image = _image(height, width, len(planes))
         _in_rows(partial(load_maps, planes, runs), height, image)
         for layer in hidden:
-            _in_rows(partial(fill_around, runs, layer.of_nothing), height + 2, image)
-            answer = _image(height, width, CHANNELS)
-            convolve = partial(convolve_hidden, image, layer.weights, layer.bias, layer.is_residual, runs)
-            _in_rows(convolve, height, answer)
+            source, answer = _source(layer, image, runs, bounds), _image(height, width, CHANNELS)
+            rows = partial(convolve_hidden, *source, image, layer.is_residual, runs)
+            _in_rows(lambda first, last, out, rows=rows: rows(first, last, bounds, out), height, answer)
             image = answer
-        _in_rows(partial(fill_around, runs, last.of_nothing), height + 2, image)
         out = torch.zeros(2 * height, 2 * width, self.network.tail.out_channels // 4)
-        _in_rows(partial(convolve_last, image, last.weights, last.bias, runs), height, out.numpy())
+        _in_rows(partial(convolve_last, *_source(last, image, runs, bounds), runs), height, out.numpy())
         return out.permute(2, 0, 1)[None]
+
+
+class Source(NamedTuple):
+    """What a convolution multiplies and adds: an image, and weights, factors and bias for its numbers."""
+
+    image: np.ndarray
+    weights: np.ndarray
+    factors: np.ndarray
+    bias: np.ndarray
+
+
+def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.ndarray) -> Source:
+    """The source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
+    rows = len(runs) + 2
+    words, factors, sums = layer.weights
+    if words.dtype == np.float32:
+        _in_rows(partial(fill_around, runs, layer.of_nothing, np.float32(0)), rows, image)
+        return Source(image, words, factors, layer.bias)
+    least = min(bounds[:, 0].min(), layer.of_nothing.min(), 0.0)
+    scale = np.float32(max(bounds[:, 1].max(), layer.of_nothing.max(), least + _LEAST_SPAN) - least) / _STEPS
+    zero = np.rint(-least / scale).astype(np.float32)
+    rounded = np.empty(image.shape, np.uint8)
+    _in_rows(partial(quantise, image, scale, zero, runs), len(runs), rounded)
+    of_nothing = np.rint(layer.of_nothing / scale + zero).clip(0, _STEPS).astype(np.uint8)
+    _in_rows(partial(fill_around, runs, of_nothing, np.uint8(zero)), rows, rounded)
+    factors = factors * scale
+    return Source(rounded, words, factors, layer.bias - factors * zero * sums)
 
 
 def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.ndarray) -> None:
@@ -108,34 +149,9 @@ def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.
 
 def _image(height: int, width: int, channels: int) -> np.ndarray:
     """Not filled."""
-    return np.empty((height + 2, width + 2 + SPARE, channels), np.uint16)
+    return np.empty((height + 2, width + 2 + SPARE, channels), np.float32)
 
 
-def _packed(
-    layer: nn.Conv2d, nothing: Tensor, is_residual: bool, order: Tensor | None = None
-) -> tuple[PackedLayer, Tensor]:
-    """The layer, given its input far from any hand, and its answer there; `order` rearranges its outputs."""
-    weight, bias = layer.weight.detach().float().cpu(), _array_of(layer.bias)
-    if order is not None:
-        weight, bias = weight[order], bias[order]
-    padded = torch.zeros(CHANNELS, len(nothing), 3, 3)
-    padded[: len(weight), : weight.shape[1]] = weight
-    biases = torch.zeros(CHANNELS)
-    biases[: len(bias)] = bias
-    pairs = padded.permute(2, 3, 1, 0).reshape(9, -1, 2, CHANNELS).transpose(2, 3)
-    answer = torch.nn.functional.leaky_relu(padded.bfloat16().float().sum((2, 3)) @ nothing + biases, SLOPE)
-    packed = PackedLayer(_bf16(pairs), biases.numpy(), _bf16(nothing), is_residual)
-    return packed, (answer + nothing if is_residual else answer).bfloat16().float()
-
-
-def _bf16(values: Tensor) -> np.ndarray:
-    return values.contiguous().bfloat16().view(torch.uint16).numpy()
-
-
-def _array_of(bias: Tensor | None) -> Tensor:
-    assert bias is not None  # the networks' convolutions all have one
-    return bias.detach().float().cpu()
-
-
-def _even(channels: int) -> int:
-    return channels + channels % 2
+def _parameters(layer: nn.Conv2d) -> tuple[Tensor, Tensor]:
+    assert layer.bias is not None  # the networks' convolutions all have one
+    return layer.weight.detach().float().cpu(), layer.bias.detach().float().cpu()

@@ -43,6 +43,9 @@ class RenderHooks:
     before_chunk: Callable[[], None] = lambda: None
 
 
+Decoder = Callable[[Tensor], Tensor]
+"""The layers of a field's decoder: inputs [R, C] -> outputs [R, D], without gradients."""
+
 RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
 """Renders the low-resolution rays of one field, without gradients; what `RenderHooks.before_chunk` raises ends it."""
 
@@ -73,6 +76,10 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def decoder(self, field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
+        """As `PlaneField.decoded`, without gradients; the field's weights must not change."""
         ...
 
     def superres(self, network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
@@ -128,5 +135,15 @@ def in_precision(network: nn.Module, device: torch.device, precision: Precision)
     def run(values: Tensor) -> Tensor:
         with autocast(device, precision):
             return network(values)
+
+    return run
+
+
+def decoder_in_precision(field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
+    """The field's decoder as a function that runs in its own autocast."""
+
+    def run(values: Tensor) -> Tensor:
+        with autocast(device, precision):
+            return field.decoded(values)
 
     return run

@@ -6,6 +6,7 @@ millimetre, which keeps the networks' outputs of order one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -127,7 +128,12 @@ class PlaneField(nn.Module):
     Attributes:
         near_channels: of the gathered features that determine the density, which come first.
         gathered_channels: of all gathered features: after those, the normal, the relief normal and `light_code`.
+        trunk: the decoder's hidden layers.
+        channels: its last.
     """
+
+    trunk: nn.ModuleList
+    channels: nn.Linear
 
     def __init__(self, config: FieldConfig, light_channels: int):
         super().__init__()
@@ -145,9 +151,21 @@ class PlaneField(nn.Module):
         """What each vertex adds to the gathered features, from its visibility."""
         raise NotImplementedError
 
-    def shaded(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
-        """What volume rendering returns for rays of these unit directions, world, from their composited features."""
+    def shaded(
+        self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
+    ) -> Composite:
+        """What volume rendering returns for rays of these unit directions, world, from their composited features.
+
+        `decoder` is as `decoded`, which stands for None.
+        """
         raise NotImplementedError
+
+    def decoded(self, inputs: Float[Tensor, "R C"]) -> Float[Tensor, "R D"]:
+        """The decoder's layers."""
+        hidden = inputs
+        for layer in self.trunk:
+            hidden = relu(layer(hidden), inplace=True)
+        return self.channels(hidden)
 
     def forward(self, inputs: FieldInputs, steps: Steps, read_plane: PlaneReader = FeaturePlane.forward) -> Composite:
         """The rays, volume-rendered; see `shaded`."""
@@ -205,14 +223,14 @@ class BakedField(PlaneField):
         """A learned code of the light that each vertex receives under the capture's illumination."""
         return self.light(visibility)
 
-    def shaded(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
+    def shaded(
+        self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
+    ) -> Composite:
         """Colour and features [R, 32] of rays, premultiplied."""
         mean = mean_features(gathered)
         normal = torch.nn.functional.normalize(mean[:, self.normal_slice], dim=-1)
-        hidden = torch.cat([mean, view_features(normal, view)], -1)
-        for layer in self.trunk:
-            hidden = relu(layer(hidden), inplace=True)
-        return gathered._replace(channels=straight_channels(self.channels(hidden)) * gathered.alpha[:, None])
+        raw = (decoder or self.decoded)(torch.cat([mean, view_features(normal, view)], -1))
+        return gathered._replace(channels=straight_channels(raw) * gathered.alpha[:, None])
 
 
 def mean_features(gathered: Composite) -> Float[Tensor, "R K"]:

@@ -5,10 +5,12 @@ URHand (Chen et al. 2024) is linear in the light in the same way; its features c
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import normalize, relu, softplus
+from torch.nn.functional import normalize, softplus
 
 from .field import FieldConfig, PlaneField, mean_features
 from .lighting import COEFFICIENTS, LIT_FEATURES, Openness
@@ -42,24 +44,31 @@ class LitField(PlaneField):
         """Empty: shadows come with the light."""
         return visibility[:, :0]
 
-    def shaded(self, gathered: Composite, view: Float[Tensor, "R 3"]) -> Composite:
+    def shaded(
+        self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
+    ) -> Composite:
         """The gathered features as they are: `decode` needs to know how open the skin lies."""
         return gathered
 
-    def decode(self, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness) -> Composite:
+    def decode(
+        self,
+        gathered: Composite,
+        view: Float[Tensor, "R 3"],
+        open_to: Openness,
+        decoder: Callable[[Tensor], Tensor] | None = None,
+    ) -> Composite:
         """Coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
 
         Args:
             gathered: as `forward` returns it.
             view: unit directions, world.
             open_to: of the points that the rays meet, for their normals.
+            decoder: as `decoded`, which stands for None.
         """
         mean = mean_features(gathered)
         normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
-        hidden = torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
-        for layer in self.trunk:
-            hidden = relu(layer(hidden), inplace=True)
-        raw = self.channels(hidden).float()
+        inputs = torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
+        raw = (decoder or self.decoded)(inputs).float()
         channels = torch.cat([softplus(raw[:, :COEFFICIENTS]), raw[:, COEFFICIENTS:]], -1)
         return gathered._replace(channels=channels * gathered.alpha[:, None])
 

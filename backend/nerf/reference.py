@@ -8,7 +8,7 @@ import torch
 
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
-from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, in_precision
+from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
 from .lighting import light_features
@@ -27,6 +27,7 @@ class ReferenceBackend:
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    decoder = staticmethod(decoder_in_precision)
     superres = staticmethod(in_precision)
     lit_image = staticmethod(lit_image)
     relit = staticmethod(relit)

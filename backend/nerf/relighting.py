@@ -71,6 +71,9 @@ class EnlargedRays(NamedTuple):
     alpha: Tensor
 
 
+Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
+
+
 def enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
@@ -92,6 +95,7 @@ def lit_image(
     camera: CameraTensors,
     skin: SkinDepth,
     enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
+    shares: Shares | None = None,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
@@ -103,6 +107,7 @@ def lit_image(
         camera: of the low-resolution image.
         skin: in the full-size image.
         enlarged: as `enlarged_rays`.
+        shares: as `shares_of_rays`, which stands for None.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
@@ -112,7 +117,7 @@ def lit_image(
         coefficients=coefficients,
         normal=normal,
         view=normalize(ray_directions(full, covered), dim=-1),
-        share=shares_of_rays(points.position, pixel, camera, covered, skin),
+        share=(shares or shares_of_rays)(points.position, pixel, camera, covered, skin),
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
@@ -215,15 +220,20 @@ def shares_of_rays(
         skin: in the full-size image.
     """
     around, share = neighbours(at, camera.size_px)
-    depth = position @ camera.world2cam[2, :3] + camera.world2cam[2, 3]
-    width, height = camera.size_px
-    depth_of = depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)[around]
+    depth_of, (width, height) = ray_depths(position, pixel, camera)[around], camera.size_px
     share = share * depth_of.isfinite()
     result = _guided(share, depth_of, skin.depth[at], skin.edge_m)
     beside = skin.depth[_beside(at, (2 * width, 2 * height))]
     at_edge = ((beside - skin.depth[at]).abs().nan_to_num() > skin.edge_m).any(0).nonzero()[:, 0]
     softened = [_guided(share[at_edge], depth_of[at_edge], one[at_edge], skin.edge_m) for one in beside]
     return result.index_put((at_edge,), _OF_PIXEL * result[at_edge] + _OF_NEXT * torch.stack(softened).sum(0))
+
+
+def ray_depths(position: Float[Tensor, "R 3"], pixel: Int[Tensor, " R"], camera: CameraTensors) -> Float[Tensor, " P"]:
+    """Depth of the positions in the rays' image, m; infinite where there is no ray."""
+    depth = position @ camera.world2cam[2, :3] + camera.world2cam[2, 3]
+    width, height = camera.size_px
+    return depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)
 
 
 def _guided(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 import torch
 
@@ -34,3 +35,19 @@ def has_numba() -> bool:
         LOGGER.warning("numba is installed but fails (%s); rendering continues without it, many times slower", error)
         return False
     return True
+
+
+def kernel_cache() -> Path | None:
+    """The folder that keeps compiled kernels; None: no folder takes them."""
+    from ..fast.kernels.compiled import kernel_folder
+
+    return kernel_folder()
+
+
+def has_int8_kernels() -> bool:
+    """Whether networks in reduced precision multiply int8 on this processor."""
+    if not has_numba():
+        return False
+    from ..fast.kernels.vectors import has_int8_products
+
+    return has_int8_products()

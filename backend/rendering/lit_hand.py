@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..geometry.shadow_maps import Bounds, PointShadows
-from ..nerf.backend import OnStage, Precision, RenderBackend, autocast
+from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected, openness
@@ -115,7 +115,7 @@ def render_lit_hand(
     field: LitField,
     superres: Callable[[Tensor], Tensor],
     backend: RenderBackend,
-    precision: Precision,
+    decoder: Decoder,
     on_stage: OnStage,
 ) -> LitHand:
     """Decode and enlarge the gathered rays of a relightable field."""
@@ -128,8 +128,7 @@ def render_lit_hand(
     at_points, _ = split_points(open_sky, len(position))
     open_to = openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
-    with autocast(device, precision):
-        low = field.decode(rays.composite, view, open_to)
+    low = field.decode(rays.composite, view, open_to, decoder)
     on_stage("superres")
     skin = skin_depth(backend, at_full_size(hand))
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)

@@ -22,7 +22,7 @@ from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
-from ..nerf.backend import OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
+from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
@@ -169,6 +169,11 @@ class Renderer:
         return self._backend.ray_renderer(self._field, self.avatar.config.sampler, self.precision)
 
     @cached_property
+    def _decoder(self) -> Decoder:
+        assert isinstance(self._field, LitField)
+        return self._backend.decoder(self._field, self.torch_device, self.precision)
+
+    @cached_property
     def _lit_hands(self) -> list[LitHand]:
         """The last hand that was rendered, for the next light that falls on it; empty before."""
         return []
@@ -184,7 +189,7 @@ class Renderer:
         check: Callable[[], None],
     ) -> LitHand:
         backend, superres = self._backend, _asking(self._superres, check)
-        return render_lit_hand(shot, crop, hand, rays, field, superres, backend, self.precision, on_stage)
+        return render_lit_hand(shot, crop, hand, rays, field, superres, backend, self._decoder, on_stage)
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

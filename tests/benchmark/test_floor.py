@@ -35,3 +35,10 @@ def test_the_fused_backend_samples_gathers_and_composites_in_one_stage():
     reported = ["rasterise", "sample", "field"]
     assert floors_ms(works, PEAKS, "fp32", reported) == {"rasterise": 1, "sample": 9, "field": 5}
     assert floors_ms(works, PEAKS, "fp32", reported[1:]) == {"sample": 3, "field": 12}
+
+
+def test_reduced_precision_may_multiply_int8_single_precision_may_not():
+    work = Work(8e9, 0, "network")
+    assert floor_ms(work, PEAKS._replace(int8_flops=8e9), "bf16") == 1000
+    assert floor_ms(work, PEAKS, "bf16") == 2000
+    assert floor_ms(work, PEAKS._replace(int8_flops=8e9), "fp32") == 8000

@@ -1,8 +1,11 @@
 """Measured peaks, with a clock that the test moves."""
 
+import os
+
 import numpy as np
 import torch
-from livehand.backend.benchmark.machine import Loads, Peaks, measure_peaks
+from livehand.backend.benchmark.machine import Loads, Peaks, describe, measure_peaks
+from livehand.backend.benchmark.report import machine_lines
 
 
 def test_the_higher_of_two_peaks_is_kept():
@@ -14,3 +17,12 @@ def test_peaks_with_a_clock_that_advances_a_second_per_reading():
         loads = Loads(((2, 3, 4), (5, 6, 7)), convolution, copy_mb=1)
         peaks = measure_peaks(torch.device("cpu"), iter(np.arange(1000.0).tolist()).__next__, loads)
         assert peaks == Peaks(flops, flops, 2 * 2**20)
+
+
+def test_other_programs_mark_a_machine_as_busy(monkeypatch):
+    for load, expected in ((0.1, False), (7.0, True)):
+        monkeypatch.setattr(os, "getloadavg", lambda load=load: (load, 0, 0))
+        monkeypatch.setattr(os, "cpu_count", lambda: 4)
+        machine = describe(torch.device("cpu"))
+        assert (machine["load_before"], machine["busy"]) == (load, expected)
+        assert any("busy" in line for line in machine_lines(machine, {})[1:]) == expected

@@ -1,6 +1,7 @@
 """Super-resolution's 3 x 3 convolutions over runs of pixels, one a row, instead of the whole image.
 
-Images are [1 + h + 1, 1 + w + 1 + `SPARE`, C] of bf16, as the upper halves of fp32 in uint16; their border is zero.
+Images are [1 + h + 1, 1 + w + 1 + `SPARE`, C], their border zero: of fp32, or of uint8 that stand for
+scale * (value - zero).
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ SPARE = BLOCK
 CHANNELS = 64
 """Of hidden layers: four vectors."""
 SLOPE = 0.2
-_SLOPE = np.float32(SLOPE)
-_16, _1, _HALF = np.uint32(16), np.uint32(1), np.uint32(0x7FFF)
+_SLOPE, _0, _HALF, _MOST = (np.float32(value) for value in (SLOPE, 0, 0.5, 255))
 
 
 @compiled
@@ -44,10 +44,10 @@ def find_runs(alpha, runs):
 
 
 @compiled
-def fill_around(runs, values, first, last, image):
+def fill_around(runs, values, border, first, last, image):
     """Give the pixels of rows [first, last) of the padded image that windows of runs read the values [C] of nothing.
 
-    Those of runs themselves are left to whoever computes them; the border is zero.
+    Those of runs themselves are left to whoever computes them.
     """
     height, width = len(runs), image.shape[1] - 2 - SPARE
     for row in range(first, last):
@@ -63,52 +63,59 @@ def fill_around(runs, values, first, last, image):
                 continue
             is_border = not is_inside or x < 0 or x >= width
             for channel in range(image.shape[2]):
-                image[row, column, channel] = np.uint16(0) if is_border else values[channel]
+                image[row, column, channel] = border if is_border else values[channel]
 
 
 @compiled
 def load_maps(maps, runs, first, last, image):
-    """Copy rows [first, last) of maps [C, h, w] into the runs of the image, whose further channels become zero."""
-    count = len(maps)
-    value = np.empty(1, np.float32)
-    bits = value.view(np.uint32)
+    """Copy rows [first, last) of maps [C, h, w] into the runs of the image."""
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1]):
-            for channel in range(count):
-                value[0] = maps[channel, y, x]
-                image[y + 1, x + 1, channel] = _rounded(bits[0])
-            for channel in range(count, image.shape[2]):
-                image[y + 1, x + 1, channel] = np.uint16(0)
+            for channel in range(len(maps)):
+                image[y + 1, x + 1, channel] = maps[channel, y, x]
 
 
 @compiled
-def convolve_hidden(source, weights, bias, is_residual, runs, first, last, out):
-    """Rows [first, last) of a convolution to 64 channels, leaky ReLU, and the sum with the source if it is residual."""
-    sums = np.empty((BLOCK, CHANNELS), np.float32)
-    bits = sums.view(np.uint32)
-    before = np.empty(CHANNELS, np.float32)
-    before_bits = before.view(np.uint32)
+def quantise(source, scale, zero, runs, first, last, out):
+    """Round rows [first, last) of an image's runs to uint8."""
+    inverse, offset = np.float32(1) / scale, zero + _HALF
     for y in range(first, last):
+        for x in range(runs[y, 0] + 1, runs[y, 1] + 1):
+            for channel in range(out.shape[2]):
+                out[y + 1, x, channel] = np.uint8(min(max(source[y + 1, x, channel] * inverse + offset, _0), _MOST))
+
+
+@compiled
+def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, first, last, bounds, out):
+    """Rows [first, last) of a convolution to 64 channels, leaky ReLU, and the sum with `before` if it is residual.
+
+    Sums of products are multiplied by factors [64]. Rows' bounds [h, 2] receive the least and the largest value.
+    """
+    sums, values = np.empty((BLOCK, CHANNELS), weights.dtype), np.empty(CHANNELS, np.float32)
+    least, most = np.empty(CHANNELS, np.float32), np.empty(CHANNELS, np.float32)
+    for y in range(first, last):
+        least[:], most[:] = np.inf, -np.inf
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
             _sum_windows(source, weights, y, x, sums)
             for pixel in range(min(BLOCK, runs[y, 1] - x)):
                 for channel in range(CHANNELS):
-                    value = sums[pixel, channel] + bias[channel]
-                    sums[pixel, channel] = max(value, _SLOPE * value)
+                    value = np.float32(sums[pixel, channel]) * factors[channel] + bias[channel]
+                    values[channel] = max(value, _SLOPE * value)
                 if is_residual:
                     for channel in range(CHANNELS):
-                        before_bits[channel] = np.uint32(source[y + 1, x + pixel + 1, channel]) << _16
-                    for channel in range(CHANNELS):
-                        sums[pixel, channel] += before[channel]
+                        values[channel] += before[y + 1, x + pixel + 1, channel]
                 for channel in range(CHANNELS):
-                    out[y + 1, x + pixel + 1, channel] = _rounded(bits[pixel, channel])
+                    out[y + 1, x + pixel + 1, channel] = values[channel]
+                    least[channel] = min(least[channel], values[channel])
+                    most[channel] = max(most[channel], values[channel])
+        bounds[y, 0], bounds[y, 1] = least.min(), most.max()
 
 
 @compiled
-def convolve_last(source, weights, bias, runs, first, last, out):
+def convolve_last(source, weights, factors, bias, runs, first, last, out):
     """Rows [first, last) of the last convolution into the doubled image [2h, 2w, D], four pixels for each."""
     channels = out.shape[2]
-    sums = np.empty((BLOCK, CHANNELS), np.float32)
+    sums = np.empty((BLOCK, CHANNELS), weights.dtype)
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
             _sum_windows(source, weights, y, x, sums)
@@ -117,19 +124,12 @@ def convolve_last(source, weights, bias, runs, first, last, out):
                     row, column = 2 * y + part // 2, 2 * (x + pixel) + part % 2
                     for channel in range(channels):
                         at = part * channels + channel
-                        out[row, column, channel] = sums[pixel, at] + bias[at]
+                        out[row, column, channel] = np.float32(sums[pixel, at]) * factors[at] + bias[at]
 
 
 @compiled
 def _sum_windows(source, weights, y, x, sums):
     """Fill sums [BLOCK, 64] for the pixels from (x, y) on; the border's width makes theirs the windows' corners."""
-    pixel_bytes, pairs = 2 * source.shape[2], source.shape[2] // 2
+    pixel_bytes = source.itemsize * source.shape[2]
     row_bytes = pixel_bytes * source.shape[1]
-    corner = source.ctypes.data + y * row_bytes + x * pixel_bytes
-    window_sums(6, 4, corner, pixel_bytes, row_bytes, pairs, weights.ctypes.data, sums.ctypes.data)
-
-
-@compiled
-def _rounded(bits):
-    """The upper half of an fp32's bits, rounded to nearest even."""
-    return np.uint16((bits + _HALF + ((bits >> _16) & _1)) >> _16)
+    window_sums(3, 6, 4, source, y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, weights, sums)

@@ -8,8 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
 from .planes import read_plane
-from .rays import begin_ray, deepest_part, place_sample, point_at, ray_buffers
+from .rays import begin_ray, deepest_part, place_sample, point_at
+from .records import RayBuffers
+from .vectors import LANES, window_sums
 
 _0, _HALF, _1, _2, _MM, _MIN_LENGTH, _MIN_ALPHA = (np.float32(value) for value in (0, 0.5, 1, 2, 1000, 1e-12, 1e-6))
 _TRANSPARENT = np.float32(1 / 256)
@@ -17,56 +20,73 @@ _TRANSPARENT = np.float32(1 / 256)
 _OPAQUE = np.float32(30)
 NORMAL, ROTATION, POSE = 0, 3, 12
 """Where these begin among the vertices' channels."""
+DENSITY_BLOCK = 2 * LANES
+"""Hidden values of the density are a multiple of this."""
 
 
 @compiled
 def render_rays(rays, crossings, surface, skin, field, units, first, last, out):
     """Composite the gathered features, alpha and depth of rays [first, last) into `out` (`RayOutputs`)."""
-    samples, scale = units.samples, units.scale
-    start, end, part = ray_buffers(crossings)
-    tried = np.empty((3, surface.around.shape[2]), np.float32)
-    gathered = np.zeros(out.features.shape[1], np.float32)
-    channels = np.empty(skin.channels.shape[1], np.float32)
-    relief, hidden = np.empty(4, np.float32), np.empty(len(field.near_bias), np.float32)
+    capacity = crossings.depth.shape[1]
+    buffers = RayBuffers(
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.float32),
+        np.empty(capacity, np.int64),
+        np.empty((3, surface.around.shape[2]), np.float32),
+        np.zeros(out.features.shape[1], np.float32),
+        np.empty(skin.channels.shape[1], np.float32),
+        np.empty(4, np.float32),
+        np.empty(len(field.near_bias), np.float32),
+    )
     for ray in range(first, last):
-        pixel = rays.pixel[ray]
-        intervals, total, is_stopped = begin_ray(pixel, crossings, start, end, part)
-        out.dt[ray] = total / np.float32(samples)
-        step_mm = out.dt[ray] * _length(rays.directions, ray) / scale * _MM
-        transmittance, weighted_depth = _1, _0
+        _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out)
+
+
+@part
+def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out):
+    samples, scale = units.samples, units.scale
+    start, end, current, gathered = buffers.start, buffers.end, buffers.part, buffers.gathered
+    pixel = rays.pixel[ray]
+    intervals, total, is_stopped = begin_ray(pixel, crossings, start, end, current)
+    out.dt[ray] = total / np.float32(samples)
+    step_mm = out.dt[ray] * _length(rays.directions, ray) / scale * _MM
+    transmittance, weighted_depth = _1, _0
+    for index in range(samples):
+        offset = (np.float32(index) + _HALF) / np.float32(samples) * total
+        since, depth = place_sample(offset, start, end, intervals)
+        x, y, z = point_at(rays, ray, depth)
+        face, wb, wc, height = deepest_part(
+            x, y, z, depth, since, pixel, crossings, surface, current, units.inside, buffers.tried
+        )
+        height /= scale * units.shell_m
+        footprint_m = depth / (units.focal_px * scale)
+        _gather(face, wb, wc, height, footprint_m, surface.faces, skin, field, buffers)
+        optical_depth = _density(height, gathered, field, buffers.hidden) * step_mm
+        if is_stopped and index == samples - 1:
+            optical_depth += _OPAQUE
+        clear = np.exp(-optical_depth)
+        weight = transmittance * (_1 - clear)
+        out.weights[ray, index], out.t[ray, index] = weight, depth
+        for k in range(len(gathered)):
+            out.features[ray, k] += weight * gathered[k]
+        weighted_depth += weight * depth
+        transmittance *= clear
+        if transmittance < _TRANSPARENT:
+            break
+    out.depth[ray] = weighted_depth / max(_1 - transmittance, _MIN_ALPHA)
+    out.alpha[ray] = _1 - transmittance
+    if is_stopped:  # the ray ends opaque, even if the loop has stopped early
+        out.alpha[ray] = _1
+        for k in range(len(gathered)):
+            out.features[ray, k] /= _1 - transmittance
         for index in range(samples):
-            offset = (np.float32(index) + _HALF) / np.float32(samples) * total
-            since, depth = place_sample(offset, start, end, intervals)
-            x, y, z = point_at(rays, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried)
-            height /= scale * units.shell_m
-            footprint_m = depth / (units.focal_px * scale)
-            _gather(face, wb, wc, height, footprint_m, surface.faces, skin, field, gathered, channels, relief)
-            optical_depth = _density(height, gathered, field, hidden) * step_mm
-            if is_stopped and index == samples - 1:
-                optical_depth += _OPAQUE
-            clear = np.exp(-optical_depth)
-            weight = transmittance * (_1 - clear)
-            out.weights[ray, index], out.t[ray, index] = weight, depth
-            for k in range(len(gathered)):
-                out.features[ray, k] += weight * gathered[k]
-            weighted_depth += weight * depth
-            transmittance *= clear
-            if transmittance < _TRANSPARENT:
-                break
-        out.depth[ray] = weighted_depth / max(_1 - transmittance, _MIN_ALPHA)
-        out.alpha[ray] = _1 - transmittance
-        if is_stopped:  # the ray ends opaque, even if the loop has stopped early
-            out.alpha[ray] = _1
-            for k in range(len(gathered)):
-                out.features[ray, k] /= _1 - transmittance
-            for index in range(samples):
-                out.weights[ray, index] /= _1 - transmittance
+            out.weights[ray, index] /= _1 - transmittance
 
 
-@compiled
-def _gather(face, wb, wc, height, footprint_m, faces, skin, field, gathered, channels, relief):
+@part
+def _gather(face, wb, wc, height, footprint_m, faces, skin, field, buffers):
     """Fill `gathered`: planes' features, height, height^2, local pose, normal, relief normal, light."""
+    gathered, channels, relief = buffers.gathered, buffers.channels, buffers.relief
     wa, corner_uv, vertex_channels = _1 - wb - wc, skin.corner_uv, skin.channels
     layout, texels_m = field.layout, field.texels_m
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -92,7 +112,7 @@ def _gather(face, wb, wc, height, footprint_m, faces, skin, field, gathered, cha
         gathered[at + 6 + k] = channels[POSE + field.pose_channels + k]
 
 
-@compiled
+@part
 def write_normals(channels, relief, out, at):
     """Write the unit posed normal to out[at : at + 3], and after it the unit normal with the relief's offset."""
     nx, ny, nz = _unit(channels[NORMAL], channels[NORMAL + 1], channels[NORMAL + 2])
@@ -101,7 +121,7 @@ def write_normals(channels, relief, out, at):
     out[at + 3], out[at + 4], out[at + 5] = _unit(nx + x, ny + y, nz + z)
 
 
-@compiled
+@part
 def _to_world(channels, offset):
     """An offset in the canonical hand's axes, rotated into the world."""
     r, x, y, z = ROTATION, offset[0], offset[1], offset[2]
@@ -111,34 +131,24 @@ def _to_world(channels, offset):
     return world_x, world_y, world_z
 
 
-@compiled
+@part
 def _unit(x, y, z):
     length = max(np.sqrt(x * x + y * y + z * z), _MIN_LENGTH)
     return x / length, y / length, z / length
 
 
-@compiled
+@part
 def _length(directions, ray):
     x, y, z = directions[ray, 0], directions[ray, 1], directions[ray, 2]
     return np.sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@part
 def _density(height, gathered, field, hidden):
     """Density per mm: one hidden layer over the first gathered features, and the prior."""
-    near_weight = field.near_weight
-    for j in range(len(hidden)):
-        hidden[j] = field.near_bias[j]
-    for i in range(0, near_weight.shape[0], 4):  # four at a time: `hidden` is read and written less often
-        t0, t1, t2, t3 = gathered[i], gathered[i + 1], gathered[i + 2], gathered[i + 3]
-        for j in range(len(hidden)):
-            hidden[j] += (
-                t0 * near_weight[i, j]
-                + t1 * near_weight[i + 1, j]
-                + t2 * near_weight[i + 2, j]
-                + t3 * near_weight[i + 3, j]
-            )
+    for start in range(0, len(hidden), DENSITY_BLOCK):
+        window_sums(1, 1, 2, gathered, 0, 0, 0, field.near_weight[:, :, start:], hidden[start:])
     logit = field.density_bias + field.slope * height + field.prior
     for j in range(len(hidden)):
-        logit += max(hidden[j], _0) * field.density_weight[j]
+        logit += max(hidden[j] + field.near_bias[j], _0) * field.density_weight[j]
     return max(logit, _0) + np.log1p(np.exp(-abs(logit)))

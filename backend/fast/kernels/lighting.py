@@ -1,4 +1,4 @@
-"""Equals `nerf.lighting.light_features`, and `detailed` and `relit` of `nerf.relighting`."""
+"""Equals `nerf.lighting.light_features`, and `detailed`, `shares_of_rays` and `relit` of `nerf.relighting`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
 _LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
+LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
+"""As in `nerf.relighting`."""
 AMBIENT, SCATTERED, DIFFUSE, GLOSS = 0, 3, 9, 12
 """Where these begin among the coefficients."""
 BLOCK = 64
@@ -298,6 +300,58 @@ def relit_pixels(image, lobes, first, last, out):
             else:
                 rgb[c] += weights[AMBIENT + c] * image.ambient[c]
             out[image.pixel[index], c] = rgb[c]
+
+
+@compiled
+def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
+    """Fill shares [P, 4] of pixels [first, last) as `nerf.relighting.shares_of_rays`.
+
+    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
+    """
+    height, large = len(depth_of_rays) // width, 2 * width
+    at, share, own, summed = (
+        np.empty(4, np.int64),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+    )
+    depths, beside = np.empty(4, np.float32), np.empty(4, np.float32)
+    for index in range(first, last):
+        here = pixel[index]
+        row, column, depth = here // large, here % large, skin_depth[here]
+        _neighbours(len(depth_of_rays), width, here, at, share)
+        for k in range(4):
+            depths[k] = depth_of_rays[at[k]]
+            share[k] = share[k] if depths[k] < np.inf else _0
+        _guided(share, depths, depth, edge_m, own)
+        beside[0], beside[1] = skin_depth[here - min(column, 1)], skin_depth[here + min(large - 1 - column, 1)]
+        beside[2] = skin_depth[here - large * min(row, 1)]
+        beside[3] = skin_depth[here + large * min(2 * height - 1 - row, 1)]
+        is_edge = False
+        for k in range(4):
+            is_edge = is_edge or abs(beside[k] - depth) > edge_m
+        if is_edge:
+            for k in range(4):
+                own[k] *= OF_PIXEL
+            for one in range(4):
+                _guided(share, depths, beside[one], edge_m, summed)
+                for k in range(4):
+                    own[k] += OF_NEXT * summed[k]
+        for k in range(4):
+            shares[index, k] = own[k]
+
+
+@compiled
+def _guided(share, depths, depth, edge_m, out):
+    """The shares of the rays at a depth, or of all if none is there."""
+    total, plain = _0, _0
+    for k in range(4):
+        gap = (depth - depths[k]) / edge_m
+        out[k] = share[k] * np.exp(-gap * gap) if share[k] > _0 and depth < np.inf else _0
+        total += out[k]
+        plain += share[k]
+    for k in range(4):
+        out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
 
 
 @compiled

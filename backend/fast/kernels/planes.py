@@ -5,39 +5,32 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
+from .vectors import blend_texels
 
 BLOCK = 4
-"""Channels are read in blocks of this many: a number known at compile time, so that each fits one register."""
+"""Channels are read in blocks of this many, which fit one register."""
 _HALF, _0, _1, _2 = (np.float32(value) for value in (0.5, 0, 1, 2))
 _BLOCK = np.uintp(BLOCK)
 
 
-@compiled
+@part
 def read_plane(table, start, resolution, heights, channels, u, v, height, fade, out, at):
     """Write the plane's features, times `fade`, to out[at : at + channels], channels a multiple of BLOCK.
 
-    Its texels lie in the flat `table` from `start`: row-major over v, u, height layer, channel.
+    Its texels lie in the flat `table`, of fp32 or of half precision, from `start`: row-major over v, u, height layer,
+    channel.
     """
     cell, fx, fy, share = _cell(u, v, height, (resolution, heights, channels))
-    w00, w10 = fade * (_1 - fx) * (_1 - fy), fade * fx * (_1 - fy)
-    w01, w11 = fade * (_1 - fx) * fy, fade * fx * fy
-    # Unsigned, because numba lets signed indices count from the end, which costs a comparison each.
-    texel, row = np.uintp(heights * channels), np.uintp(resolution * heights * channels)
-    a = np.uintp(start) + cell
-    b, c, d = a + texel, a + row, a + row + texel
-    to, above, last = np.uintp(at), np.uintp(channels), np.uintp(at + channels)
-    while to < last:
-        for k in range(_BLOCK):
-            value = w00 * table[a + k] + w10 * table[b + k] + w01 * table[c + k] + w11 * table[d + k]
-            if heights > 1:
-                i = k + above
-                higher = w00 * table[a + i] + w10 * table[b + i] + w01 * table[c + i] + w11 * table[d + i]
-                value += share * (higher - value)
-            out[to + k] = value
-        a, b, c, d, to = a + _BLOCK, b + _BLOCK, c + _BLOCK, d + _BLOCK, to + _BLOCK
+    low, high = fade * (_1 - fy), fade * fy
+    weights = (_1 - fx) * low, fx * low, (_1 - fx) * high, fx * high
+    texel = np.intp(heights * channels)
+    row, above = resolution * texel, np.intp(channels) if heights > 1 else np.intp(0)
+    for done in range(0, channels, BLOCK):
+        blend_texels(table, np.intp(start) + np.intp(cell) + done, texel, row, above, weights, share, out, at + done)
 
 
-@compiled
+@part
 def _texel(position, count):
     """(first of the two texels about a position, share of the second), kept inside the grid, NaN too."""
     position = min(max(position, _0), np.float32(count - 1))
@@ -127,7 +120,7 @@ def place_gradient(table, sizes, uv, height, fade, outward, columns, at, first, 
         gradient[sample, 3] += mean_a + fx * (mean_b - mean_a) + fy * along_y
 
 
-@compiled
+@part
 def _cell(u, v, height, sizes):
     """(where the first corner's features begin in the flat table, shares of the next in u, in v and in height)."""
     resolution, heights, channels = sizes

@@ -51,8 +51,17 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
 
 
 @compiled
-def nearest_sides(positions_px, depth, faces, size, fronts, backs):
-    """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size."""
+def nearest_sides(projected, faces, size, fronts, backs):
+    """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size.
+
+    Args:
+        projected: [3, V] x and y, px, and depth, m.
+        faces: [F, 3].
+        size: of the image, px.
+        fronts: [P] depth, m.
+        backs: [P]; may be the same.
+    """
+    positions_px, depth = projected[:2].T, projected[2]
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         area = _area(positions_px, depth, a, b, c)
@@ -60,11 +69,27 @@ def nearest_sides(positions_px, depth, faces, size, fronts, backs):
             continue
         nearest = fronts if area < _0 else backs
         x0, x1, y0, y1 = _bounds(positions_px, a, b, c, size, 0, size)
+        if x0 >= x1:
+            continue
+        # From corner a; the weights of b and c, and 1 / depth, are linear on screen.
+        ax, ay = positions_px[a, 0], positions_px[a, 1]
+        bx, by, cx, cy = (
+            positions_px[b, 0] - ax,
+            positions_px[b, 1] - ay,
+            positions_px[c, 0] - ax,
+            positions_px[c, 1] - ay,
+        )
+        inverse, near, left = _1 / area, _1 / depth[a], np.float32(x0) + _HALF - ax
+        to_b, to_c = (_1 / depth[b] - near) * inverse, (_1 / depth[c] - near) * inverse
+        along_x, along_y = cy * to_b - by * to_c, bx * to_c - cx * to_b
         for y in range(y0, y1):
-            for x in range(x0, x1):
-                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
-                if z > _0:
-                    nearest[y * size + x] = min(nearest[y * size + x], z)
+            py, row = np.float32(y) + _HALF - ay, np.uintp(y * size + x0)
+            for x in range(np.uintp(x1 - x0)):
+                px = np.float32(np.int32(x)) + left
+                wb, wc = (px * cy - py * cx) * inverse, (py * bx - px * by) * inverse
+                z = _1 / (near + px * along_x + py * along_y)
+                is_covered = (wb >= _0) & (wc >= _0) & (wb + wc <= _1)
+                nearest[row + x] = min(nearest[row + x], z if is_covered else np.float32(np.inf))
 
 
 @compiled

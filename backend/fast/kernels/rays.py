@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import compiled
+from .compiled import compiled_part as part
 from .surface import closest_on_part, signed_height
 
 _0, _1 = np.float32(0), np.float32(1)
@@ -37,7 +38,7 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
             since, depth = place_sample(offsets[ray, index] * total, start, end, intervals)
             out.t[ray, index] = depth
             x, y, z = point_at(rays, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried)
+            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, _1, tried)
             out.face[ray, index], out.height[ray, index] = face, height
             out.barycentric[ray, index, 0] = _1 - wb - wc
             out.barycentric[ray, index, 1], out.barycentric[ray, index, 2] = wb, wc
@@ -50,7 +51,7 @@ def ray_buffers(crossings):
     return np.empty(capacity, np.float32), np.empty(capacity, np.float32), np.empty(capacity, np.int64)
 
 
-@compiled
+@part
 def begin_ray(pixel, crossings, start, end, part):
     """Fill a ray's buffers; returns (number of intervals, their total length, whether the hand itself stops it)."""
     depths, faces, count = crossings.depth[pixel], crossings.face[pixel], crossings.counts[pixel]
@@ -59,7 +60,7 @@ def begin_ray(pixel, crossings, start, end, part):
     return interval_list(depths, faces, count, crossings.inner[pixel], start, end)
 
 
-@compiled
+@part
 def point_at(rays, ray, depth):
     """The point of a ray at a depth."""
     x = rays.origin[0] + depth * rays.directions[ray, 0]
@@ -68,8 +69,8 @@ def point_at(rays, ray, depth):
     return x, y, z
 
 
-@compiled
-def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried):
+@part
+def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, inside, tried):
     """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
 
     Every part entered since the interval's start is tracked, from the face that `part` holds for it.
@@ -81,7 +82,7 @@ def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried):
             break
         if crossings.face[pixel, crossing] < 0 or entry < since:
             continue
-        found, b, c, squared = closest_on_part(x, y, z, part[crossing], surface, tried)
+        found, b, c, squared = closest_on_part(x, y, z, part[crossing], surface, inside, tried)
         part[crossing] = found
         height = signed_height(x, y, z, found, b, c, squared, surface)
         if height < deepest:
@@ -89,7 +90,7 @@ def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried):
     return face, wb, wc, deepest
 
 
-@compiled
+@part
 def interval_list(depths, faces, count, inner, start, end):
     """Fill the intervals in which a ray is inside; returns (count, total length, whether the hand itself stops it)."""
     intervals, nesting = 0, 0
@@ -108,7 +109,7 @@ def interval_list(depths, faces, count, inner, start, end):
     return intervals, total, is_stopped
 
 
-@compiled
+@part
 def _exit(depths, faces, count, crossing, nesting):
     """Depth at which the nesting, given after `crossing`, returns to zero; the last crossing's if it never does."""
     while nesting > 0 and crossing + 1 < count:
@@ -117,7 +118,7 @@ def _exit(depths, faces, count, crossing, nesting):
     return depths[crossing]
 
 
-@compiled
+@part
 def place_sample(offset, start, end, intervals):
     """(start of the interval, depth) at an offset into the union of the intervals."""
     index = 0

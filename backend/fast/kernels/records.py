@@ -67,25 +67,35 @@ class Rays(NamedTuple):
 
 
 class RayUnits(NamedTuple):
-    """Samples per ray, half-width of the shell in m, focal length in px, scale of the posed hand to its template."""
+    """What all rays share.
+
+    Attributes:
+        samples: per ray.
+        shell_m: half-width of the shell.
+        focal_px: focal length.
+        scale: of the posed hand to its template.
+        inside: weights of a point on a face from which on no other face is searched; 1: all are.
+    """
 
     samples: int
     shell_m: np.float32
     focal_px: np.float32
     scale: np.float32
+    inside: np.float32
 
 
 class PackedField(NamedTuple):
     """Tables and weights of a field of planes.
 
     Attributes:
-        table: flat texels of all planes, the relief's last, channels padded to whole blocks.
+        table: flat texels of all planes, the relief's last, channels padded to whole blocks; fp32, or the bits of half
+            precision.
         layout: [planes, 5] start in the table, resolution, heights, channels with padding, channels without.
         texels_m: [planes] size of a texel on the skin.
         relief_gain: factor of the relief.
         pose_channels: of the local pose.
-        near_bias: [hidden].
-        near_weight: [inputs, hidden], inputs padded with zeros to a multiple of 4.
+        near_bias: [hidden], padded with zeros to whole blocks.
+        near_weight: [1, inputs, hidden].
         density_weight: [hidden].
         density_bias: of the density.
         slope: of the density's prior over height.
@@ -103,6 +113,30 @@ class PackedField(NamedTuple):
     density_bias: np.float32
     slope: np.float32
     prior: np.float32
+
+
+class RayBuffers(NamedTuple):
+    """What the samples of one ray are computed in.
+
+    Attributes:
+        start: [L] of its intervals, m.
+        end: [L] m.
+        part: [L] the current face of each part that it has entered.
+        tried: [3, K] distances^2 and weights of the faces around.
+        gathered: [features].
+        channels: [C] of the skin.
+        relief: [4].
+        hidden: [hidden] of the density.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    part: np.ndarray
+    tried: np.ndarray
+    gathered: np.ndarray
+    channels: np.ndarray
+    relief: np.ndarray
+    hidden: np.ndarray
 
 
 class RayOutputs(NamedTuple):
@@ -142,9 +176,9 @@ class ShadowCasters(NamedTuple):
         frames: [K, 3, 3] of the views.
         distance: [K] of the light.
         px_per_radius: [K] scale of the maps.
-        vertices: [V, 3] of the mesh.
+        vertices: [3, V] of the mesh.
         faces: [F, 3] of the mesh.
-        others: [3 T, 3] corners of other triangles.
+        others: [3, 3 T] corners of other triangles.
         others_faces: [T, 3] their indices.
         map_px: width and height of a map.
         tolerance: by which a point may lie behind the middle of the mesh.

@@ -9,6 +9,7 @@ from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
 
 _HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
+_ROW, _NEXT = 256, np.uintp(1)
 
 
 @compiled
@@ -46,77 +47,89 @@ def _unblocked(shadow, size, x, y, depth):
 
 @compiled
 def look_up_points(casters, points, first, last, lit, depth_in):
-    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points [P, 3]."""
+    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points [3, P]."""
     size = casters.map_px
     entry, leaving = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
-    other = np.empty(size * size, np.float32)
-    vertices = ProjectedMesh(
-        np.empty((len(casters.vertices), 2), np.float32), np.empty(len(casters.vertices), np.float32), casters.faces
-    )
-    others = ProjectedMesh(
-        np.empty((len(casters.others), 2), np.float32), np.empty(len(casters.others), np.float32), casters.others_faces
-    )
+    other = np.empty(size * size if len(casters.others) else 0, np.float32)
+    vertices, others = np.empty((3, casters.vertices.shape[1]), np.float32), np.empty_like(casters.others)
     for view in range(first, last):
         entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
         _project(casters, view, casters.vertices, vertices)
-        _project(casters, view, casters.others, others)
-        nearest_sides(vertices.positions_px, vertices.depth, casters.faces, size, entry, leaving)
-        nearest_depth(others, size, 0, size, True, other)
-        _join(entry, leaving, other, casters.contact)
-        for point in range(len(points)):
-            x, y, depth = _projected(casters, view, points, point)
-            lit[view, point], depth_in[view, point] = _look_up(entry, leaving, casters, x, y, depth)
+        nearest_sides(vertices, casters.faces, size, entry, leaving)
+        _end_in_the_middle(entry, leaving)
+        if len(other):
+            _project(casters, view, casters.others, others)
+            nearest_sides(others, casters.others_faces, size, other, other)
+            _end_at_others(entry, leaving, other, casters.contact)
+        _look_up(casters, view, points, entry, leaving, lit[view], depth_in[view])
 
 
 @compiled
-def _project(casters, view, places, mesh):
-    """Fill the positions and depths of a mesh in a view."""
-    for index in range(len(places)):
-        x, y, depth = _projected(casters, view, places, index)
-        mesh.positions_px[index, 0], mesh.positions_px[index, 1], mesh.depth[index] = x, y, depth
+def _project(casters, view, places, out):
+    """Fill out [3, P] with the x and y, px, and depths of places [3, P] in a view."""
+    frame, distance = casters.frames[view], casters.distance[view]
+    xx, xy, xz, yx, yy, yz = frame[0, 0], frame[0, 1], frame[0, 2], frame[1, 0], frame[1, 1], frame[1, 2]
+    zx, zy, zz = frame[2, 0], frame[2, 1], frame[2, 2]
+    scale, half = casters.px_per_radius[view] * distance, np.float32(casters.map_px) * _HALF
+    for index in range(places.shape[1]):
+        px, py, pz = places[0, index], places[1, index], places[2, index]
+        depth = distance - (zx * px + zy * py + zz * pz)
+        enlarged = scale / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
+        out[0, index] = (xx * px + xy * py + xz * pz) * enlarged + half
+        out[1, index] = (yx * px + yy * py + yz * pz) * enlarged + half
+        out[2, index] = depth
 
 
 @compiled
-def _projected(casters, view, places, index):
-    """(x px, y px, depth) of a place in a view."""
-    frames, px, py, pz = casters.frames, places[index, 0], places[index, 1], places[index, 2]
-    x = frames[view, 0, 0] * px + frames[view, 0, 1] * py + frames[view, 0, 2] * pz
-    y = frames[view, 1, 0] * px + frames[view, 1, 1] * py + frames[view, 1, 2] * pz
-    z = frames[view, 2, 0] * px + frames[view, 2, 1] * py + frames[view, 2, 2] * pz
-    distance, half = casters.distance[view], np.float32(casters.map_px) * _HALF
-    depth = distance - z
-    scale = casters.px_per_radius[view] * distance / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
-    return x * scale + half, y * scale + half, depth
-
-
-@compiled
-def _join(entry, leaving, other, contact):
-    """Turn `leaving` into the depth at which light ends; entry is minus infinity where it ends before the mesh."""
+def _end_in_the_middle(entry, leaving):
+    """Turn `leaving` into the depth at which light ends."""
     for pixel in range(len(entry)):
-        middle = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
+        leaving[pixel] = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
+
+
+@compiled
+def _end_at_others(entry, end, other, contact):
+    """Let light end at other triangles too; entry is minus infinity where that is before the mesh."""
+    for pixel in range(len(entry)):
         blocker = other[pixel] + contact
+        end[pixel] = min(end[pixel], blocker)
         if blocker < entry[pixel]:
             entry[pixel] = -np.inf
-        leaving[pixel] = min(middle, blocker)
 
 
 @compiled
-def _look_up(entry, blocker, casters, x, y, depth):
-    """(share of the four nearest pixels in which a point is lit, its depth behind the surface)."""
-    size, most = casters.map_px, casters.max_depth_in
-    x, y = x - _HALF, y - _HALF
-    last = np.float32(size - 1)
-    if not (x >= _0 and y >= _0 and x < last and y < last and depth > _0):
-        return _1, _0
-    column, row = int(x), int(y)
-    fx, fy = x - np.float32(column), y - np.float32(row)
-    lit, inside = _0, _0
-    for dy in range(2):
-        wy = fy if dy else _1 - fy
-        for dx in range(2):
-            weight = wy * (fx if dx else _1 - fx)
-            pixel = (row + dy) * size + column + dx
-            if depth <= blocker[pixel] + casters.tolerance:
-                lit += weight
-            inside += weight * min(max(depth - entry[pixel], -most), most)
-    return lit, max(inside, _0)
+def _look_up(casters, view, points, entry, end, lit, depth_in):
+    """Fill the share of the four nearest pixels in which points are lit, and their depth behind the surface.
+
+    Points are taken in short rows without branches, which become vector instructions.
+    """
+    place, at, shares = np.empty((3, _ROW), np.float32), np.empty(_ROW, np.uint32), np.empty((2, _ROW), np.float32)
+    size, tolerance, most = casters.map_px, casters.tolerance, casters.max_depth_in
+    limit = np.float32(size - 1)
+    for start in range(0, points.shape[1], _ROW):
+        count = min(_ROW, points.shape[1] - start)
+        _project(casters, view, points[:, start : start + count], place)
+        for index in range(count):
+            x, y = place[0, index] - _HALF, place[1, index] - _HALF
+            is_inside = (x >= _0) & (y >= _0) & (x < limit) & (y < limit) & (place[2, index] > _0)
+            x, y = x if is_inside else _0, y if is_inside else _0
+            column, row = np.int32(x), np.int32(y)
+            at[index] = row * np.int32(size) + column
+            shares[0, index], shares[1, index] = x - np.float32(column), y - np.float32(row)
+            place[0, index] = _0 if is_inside else _1
+        for index in range(count):
+            depth, pixel, fx, fy = place[2, index], np.uintp(at[index]), shares[0, index], shares[1, index]
+            below = pixel + np.uintp(size)
+            wa, wb, wc, wd = (_1 - fx) * (_1 - fy), fx * (_1 - fy), (_1 - fx) * fy, fx * fy
+            nearer = depth - tolerance
+            share = wa if nearer <= end[pixel] else _0
+            share += wb if nearer <= end[pixel + _NEXT] else _0
+            share += wc if nearer <= end[below] else _0
+            share += wd if nearer <= end[below + _NEXT] else _0
+            inside = wa * min(max(depth - entry[pixel], -most), most)
+            inside += wb * min(max(depth - entry[pixel + _NEXT], -most), most)
+            inside += wc * min(max(depth - entry[below], -most), most)
+            inside += wd * min(max(depth - entry[below + _NEXT], -most), most)
+            is_outside = place[0, index] > _0
+            lit[start + index] = _1 if is_outside else share
+            depth_in[start + index] = _0 if is_outside else max(inside, _0)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...geometry.tolerances import MAX_STEPS, MIN_DETERMINANT
 from .compiled import compiled
+from .compiled import compiled_part as part
 
 FACE_COLUMNS = 13
 """Of a row of a face's shape: corner a, edges ab and ac, ab.ab, ab.ac, ac.ac, 1/determinant."""
@@ -39,13 +40,16 @@ def gather_shapes(shapes, neighbours, first, last, around):
                 around[face, 0, slot] = _NOWHERE
 
 
-@compiled
-def closest_on_part(x, y, z, face, surface, tried):
+@part
+def closest_on_part(x, y, z, face, surface, inside, tried):
     """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
 
-    `tried` [3, K] is a buffer for the neighbours' distances^2 and weights.
+    A point whose three weights on the first face are over `inside` is taken for it. `tried` [3, K] is a buffer for the
+    neighbours' distances^2 and weights.
     """
     squared, wb, wc = _closest_on_face(x, y, z, face, surface.shapes)
+    if min(wb, wc, _1 - wb - wc) > inside:
+        return face, wb, wc, squared
     for _ in range(MAX_STEPS):
         start = face
         _try_neighbours(x, y, z, start, surface.around, tried)
@@ -58,7 +62,7 @@ def closest_on_part(x, y, z, face, surface, tried):
     return face, wb, wc, squared
 
 
-@compiled
+@part
 def _try_neighbours(x, y, z, face, around, tried):
     """The closest points of all of a face's neighbours: computing every one is faster than testing which are needed."""
     for slot in range(tried.shape[1]):
@@ -71,7 +75,7 @@ def _try_neighbours(x, y, z, face, around, tried):
         )
 
 
-@compiled
+@part
 def _closest_on_face(x, y, z, face, shapes):
     """(distance^2, weight of b, weight of c) of the face's point nearest to (x, y, z)."""
     ax, ay, az = shapes[face, 0], shapes[face, 1], shapes[face, 2]
@@ -81,7 +85,7 @@ def _closest_on_face(x, y, z, face, shapes):
     return _closest(x - ax, y - ay, z - az, bx, by, bz, cx, cy, cz, d00, d01, d11, shapes[face, 12])
 
 
-@compiled
+@part
 def _closest(px, py, pz, bx, by, bz, cx, cy, cz, d00, d01, d11, inverse):
     """(distance^2, weight of b, weight of c) of a triangle's point nearest to p; all from corner a. No branches."""
     d1 = px * bx + py * by + pz * bz
@@ -98,7 +102,7 @@ def _closest(px, py, pz, bx, by, bz, cx, cy, cz, d00, d01, d11, inverse):
     return dx * dx + dy * dy + dz * dz, v, w
 
 
-@compiled
+@part
 def _on_border(d1, d2, d00, d01, d11):
     """Weights of b and c at the nearest point of the three edges; |p|^2, the same for all, is left out."""
     ab = min(max(d1 / max(d00, _TINY), _0), _1)
@@ -118,7 +122,7 @@ def _on_border(d1, d2, d00, d01, d11):
     return v, w
 
 
-@compiled
+@part
 def signed_height(x, y, z, face, wb, wc, squared, surface):
     """Distance, negative where the offset from the surface point opposes the interpolated normal."""
     wa = _1 - wb - wc

@@ -1,7 +1,7 @@
-"""A block of a convolution in vector registers: numba has no vector types, so the block is written as LLVM's own.
+"""Sums of products in vector registers: numba has no vector types, so these blocks are written as LLVM's own.
 
-It multiplies bf16 in pairs and adds in fp32 (AVX-512 BF16), at the processor's peak. Where the instruction is missing,
-or LLVM does not know it by this signature, `has_bf16_products` is false and torch does the work.
+Weights are 32-bit words: an fp32 each, or four int8 of one output, which are multiplied by four uint8 of the source
+(AVX-512 VNNI). On processors without these instructions `has_vectors` and `has_int8_products` are false.
 """
 
 from __future__ import annotations
@@ -18,56 +18,59 @@ from numba.extending import intrinsic
 LANES = 16
 """Channels in a vector of sums."""
 _OLDEST_LLVM = 17
-_SIDE = 3
 
 _ADDRESS, _WORD = ir.IntType(64), ir.IntType(32)
-_SUMS, _WORDS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(_WORD, LANES)
-
-
-class _BFloat(ir.Type):
-    """LLVM's bfloat, which llvmlite lacks."""
-
-    def _to_string(self) -> str:
-        return "bfloat"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _BFloat)
-
-    def __hash__(self) -> int:
-        return hash(_BFloat)
-
-
-_BF16S = ir.VectorType(_BFloat(), 2 * LANES)
+_FLOATS, _WORDS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(_WORD, LANES)
 
 
 @cache
-def has_bf16_products() -> bool:
-    """Whether this processor and this LLVM have the instruction."""
+def has_vectors() -> bool:
+    """Whether this processor has vectors of 16 numbers, and enough of them for a block."""
+    return _has("avx512f")
+
+
+@cache
+def has_int8_products() -> bool:
+    """Whether this processor multiplies int8 in fours."""
+    return has_vectors() and _has("avx512vnni")
+
+
+@cache
+def has_half_precision() -> bool:
+    """Whether this processor converts numbers of half precision."""
+    return _has("f16c")
+
+
+def _has(feature: str) -> bool:
     is_known = llvmlite.binding.llvm_version_info[0] >= _OLDEST_LLVM
-    return is_known and bool(llvmlite.binding.get_host_cpu_features().get("avx512bf16"))
+    return is_known and bool(llvmlite.binding.get_host_cpu_features().get(feature))
 
 
-def _window_sums(typingctx, pixels, vectors, source, pixel_bytes, row_bytes, pairs, weights, sums):
-    """Store the sums of 3 x 3 windows over bf16 channels: fp32 [pixels, 16 * vectors].
+def _window_sums(typingctx, side, pixels, vectors, source, start, pixel_bytes, row_bytes, weights, sums):
+    """Store the sums of windows of side x side pixels: [pixels, 16 * vectors], as fp32 or int32.
 
     Args:
         typingctx: numba's.
+        side: of a window, a literal.
         pixels: neighbours in a row, a literal.
-        vectors: of output channels, a literal.
-        source: address of the upper left pixel of the first window.
+        vectors: of outputs, a literal.
+        source: array of fp32, or of uint8 in fours.
+        start: byte in the source at which the upper left pixel of the first window begins.
         pixel_bytes: from a pixel to the next.
         row_bytes: from a row to the next.
-        pairs: of input channels.
-        weights: address of bf16 [9, pairs, 16 * vectors, 2]; fastest if aligned to 64 bytes.
-        sums: address of the result.
+        weights: [side * side, words of a pixel, >= 16 * vectors] fp32 or int32; fastest if aligned to 64 bytes.
+        sums: array of the result.
     """
-    if not (isinstance(pixels, types.IntegerLiteral) and isinstance(vectors, types.IntegerLiteral)):
+    literals = side, pixels, vectors
+    if not all(isinstance(one, types.IntegerLiteral) for one in literals):
         return None
-    pixel_count, vector_count = pixels.literal_value, vectors.literal_value
-    signature = types.void(pixels, vectors, *[types.intp] * 6)
+    signature = types.void(*literals, source, *[types.intp] * 3, weights, sums)
 
     def codegen(context, builder, signature, arguments):
-        _WindowCode(builder, pixel_count, vector_count).build(*arguments[2:])
+        side, pixels, vectors = (one.literal_value for one in literals)
+        arrays = [context.make_array(signature.args[at])(context, builder, arguments[at]) for at in (3, 7, 8)]
+        code = _WindowCode(builder, side, pixels, vectors, is_int8=weights.dtype == types.int32)
+        code.build(*arrays, *arguments[4:7])
         return context.get_dummy_value()
 
     return signature, codegen
@@ -80,57 +83,55 @@ window_sums: Callable[..., None] = intrinsic(prefer_literal=True)(_window_sums)
 class _WindowCode:
     """Builds the code of `window_sums`: sums stay in registers over the whole window."""
 
-    def __init__(self, builder: ir.IRBuilder, pixels: int, vectors: int):
-        self.builder, self.pixels, self.vectors = builder, pixels, vectors
-        self.product = builder.module.declare_intrinsic(
-            "llvm.x86.avx512bf16.dpbf16ps.512", (), ir.FunctionType(_SUMS, [_SUMS, _BF16S, _BF16S])
-        )
-        self.sums = [[cgutils.alloca_once(builder, _SUMS) for _ in range(vectors)] for _ in range(pixels)]
+    def __init__(self, builder: ir.IRBuilder, side: int, pixels: int, vectors: int, is_int8: bool):
+        self.builder, self.side, self.pixels, self.vectors = builder, side, pixels, vectors
+        self.kind = _WORDS if is_int8 else _FLOATS
+        name = "llvm.x86.avx512.vpdpbusd.512" if is_int8 else "llvm.fma.v16f32"
+        self.function = builder.module.declare_intrinsic(name, (), ir.FunctionType(self.kind, [self.kind] * 3))
+        self.is_int8 = is_int8
+        self.sums = [[cgutils.alloca_once(builder, self.kind) for _ in range(vectors)] for _ in range(pixels)]
 
-    def build(self, source, pixel_bytes, row_bytes, pairs, weights, sums) -> None:
-        """Loop over the window and the pairs of channels, then store the sums."""
+    def build(self, source, weights, sums, start, pixel_bytes, row_bytes) -> None:
+        """Loop over the window and the words of a pixel, then store the sums."""
         builder = self.builder
         for row in self.sums:
             for one in row:
-                builder.store(ir.Constant(_SUMS, [0.0] * LANES), one)
-        tap_bytes = builder.mul(pairs, self._address(self._pair_bytes))
-        side = self._address(_SIDE)
+                builder.store(ir.Constant(self.kind, None), one)
+        first = builder.add(self._address_of(source.data), start)
+        factors = self._address_of(weights.data)
+        _, words, _ = cgutils.unpack_tuple(builder, weights.shape)
+        tap_bytes, word_bytes, _ = cgutils.unpack_tuple(builder, weights.strides)
+        side = self._address(self.side)
         with cgutils.for_range(builder, side) as dy, cgutils.for_range(builder, side) as dx:
             corner = builder.add(builder.mul(dy.index, row_bytes), builder.mul(dx.index, pixel_bytes))
             tap = builder.add(builder.mul(dy.index, side), dx.index)
-            first = builder.add(source, corner)
-            pixels = [
-                builder.add(first, builder.mul(self._address(pixel), pixel_bytes)) for pixel in range(self.pixels)
-            ]
-            weight = builder.add(weights, builder.mul(tap, tap_bytes))
-            with cgutils.for_range(builder, pairs) as pair:
-                self._add_pair(pixels, weight, pair.index)
-        self._store(sums)
+            at = builder.add(first, corner)
+            pixels = [builder.add(at, builder.mul(self._address(pixel), pixel_bytes)) for pixel in range(self.pixels)]
+            weight = builder.add(factors, builder.mul(tap, tap_bytes))
+            with cgutils.for_range(builder, words) as word:
+                self._add_word(pixels, builder.add(weight, builder.mul(word.index, word_bytes)), word.index)
+        self._store(self._address_of(sums.data))
 
-    @property
-    def _pair_bytes(self) -> int:
-        return 4 * LANES * self.vectors
-
-    def _add_pair(self, pixels, weight, pair) -> None:
+    def _add_word(self, pixels, weight, word) -> None:
         builder = self.builder
-        at = builder.add(weight, builder.mul(pair, self._address(self._pair_bytes)))
-        factors = [self._load(at, 4 * LANES * vector, _WORDS) for vector in range(self.vectors)]
-        offset = builder.mul(pair, self._address(4))
+        factors = [self._load(weight, 4 * LANES * vector, self.kind) for vector in range(self.vectors)]
+        offset = builder.mul(word, self._address(4))
         for pixel, sums in zip(pixels, self.sums, strict=True):
-            value = self._spread(self._load(builder.add(pixel, offset), 0, _WORD))
+            value = self._spread(self._load(builder.add(pixel, offset), 0, self.kind.element))
             for factor, total in zip(factors, sums, strict=True):
-                products = [builder.load(total), builder.bitcast(value, _BF16S), builder.bitcast(factor, _BF16S)]
-                builder.store(builder.call(self.product, products), total)
+                before = builder.load(total)
+                operands = [before, value, factor] if self.is_int8 else [value, factor, before]
+                builder.store(builder.call(self.function, operands), total)
 
     def _store(self, sums) -> None:
         flat = [one for row in self.sums for one in row]
         for index, one in enumerate(flat):
-            pointer = self._pointer(sums, 4 * LANES * index, _SUMS)
+            pointer = self._pointer(sums, 4 * LANES * index, self.kind)
             self.builder.store(self.builder.load(one), pointer, align=4)
 
     def _spread(self, word):
         """The word in every lane."""
-        nothing = ir.Constant(_WORDS, ir.Undefined)
+        nothing = ir.Constant(self.kind, ir.Undefined)
         first = self.builder.insert_element(nothing, word, ir.Constant(_WORD, 0))
         return self.builder.shuffle_vector(first, nothing, ir.Constant(_WORDS, [0] * LANES))
 
@@ -140,6 +141,71 @@ class _WindowCode:
     def _pointer(self, address, offset: int, to_type: ir.Type):
         return self.builder.inttoptr(self.builder.add(address, self._address(offset)), to_type.as_pointer())
 
+    def _address_of(self, pointer):
+        return self.builder.ptrtoint(pointer, _ADDRESS)
+
     @staticmethod
     def _address(value: int) -> ir.Constant:
         return ir.Constant(_ADDRESS, value)
+
+
+def _blend_texels(typingctx, table, first, texel, row, above, weights, share, out, to):
+    """Store four channels between four texels, and between two layers of each, in out[to : to + 4].
+
+    Args:
+        typingctx: numba's.
+        table: fp32, or the bits of half precision as uint16.
+        first: where the channels of the first texel begin in the flat table.
+        texel: from a texel to the next in its row.
+        row: to the one in the next row.
+        above: to the same channels of the next layer.
+        weights: fp32 of the four texels.
+        share: of the next layer.
+        out: fp32.
+        to: where.
+    """
+    signature = types.void(table, *[types.intp] * 4, types.UniTuple(types.float32, 4), types.float32, out, types.intp)
+
+    def codegen(context, builder, signature, arguments):
+        tables, first, texel, row, above, weights, share, outs, to = arguments
+        data, result = (
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in ((signature.args[0], tables), (signature.args[7], outs))
+        )
+        corners = first, builder.add(first, texel), builder.add(first, row), builder.add(builder.add(first, texel), row)
+        factors = [_spread_four(builder, weight) for weight in cgutils.unpack_tuple(builder, weights)]
+
+        def layer(offset):
+            total = ir.Constant(_FOUR, None)
+            for corner, factor in zip(corners, factors, strict=True):
+                address = builder.gep(data, [builder.add(corner, offset)])
+                values = _load_four(builder, address, is_half=table.dtype == types.uint16)
+                total = builder.fadd(total, builder.fmul(values, factor))
+            return total
+
+        low, high = layer(ir.Constant(_ADDRESS, 0)), layer(above)
+        between = builder.fmul(_spread_four(builder, share), builder.fsub(high, low))
+        target = builder.bitcast(builder.gep(result, [to]), _FOUR.as_pointer())
+        builder.store(builder.fadd(low, between), target, align=4)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+blend_texels: Callable[..., None] = intrinsic(_blend_texels)
+"""Called by kernels, without `typingctx`."""
+
+_FOUR = ir.VectorType(ir.FloatType(), 4)
+
+
+def _load_four(builder: ir.IRBuilder, address, is_half: bool):
+    if not is_half:
+        return builder.load(builder.bitcast(address, _FOUR.as_pointer()), align=4)
+    halves = ir.VectorType(ir.HalfType(), 4)
+    return builder.fpext(builder.load(builder.bitcast(address, halves.as_pointer()), align=2), _FOUR)
+
+
+def _spread_four(builder: ir.IRBuilder, value):
+    nothing = ir.Constant(_FOUR, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_WORD, 4), [0] * 4))

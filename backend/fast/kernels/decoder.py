@@ -1,0 +1,78 @@
+"""Layers of a field's decoder, a few rays at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
+from .vectors import LANES, window_sums
+
+BLOCK = 6
+"""Rays that are decoded at once."""
+GROUP = 4 * LANES
+"""Outputs of a layer that are computed at once; every layer has a multiple of these."""
+_GROUP, _LANES = np.uintp(GROUP), np.uintp(LANES)
+_0, _1, _HALF, _TINY = (np.float32(value) for value in (0, 1, 0.5, 1e-12))
+
+
+@compiled
+def decode_rays(inputs, one, two, three, steps, first, last, out):
+    """Fill out [R, outputs] for the inputs [R, C] of rays [first, last).
+
+    Layers are (weights [groups, 1, C, GROUP], factors [groups * GROUP], bias [groups * GROUP]). `steps` is an empty
+    fp32 array, or one uint8: the steps to which a ray's values are rounded for the second layer, whose weights are then
+    int32, four int8 each.
+    """
+    width, columns, item = len(one[2]), inputs.shape[1], steps.itemsize
+    block, hidden = np.zeros((BLOCK, columns), np.float32), np.empty((BLOCK, width), np.float32)
+    source, scale = np.empty((BLOCK, width), steps.dtype), np.ones(BLOCK, np.float32)
+    sums, of_source = np.empty((BLOCK, GROUP), np.float32), np.empty((BLOCK, GROUP), two[0].dtype)
+    unscaled, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
+    for start in range(first, last, BLOCK):
+        count = min(BLOCK, last - start)
+        block[:count] = inputs[start : start + count]
+        for group in range(len(one[0])):
+            window_sums(1, 6, 4, block, 0, 4 * columns, 0, one[0][group], sums)
+            _activate(sums, unscaled, one[1], one[2], group, hidden)
+        _load(hidden, steps, scale, lanes, source)
+        for group in range(len(two[0])):
+            window_sums(1, 6, 4, source, 0, item * width, 0, two[0][group], of_source)
+            _activate(of_source, scale, two[1], two[2], group, hidden)
+        for group in range(len(three[0])):
+            window_sums(1, 6, 4, hidden, 0, 4 * width, 0, three[0][group], sums)
+            for ray in range(count):
+                for column in range(min(GROUP, out.shape[1] - group * GROUP)):
+                    at = group * GROUP + column
+                    out[start + ray, at] = sums[ray, column] + three[2][at]
+
+
+@part
+def _activate(sums, scale, factors, bias, group, hidden):
+    begin = np.uintp(group * GROUP)  # unsigned, as numba lets signed indices count from the end
+    for ray in range(BLOCK):
+        gain = scale[ray]
+        for column in range(_GROUP):
+            value = np.float32(sums[ray, column]) * (gain * factors[begin + column]) + bias[begin + column]
+            hidden[ray, begin + column] = max(value, _0)
+
+
+@part
+def _load(hidden, steps, scale, lanes, source):
+    """Copy values, none of them negative; round them, where there are steps, and fill each ray's scale."""
+    width = np.uintp(hidden.shape[1])
+    for ray in range(BLOCK):
+        inverse, offset = _1, _0
+        if len(steps):
+            for lane in range(_LANES):
+                lanes[lane] = _TINY
+            for start in range(np.uintp(0), width, _LANES):
+                for lane in range(_LANES):
+                    lanes[lane] = max(lanes[lane], hidden[ray, start + lane])
+            most = _TINY
+            for lane in range(_LANES):
+                most = max(most, lanes[lane])
+            scale[ray] = most / np.float32(steps[0])
+            inverse, offset = _1 / scale[ray], _HALF
+        for column in range(width):
+            source[ray, column] = hidden[ray, column] * inverse + offset

@@ -1,0 +1,38 @@
+"""What `livehand warm-up` renders and says. That kernels stay on disk is tested with their cache."""
+
+import json
+
+import pytest
+from livehand.backend.commands import warm_up
+from livehand.backend.rendering import backends
+from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.runtime.command import run_commands
+
+COMMANDS = {"warm-up": warm_up.COMMAND}
+
+
+def test_it_renders_what_needs_every_kernel_and_names_their_folder(monkeypatch, capsys, tmp_path):
+    seen = []
+    monkeypatch.setattr(Renderer, "render", lambda self, shot: seen.append((self.precision, shot)))
+    monkeypatch.setattr(backends, "kernel_cache", lambda: tmp_path)
+    assert run_commands("livehand", "", COMMANDS, ["warm-up", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert said["compiled"]
+    assert said["folder"] == str(tmp_path)
+    assert {precision for precision, _ in seen} == {"bf16", "fp32"}
+    lights = [shot.light for _, shot in seen[:3]]
+    assert lights[0] is None
+    assert [len(light.occluders) for light in lights[1:]] == [0, 1]
+    assert all(light.lamps and light.sky for light in lights[1:])
+    for _, shot in seen:  # the hand is in the picture
+        positions_px, depth = shot.camera.project(shot.vertices)
+        assert depth.min() > 0
+        assert (positions_px > 0).all()
+        assert (positions_px < 64).all()
+
+
+@pytest.mark.parametrize("json_too", [[], ["--json"]])
+def test_without_numba_it_says_that_there_is_nothing_to_do(monkeypatch, capsys, json_too):
+    monkeypatch.setattr(backends, "has_numba", lambda: False)
+    assert run_commands("livehand", "", COMMANDS, ["warm-up", *json_too]) == 0
+    assert "numba is not installed" in capsys.readouterr().out

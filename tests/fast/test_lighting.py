@@ -1,0 +1,27 @@
+"""The light's kernels against `nerf.relighting`, where no other test does."""
+
+import torch
+from livehand.backend.fast.lighting import shares_of_rays
+from livehand.backend.nerf.rays import CameraTensors, ray_directions
+from livehand.backend.nerf.relighting import SkinDepth, covered_pixels
+from livehand.backend.nerf.relighting import shares_of_rays as reference
+
+SIZE_PX = (13, 9)
+CAMERA = CameraTensors(torch.tensor([[20.0, 0, 6.5], [0, 20, 4.5], [0, 0, 1]]), torch.eye(4), SIZE_PX)
+
+
+def test_shares_are_those_of_torch_at_steps_of_depth_borders_and_where_nothing_is():
+    random = torch.Generator().manual_seed(4)
+    pixel = torch.rand(9 * 13, generator=random).lt(0.7).nonzero()[:, 0]
+    pixel = torch.cat([pixel, torch.tensor([0, 12, 104, 116])]).unique()  # the corners too
+    depth = torch.where(torch.rand(len(pixel), generator=random) < 0.5, 0.5, 0.52)
+    position = depth[:, None] * ray_directions(CAMERA, pixel)
+    at = covered_pixels(pixel, SIZE_PX)
+    skin = torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52)
+    skin += 0.004 * torch.rand(len(skin), generator=random)
+    skin[torch.rand(len(skin), generator=random) < 0.3] = torch.inf
+    where = position, pixel, CAMERA, at, SkinDepth(skin, torch.tensor(0.003))
+    ours, theirs = shares_of_rays(*where), reference(*where)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+    torch.testing.assert_close(ours.sum(1), torch.ones(len(at)))
+    assert ((theirs > 0.1) & (theirs < 0.3)).any()
