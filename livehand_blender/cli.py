@@ -30,6 +30,7 @@ from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..backend.runtime.command import Command, run_commands
 from ..backend.runtime.process_end import run_process
 from ..backend.runtime.stdout import blender_silenced
+from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
@@ -136,6 +137,7 @@ COMMANDS: dict[str, Command] = {
         IMPORT_INTERHAND,
         IMPORT_TRANSFORMS,
         MASK,
+        FETCH_TRACKER,
     )
 }
 
