@@ -88,27 +88,28 @@ def cropped(
     of pixels are whole numbers, interpolated linearly at places rounded to 1/32 px. Here too: what they answer moves by
     whole pixels with the second digit of what they see.
     """
-    places = _places(region, side_px)
-    patch, corner = _patch(picture, places)
-    half = torch.tensor(patch.shape[:0:-1], dtype=torch.float64).sub(1).clamp(min=1) / 2  # of width and height
-    grid = ((torch.from_numpy(places - corner) / half) - 1).float().reshape(1, side_px, side_px, 2)
+    patch, corner = _patch(picture, region)
+    places = torch.from_numpy(_places(region, side_px) - corner)
+    half = torch.tensor(patch.shape[:0:-1]).sub(1).clamp(min=1) / 2  # of width and height
+    grid = (places / half - 1).float()[None]
     edge = "border" if repeats_edge else "zeros"
     crop = F.grid_sample(patch[None].float(), grid, padding_mode=edge, align_corners=True)
     return crop.round_() / 255
 
 
 def _places(region: Region, side_px: int) -> np.ndarray:
-    """[S * S, 2] in the picture of each pixel of the crop."""
-    shares = np.arange(side_px) / side_px
-    columns, rows = np.meshgrid(shares, shares)
-    places = region.to_px(np.stack([columns.ravel(), rows.ravel()], -1))
+    """[S, S, 2] in the picture of each pixel of the crop."""
+    steps = np.arange(side_px) * (region.side_px / side_px)
+    right, down = (steps[:, None] * axis for axis in region.rotation.T)
+    places = region.to_px(np.zeros(2)) + right + down[:, None]
     return np.rint(places * _PLACES_PER_PX) / _PLACES_PER_PX
 
 
-def _patch(picture: np.ndarray, places: np.ndarray) -> tuple[Tensor, np.ndarray]:
-    """[3, h, w] the part of the picture that the places lie in, and its upper left corner: only that is converted."""
+def _patch(picture: np.ndarray, region: Region) -> tuple[Tensor, np.ndarray]:
+    """[3, h, w] the part of the picture that holds the region, and its upper left corner: only that is converted."""
+    corners = region.to_px(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
     most = np.array(picture.shape[1::-1]) - 1
-    low = np.clip(np.floor(places.min(0)).astype(int), 0, most)
-    high = np.clip(np.ceil(places.max(0)).astype(int), 0, most)
+    low = np.clip(np.floor(corners.min(0)).astype(int) - 1, 0, most)
+    high = np.clip(np.ceil(corners.max(0)).astype(int) + 1, 0, most)
     part = picture[low[1] : high[1] + 1, low[0] : high[0] + 1]
-    return torch.from_numpy(np.ascontiguousarray(part)).permute(2, 0, 1), low
+    return torch.from_numpy(np.array(part)).permute(2, 0, 1), low

@@ -14,7 +14,9 @@ from .palm import find_hands
 from .weights import TrackerNetworks
 
 _LEAST_PRESENCE = 0.5
+_SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of both places is taken
 _SAME_HAND = 0.5  # overlap of two regions of one hand
+_NEAR = 0.1  # overlap of a region found anew with the one where the hand was
 _SEARCH_EVERY = 10  # frames, while a hand is tracked and another may come
 
 
@@ -62,12 +64,13 @@ class HandTracker:
         """
         if min(picture.shape[:2]) < 1:
             raise LiveHandError(f"a picture must have pixels, got {picture.shape[1]} x {picture.shape[0]}")
-        searches = not self._followed or self._frames % _SEARCH_EVERY == 0
+        was_followed = bool(self._followed)
+        searches = not was_followed or self._frames % _SEARCH_EVERY == 0
         self._frames += 1
         if searches and len(self._followed) < self._most_hands:
             for region in find_hands(picture, self._palm):
                 self._follow(region)
-        return self._looked_at(picture)
+        return self._looked_at(picture, is_searched=not was_followed)
 
     def _follow(self, region: Region) -> None:
         known = any(region.overlap(other.region) > _SAME_HAND for other in self._followed)
@@ -75,11 +78,15 @@ class HandTracker:
             self._followed.append(_Followed(self._tracks, region))
             self._tracks += 1
 
-    def _looked_at(self, picture: np.ndarray) -> list[TrackedHand]:
+    def _looked_at(self, picture: np.ndarray, is_searched: bool) -> list[TrackedHand]:
         hands: list[TrackedHand] = []
         followed: list[_Followed] = []
         for one in self._followed:
             hand = self._landmarks(picture, one)
+            if hand.presence < _SURE_PRESENCE and not is_searched:
+                again = [replace(one, region=region) for region in find_hands(picture, self._palm)]
+                near = [other for other in again if other.region.overlap(one.region) > _NEAR]
+                hand = max((hand, *(self._landmarks(picture, other) for other in near)), key=lambda each: each.presence)
             region = region_of_landmarks(hand.px)
             is_new = not any(region.overlap(other.region) > _SAME_HAND for other in followed)
             if hand.presence >= _LEAST_PRESENCE and is_new and region.side_px >= 1:
