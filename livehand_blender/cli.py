@@ -21,6 +21,7 @@ from ..backend.captures.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
+from ..backend.commands.track import COMMAND as TRACK
 from ..backend.comparison.command import COMMAND as COMPARE
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
@@ -138,6 +139,7 @@ COMMANDS: dict[str, Command] = {
         IMPORT_TRANSFORMS,
         MASK,
         FETCH_TRACKER,
+        TRACK,
     )
 }
 
