@@ -58,9 +58,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
     found = track_frames(_shown(video.frames(), video.count), tracker)
     take = filmed_take(found, video.fps, args.fov, args.video)
-    fits = {
-        side: fit_take(hand, take.times, take.camera, model, side, take.fps) for side, hand in take.hands.items()
-    }
+    fits: dict[Side, TakeFit] = {}
+    for side, hand in take.hands.items():
+        fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
     write_take(take, args.output)
     lines = [_facts(side, fit) for side, fit in fits.items()]
     return {
@@ -84,7 +84,9 @@ def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: 
     camera = FilmCamera.guessed(found.size_px)
     if fov_deg is not None:
         camera = FilmCamera(found.size_px, found.size_px[0] / 2 / tan(radians(fov_deg) / 2))
-    hands = {side: FilmedHand(hand.frames, hand.px, hand.world) for side, hand in found.hands.items()}
+    hands: dict[Side, FilmedHand] = {}
+    for side, hand in found.hands.items():
+        hands[side] = FilmedHand(hand.frames, hand.px, hand.world)
     return FilmedTake(camera, found.times, fps, hands)
 
 

@@ -22,7 +22,7 @@ _HAND_SCALE, _HAND_SHIFT = 2.0, -0.1  # of the next frame's region against these
 
 
 @dataclass(frozen=True)
-class Region:
+class HandRegion:
     """A square in a picture.
 
     Attributes:
@@ -45,7 +45,7 @@ class Region:
         """Places [..., 2] in the picture of shares of the square's sides, from its upper left corner."""
         return self.centre_px + (shares - 0.5) * self.side_px @ self.rotation.T
 
-    def overlap(self, other: Region) -> float:
+    def overlap(self, other: HandRegion) -> float:
         """Intersection over union of both squares, as if neither was turned."""
         low = np.maximum(self.centre_px - self.side_px / 2, other.centre_px - other.side_px / 2)
         high = np.minimum(self.centre_px + self.side_px / 2, other.centre_px + other.side_px / 2)
@@ -55,19 +55,19 @@ class Region:
 
 def region_of_extent(
     centre_px: np.ndarray, extent_px: np.ndarray, angle_rad: float, scale: float, shift: float
-) -> Region:
+) -> HandRegion:
     """The square about a box [2] that is turned by an angle, scaled, and moved by a share of its height."""
     along = np.array([-sin(angle_rad), cos(angle_rad)])
-    return Region(centre_px + shift * extent_px[1] * along, scale * float(extent_px.max()), angle_rad)
+    return HandRegion(centre_px + shift * extent_px[1] * along, scale * float(extent_px.max()), angle_rad)
 
 
-def region_of_landmarks(px: np.ndarray) -> Region:
+def region_of_landmarks(px: np.ndarray) -> HandRegion:
     """Where the hand of landmarks [21, 2] is looked for in the next frame."""
     index, middle, ring = px[list(_KNUCKLES)]
     ahead = _MIDDLE_SHARE * middle + (1 - _MIDDLE_SHARE) * (index + ring) / 2
     angle = upward_angle(px[_WRIST], ahead)
     points = px[list(_STEADY)]
-    turn = Region(np.zeros(2), 1.0, angle).rotation
+    turn = HandRegion(np.zeros(2), 1.0, angle).rotation
     low, high = (points @ turn).min(0), (points @ turn).max(0)
     return region_of_extent(turn @ ((low + high) / 2), high - low, angle, _HAND_SCALE, _HAND_SHIFT)
 
@@ -80,7 +80,7 @@ def upward_angle(start_px: np.ndarray, end_px: np.ndarray) -> float:
 
 
 def cropped(
-    picture: UInt8[np.ndarray, "H W 3"], region: Region, side_px: int, repeats_edge: bool
+    picture: UInt8[np.ndarray, "H W 3"], region: HandRegion, side_px: int, repeats_edge: bool
 ) -> Float[Tensor, "1 3 S S"]:
     """A region as a network's input in [0, 1]; beyond the picture it is black, or repeats the picture's edge.
 
@@ -97,7 +97,7 @@ def cropped(
     return crop.round_() / 255
 
 
-def _places(region: Region, side_px: int) -> np.ndarray:
+def _places(region: HandRegion, side_px: int) -> np.ndarray:
     """[S, S, 2] in the picture of each pixel of the crop."""
     steps = np.arange(side_px) * (region.side_px / side_px)
     right, down = (steps[:, None] * axis for axis in region.rotation.T)
@@ -105,7 +105,7 @@ def _places(region: Region, side_px: int) -> np.ndarray:
     return np.rint(places * _PLACES_PER_PX) / _PLACES_PER_PX
 
 
-def _patch(picture: np.ndarray, region: Region) -> tuple[Tensor, np.ndarray]:
+def _patch(picture: np.ndarray, region: HandRegion) -> tuple[Tensor, np.ndarray]:
     """[3, h, w] the part of the picture that holds the region, and its upper left corner: only that is converted."""
     corners = region.to_px(np.array([[0.0, 0], [0, 1], [1, 0], [1, 1]]))
     most = np.array(picture.shape[1::-1]) - 1

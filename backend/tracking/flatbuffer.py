@@ -77,4 +77,4 @@ def _unpack(kind: str, raw: bytes, place: int) -> int:
             raise struct.error("before its start")
         return struct.unpack_from(kind, raw, place)[0]
     except struct.error as error:
-        raise LiveHandError(f"a network's file must be whole, got a place outside it ({error}); fetch it again") from error
+        raise LiveHandError(f"a network's file must be whole, got a place outside ({error}); fetch it again") from error

@@ -1,4 +1,4 @@
-"""Runs a tracker's network in torch. Pictures are [N, 3, H, W] inside, as torch has them; `.tflite` counts [N, H, W, C]."""
+"""Runs a tracker's network in torch. Inside, pictures are [N, 3, H, W]; the `.tflite` counts [N, H, W, C]."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import UInt8
 
-from .crop import Region, cropped, region_of_extent, upward_angle
+from .crop import HandRegion, cropped, region_of_extent, upward_angle
 from .networks import TorchNetwork
 
 _GRIDS = ((24, 2), (12, 6))  # cells per side, anchors per cell
@@ -18,10 +18,10 @@ _WRIST, _MIDDLE_KNUCKLE = 0, 2  # among a palm's seven points
 _PALM_SCALE, _PALM_SHIFT = 2.6, -0.5  # of a hand's region against its palm's box
 
 
-def find_hands(picture: UInt8[np.ndarray, "H W 3"], detector: TorchNetwork) -> list[Region]:
+def find_hands(picture: UInt8[np.ndarray, "H W 3"], detector: TorchNetwork) -> list[HandRegion]:
     """Regions of the hands in a picture, the surest first."""
     height, width = picture.shape[:2]
-    whole = Region(np.array([width, height]) / 2, float(max(width, height)), 0.0)
+    whole = HandRegion(np.array([width, height]) / 2, float(max(width, height)), 0.0)
     boxes, logits = detector(cropped(picture, whole, detector.size_px, repeats_edge=False))
     scores = 1 / (1 + np.exp(-np.clip(logits[0, :, 0].numpy(), -_LARGEST_LOGIT, _LARGEST_LOGIT)))
     is_palm = scores >= _LEAST_SCORE
@@ -70,7 +70,7 @@ def _overlaps(one: np.ndarray, palms: np.ndarray) -> np.ndarray:
     return shared / np.maximum(both, np.finfo(float).tiny)
 
 
-def _region(palm_px: np.ndarray) -> Region:
+def _region(palm_px: np.ndarray) -> HandRegion:
     low, high, points = palm_px[0], palm_px[1], palm_px[2:]
     angle = upward_angle(points[_WRIST], points[_MIDDLE_KNUCKLE])
     return region_of_extent((low + high) / 2, high - low, angle, _PALM_SCALE, _PALM_SHIFT)

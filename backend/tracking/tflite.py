@@ -74,7 +74,7 @@ def read_network(raw: bytes) -> Network:
 
 
 def _constants(tensors: list[FlatTable], buffers: list[FlatTable]) -> dict[int, np.ndarray]:
-    found = {}
+    found: dict[int, np.ndarray] = {}
     for number, tensor in enumerate(tensors):
         content = buffers[tensor.scalar(2, "<I")].numbers(0, "u1")
         if len(content):
@@ -88,7 +88,8 @@ def _step(
     if code not in _KINDS:
         raise LiveHandError(f"a network must have the operators of a hand tracker, got number {code}; fetch it again")
     kind, options_of = _KINDS[code]
-    inputs = [same.get(number, number) for number in operator.numbers(1).tolist()]
+    given: list[int] = operator.numbers(1).tolist()
+    inputs = [same.get(number, number) for number in given]
     (output,) = operator.numbers(2).tolist()
     table = operator.table(4)
     options = options_of(table) if table else {}

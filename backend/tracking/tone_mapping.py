@@ -18,9 +18,7 @@ _HLG_SYSTEM_GAMMA, _HLG_PEAK_CD = 1.2, 1000.0
 _PQ_M1, _PQ_M2, _PQ_C1, _PQ_C2, _PQ_C3, _PQ_PEAK_CD = 0.1593017578125, 78.84375, 0.8359375, 18.8515625, 18.6875, 10000.0
 _WHITE_CD = 203.0
 _LUMINANCE_2020 = np.array([0.2627, 0.6780, 0.0593], np.float32)
-_TO_709 = np.array(
-    [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]], np.float32
-)
+_TO_709 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]], np.float32)
 _SHOULDER = 0.8  # of white; brighter light is compressed
 _LEVELS = 1 << 12  # of the tables
 

@@ -1,4 +1,4 @@
-"""Tracks hands from frame to frame: where a hand was, it is looked for again; palms are searched for only now and then."""
+"""Tracks hands from frame to frame: a hand is looked for where it was; palms are searched for only now and then."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..records.errors import LiveHandError
-from .crop import Region, cropped, region_of_landmarks
+from .crop import HandRegion, cropped, region_of_landmarks
 from .networks import TorchNetwork
 from .palm import find_hands
 from .weights import TrackerNetworks
@@ -44,7 +44,7 @@ class _Followed:
     """A hand's number, and where it is looked for next."""
 
     track: int
-    region: Region
+    region: HandRegion
 
 
 class HandTracker:
@@ -72,7 +72,7 @@ class HandTracker:
                 self._follow(region)
         return self._looked_at(picture, is_searched=not was_followed)
 
-    def _follow(self, region: Region) -> None:
+    def _follow(self, region: HandRegion) -> None:
         known = any(region.overlap(other.region) > _SAME_HAND for other in self._followed)
         if not known and len(self._followed) < self._most_hands:
             self._followed.append(_Followed(self._tracks, region))

@@ -1,7 +1,7 @@
 """Frames of a video file by PyAV: upright, in sRGB, each with its true time.
 
-PyAV is the extra `video`. Only containers of films are opened, and only as files: FFmpeg would take text for a terminal's
-recording, and follow a playlist's addresses.
+PyAV is the extra `video`. Only containers of films are opened, and only as files: FFmpeg would take text for a
+terminal's recording, and follow a playlist's addresses.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _opened(path: Path) -> av.container.InputContainer:
     options = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
     try:
         container = av.open(str(path), options=options)
-    except (OSError, ValueError) as error:  # FFmpeg's own errors are both
+    except (av.error.FFmpegError, OSError, ValueError) as error:
         raise LiveHandError(f"{path} must be a video, got {type(error).__name__} ({error}); record it again") from error
     if not container.streams.video:
         container.close()
@@ -107,7 +107,7 @@ def _import_av() -> Any:
     try:
         import av
     except ImportError as error:
-        raise LiveHandError(f"reading videos needs PyAV, which is missing ({error}); install it: {INSTALL_VIDEO}") from error
+        raise LiveHandError(f"videos need PyAV, which is missing ({error}); install it: {INSTALL_VIDEO}") from error
     return av
 
 
@@ -125,7 +125,7 @@ def _time(frame: Any, start: float | None, index: int, fps: float) -> tuple[floa
 
 def _upright(frame: Any) -> np.ndarray:
     if max(frame.width, frame.height) > _MOST_SIDE_PX:
-        raise LiveHandError(f"a video must be at most {_MOST_SIDE_PX} px wide and high, got {frame.width}x{frame.height}")
+        raise LiveHandError(f"a video must be at most {_MOST_SIDE_PX} px a side, got {frame.width}x{frame.height}")
     transfer = int(frame.color_trc or 0)
     if transfer in (HLG, PQ):
         picture = tone_mapped(frame.to_ndarray(format="rgb48le"), transfer)

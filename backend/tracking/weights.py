@@ -24,7 +24,16 @@ from .tflite import Network, read_network
 FETCH_COMMAND = "livehand fetch-tracker"
 _WHEEL = "mediapipe==0.10.21"
 # One wheel for every system: nothing of it is run.
-_PLATFORM = ("--python-version", "3.11", "--implementation", "cp", "--abi", "cp311", "--platform", "manylinux_2_28_x86_64")
+_PLATFORM = (
+    "--python-version",
+    "3.11",
+    "--implementation",
+    "cp",
+    "--abi",
+    "cp311",
+    "--platform",
+    "manylinux_2_28_x86_64",
+)
 _FETCH_SECONDS = 900
 _MOST_WHEEL_BYTES, _MOST_MEMBER_BYTES = 256 * MIB, 16 * MIB
 _LICENCE, _LICENCE_IN_WHEEL = "LICENSE", "mediapipe-0.10.21.dist-info/LICENSE"

@@ -10,9 +10,10 @@ from typing import Any
 from ...hand.model import HandModel
 from ..landmarks.landmark_file import LandmarkFile
 from ..landmarks.picture_camera import PictureCamera
-from ..landmarks.take_file import TakeFile
+from ..landmarks.take_file import TakeFile, doubt_of
 from ..mano_basis import find_basis
 from ..motion import HandMotion
+from ..resampling import smoothed
 from .open_files import MotionFile
 
 _POSE_FILES_ONLY = ("has_mean_added", "pca_components")
@@ -65,7 +66,10 @@ def motion_and_warning(
     Raises:
         LiveHandError: MANO's file is needed and missing, or the landmarks are not those of a hand.
     """
-    if isinstance(file, LandmarkFile | TakeFile):
+    if isinstance(file, TakeFile):
+        fit = file.fit(model)
+        return smoothed(fit.motion, options.smooth_frames), doubt_of(fit)
+    if isinstance(file, LandmarkFile):
         return file.motion(model, options.smooth_frames), file.warning(model)
     basis = find_basis(options.mano_path, model_path)
     return file.motion(basis), file.warning(basis)

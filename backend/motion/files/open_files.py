@@ -80,7 +80,7 @@ def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
         LiveHandError: as `open_motion_file`, or the file holds landmarks.
     """
     file = open_motion_file(path, capture)
-    if isinstance(file, LandmarkFile):
+    if isinstance(file, LandmarkFile | TakeFile):
         raise LiveHandError(f"{path} must hold poses, got {file.info.format}; import it onto a hand to fit it")
     return file
 

@@ -93,7 +93,7 @@ class CameraProblem:
     offsets: np.ndarray
     definition: TrackerDefinition
     natural: NaturalPoses
-    weights: FitWeights = FitWeights()
+    weights: FitWeights
 
     def initial(self) -> CameraPoses:
         """The world landmarks' poses, placed in closed form where the picture shows them; linear in time in gaps."""
@@ -265,7 +265,7 @@ def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
     rows[..., 0, 0] = rows[..., 1, 1] = 1
     rows[..., 2] = -places
     right = places * points[..., 2:] - points[..., :2]
-    weight = np.ones(points.shape[:2])
+    weight, moved = np.ones(points.shape[:2]), np.zeros((len(points), 3))
     for _ in range(_PLACE_STEPS):
         weighted = (rows * weight[..., None, None]).reshape(len(points), -1, 3)
         normal = weighted.swapaxes(1, 2) @ rows.reshape(len(points), -1, 3) + 1e-9 * np.eye(3)

@@ -1,8 +1,8 @@
 """A filmed take on disk: what `livehand track` writes, landmarks in the picture with their camera and times.
 
-A `.npz` of plain arrays: `size_px` [2], `focal_px`, `times` [T] s, `fps`, and for each side that was seen `right_frames`
-[N], `right_px` [N, 21, 2] and `right_world` [N, 21, 3] m. The hand is fitted when the file is read,
-so that any hand model may play it.
+A `.npz` of plain arrays: `size_px` [2], `focal_px`, `times` [T] s, `fps`, and for each side that was seen
+`right_frames` [N], `right_px` [N, 21, 2] and `right_world` [N, 21, 3] m. The hand is fitted when the file is read, so
+that any hand model may play it.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class TakeFile:
         """
         check_changes(changes)
         if changes.get("space", "opencv") != "opencv" or changes.get("unit", "m") != "m":
-            raise LiveHandError(f"{self.path}: a filmed take is in its camera's axes and metres; leave both as detected")
+            raise LiveHandError(f"{self.path}: a filmed take has its camera's axes and metres; leave both as detected")
         is_mirrored = self.is_picture_mirrored if is_picture_mirrored is None else is_picture_mirrored
         info = replace(self.info, **changes)
         if is_mirrored != self.is_picture_mirrored and "side" not in changes and len(self.take.hands) == 1:
@@ -95,7 +95,9 @@ class TakeFile:
         if picture_camera is not None:
             share = take.camera.size_px[0] / picture_camera.size_px[0]
             take = replace(take, camera=FilmCamera(take.camera.size_px, picture_camera.focal_px * share))
-        file = replace(self, take=take, info=info, is_picture_mirrored=is_mirrored, beta=beta if beta is not None else self.beta)
+        file = replace(
+            self, take=take, info=info, is_picture_mirrored=is_mirrored, beta=beta if beta is not None else self.beta
+        )
         hand = file._hand
         span = int(hand.frames[-1] - hand.frames[0]) + 1
         return replace(file, info=replace(info, frames=span, missing=span - len(hand.frames)))
@@ -171,9 +173,11 @@ def read_take(document: Document) -> TakeFile:
     _require(0 < len(times) <= MOST_FRAMES and bool((np.diff(times) > 0).all()), path, "times must increase")
     _require(min(width, height) >= 1 and focal_px > 0, path, "size_px and focal_px must be positive")
     _require(FPS_RANGE[0] <= fps <= FPS_RANGE[1], path, f"fps must be a film's, got {fps}")
-    _require((times[-1] - times[0]) * fps <= MOST_FRAMES, path, f"it must last at most {MOST_FRAMES} frames")
+    _require(bool((times[-1] - times[0]) * fps <= MOST_FRAMES), path, f"it must last at most {MOST_FRAMES} frames")
     camera = FilmCamera((int(width), int(height)), focal_px)
-    hands = {side: _hand(document, side, len(times), camera) for side in SIDES if f"{side}_frames" in entries}
+    hands: dict[Side, FilmedHand] = {
+        side: _hand(document, side, len(times), camera) for side in SIDES if f"{side}_frames" in entries
+    }
     _require(bool(hands), path, "it must have at least one hand; film the hand again, the whole of it in the picture")
     side: Side = next(iter(hands))
     info = FileInfo(_NAME, side, True, 0, "opencv", "m", fps, 0, 0, (), True)
@@ -185,7 +189,7 @@ def _hand(document: Document, side: Side, count: int, camera: FilmCamera) -> Fil
     frames = document.array(entries[f"{side}_frames"], f"{side}_frames", (None,)).astype(int)
     n = len(frames)
     _require(
-        n > 0 and 0 <= frames[0] and frames[-1] < count and bool((np.diff(frames) > 0).all()),
+        n > 0 and bool(0 <= frames[0] and frames[-1] < count and (np.diff(frames) > 0).all()),
         path,
         f"{side}_frames must increase from 0 to below {count}",
     )

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...hand.model import HandModel
 from ...geometry.rotation import matrix_to_axis_angle
+from ...hand.model import HandModel
 from ...records.errors import LiveHandError
 from ...records.side import Side
 from ..motion import HandMotion, mirrored
@@ -125,9 +125,7 @@ def fit_take(
     return _at_equal_steps(motion if side == "right" else mirrored(motion), doubt, seen.times[frames], rejected)
 
 
-def _sighting(
-    hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray
-) -> Sighting2D:
+def _sighting(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray) -> Sighting2D:
     """From the first to the last frame with the hand, as that of a right hand."""
     first, count = int(hand.frames[0]), int(hand.frames[-1] - hand.frames[0]) + 1
     rows = hand.frames - first
@@ -164,7 +162,7 @@ def _cut(problem: CameraProblem, frames: slice) -> CameraProblem:
 
 
 def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:
-    """Poses, doubt [T] and the number of rejected frames: mistakes of the tracker become gaps, and all is fitted again."""
+    """Poses, doubt [T], number of rejected frames: mistakes of the tracker become gaps and all is fitted again."""
     poses = problem.solve(problem.initial(), _STEPS)
     doubt = problem.reprojection(poses)
     is_wrong = doubt > DOUBTFUL
@@ -178,7 +176,7 @@ def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:
 
 def _at_equal_steps(motion: HandMotion, doubt: np.ndarray, times: np.ndarray, rejected: int) -> TakeFit:
     assert motion.fps is not None
-    count = int(round((times[-1] - times[0]) * motion.fps)) + 1
+    count = round(float(times[-1] - times[0]) * motion.fps) + 1
     wanted = times[0] + np.arange(count) / motion.fps
     right = np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)
     left = np.maximum(right - 1, 0)
