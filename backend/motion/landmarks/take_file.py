@@ -110,7 +110,7 @@ class TakeFile:
         """
         hand, camera = self._hand, self.take.camera
         if self.is_picture_mirrored:
-            hand = FilmedHand(hand.frames, hand.px * (-1, 1) + (camera.size_px[0], 0), hand.world * _MIRROR)
+            hand = _unmirrored_hand(hand, camera)
         fps = self.info.fps or self.take.fps
         return fit_take(hand, self.take.times, camera, model, self.info.side, fps, self.beta)
 
@@ -126,6 +126,16 @@ class TakeFile:
     def _hand(self) -> FilmedHand:
         shown = _other(self.info.side) if self.is_picture_mirrored else self.info.side
         return self.take.hands.get(shown) or next(iter(self.take.hands.values()))
+
+
+def unmirrored(take: FilmedTake) -> FilmedTake:
+    """The take of a film that was mirrored, as if it had not been: its hands are those of the other side."""
+    hands = {_other(side): _unmirrored_hand(hand, take.camera) for side, hand in take.hands.items()}
+    return replace(take, hands=hands)
+
+
+def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:
+    return FilmedHand(hand.frames, hand.px * (-1, 1) + (camera.size_px[0], 0), hand.world * _MIRROR)
 
 
 def doubt_of(fit: TakeFit) -> str | None:
