@@ -27,6 +27,8 @@ from .take_fit import FilmCamera, FilmedHand, TakeFit, fit_take
 
 _NAME = "filmed take"
 _MIRROR = np.array([-1.0, 1, 1])
+_LEAST_STEP_S = 1e-5
+_MOST_WORLD_M = 100.0
 _MOST_TILT = 1e3  # of places, in focal lengths from the picture's middle
 _WRONG_SHARE = 0.2  # of rejected frames, from which a take is doubted
 
@@ -180,7 +182,7 @@ def read_take(document: Document) -> TakeFile:
     width, height = document.array(entries["size_px"], "size_px", (2,))
     focal_px = document.array(entries["focal_px"], "focal_px", ()).item()
     fps = document.array(entries.get("fps", 30.0), "fps", ()).item()
-    _require(0 < len(times) <= MOST_FRAMES and bool((np.diff(times) > 0).all()), path, "times must increase")
+    _require(0 < len(times) <= MOST_FRAMES and bool((np.diff(times) > _LEAST_STEP_S).all()), path, "times must increase")
     _require(min(width, height) >= 1 and focal_px > 0, path, "size_px and focal_px must be positive")
     _require(FPS_RANGE[0] <= fps <= FPS_RANGE[1], path, f"fps must be a film's, got {fps}")
     _require(bool((times[-1] - times[0]) * fps <= MOST_FRAMES), path, f"it must last at most {MOST_FRAMES} frames")
@@ -206,6 +208,7 @@ def _hand(document: Document, side: Side, count: int, camera: FilmCamera) -> Fil
     px = document.array(entries.get(f"{side}_px"), f"{side}_px", (n, 21, 2))
     world = document.array(entries.get(f"{side}_world"), f"{side}_world", (n, 21, 3))
     _require(bool((np.abs(px) < _MOST_TILT * camera.focal_px).all()), path, f"{side}_px must be places in the picture")
+    _require(bool((np.abs(world) < _MOST_WORLD_M).all()), path, f"{side}_world must be a hand's, in metres")
     return FilmedHand(frames, px, world)
 
 
