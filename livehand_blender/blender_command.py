@@ -1,4 +1,4 @@
-"""`blender --command livehand render ...`: the render command of the `livehand` program, in the Blender program."""
+"""`blender --command livehand ...`: in the Blender program, the commands `render` and `fetch-tracker` of `livehand`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..backend.runtime.command import Command, run_commands
+from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from .render import command as render
 
 _RENDER = Command(
@@ -17,6 +18,8 @@ _RENDER = Command(
     render.add_arguments,
     lambda args: render.run(args, in_blender=contextlib.nullcontext),
 )
+
+_COMMANDS = {command.name: command for command in (_RENDER, FETCH_TRACKER)}
 
 
 class BlenderCommand:
@@ -38,4 +41,9 @@ class BlenderCommand:
 
 def run(argv: Sequence[str]) -> int:
     """Run the command with the arguments after its name on Blender's command line; returns the exit code."""
-    return run_commands("livehand", "Photoreal frames of hands posed in Blender.", {_RENDER.name: _RENDER}, argv)
+    return run_commands(
+        "livehand",
+        "Photoreal frames of hands posed in Blender.",
+        {command.name: command for command in (_RENDER, FETCH_TRACKER)},
+        argv,
+    )

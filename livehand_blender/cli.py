@@ -21,6 +21,7 @@ from ..backend.captures.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
+from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
 from ..backend.comparison.command import COMMAND as COMPARE
 from ..backend.evaluation.command import COMMAND as EVALUATE
@@ -31,6 +32,7 @@ from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..backend.runtime.command import Command, run_commands
 from ..backend.runtime.process_end import run_process
 from ..backend.runtime.stdout import blender_silenced
+from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
@@ -138,6 +140,8 @@ COMMANDS: dict[str, Command] = {
         IMPORT_INTERHAND,
         IMPORT_TRANSFORMS,
         MASK,
+        FETCH_TRACKER,
+        TRACK,
     )
 }
 

@@ -25,6 +25,7 @@ from .ui import (
     retarget,
     shape,
     studio,
+    video,
 )
 
 CLASSES = (
@@ -40,6 +41,7 @@ CLASSES = (
     *avatars.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
+    *video.CLASSES,
     *retarget.CLASSES,
     *hand_model.CLASSES,
     *engine.CLASSES,
@@ -53,6 +55,7 @@ def register() -> None:
     properties.attach()
     panels.add_to_menus()
     motion_files.add_to_menus()
+    video.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
     old_files.watch_files()
@@ -76,6 +79,7 @@ def unregister() -> None:
     old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()
+    video.remove_from_menus()
     motion_files.remove_from_menus()
     panels.remove_from_menus()
     properties.detach()

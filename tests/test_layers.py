@@ -30,7 +30,7 @@ ROWS = (
     ("backend.records",),
     ("backend.runtime", "backend.geometry", "backend.files"),
     ("backend.hand",),
-    ("backend.nerf", "backend.captures", "backend.batch", "livehand_blender.rig"),
+    ("backend.nerf", "backend.captures", "backend.batch", "backend.tracking", "livehand_blender.rig"),
     ("backend.fast", "backend.motion", "livehand_blender.scene"),
     (
         "backend.rendering",

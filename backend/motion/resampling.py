@@ -40,8 +40,8 @@ def sampled_at(motion: HandMotion, positions: np.ndarray, times: np.ndarray | No
     times = np.arange(len(motion)) if times is None else times
     left = np.clip(np.searchsorted(times, positions, "right") - 1, 0, max(len(times) - 2, 0))
     right = np.minimum(left + 1, len(times) - 1)
-    span = np.maximum(times[right] - times[left], 1)
-    t = np.clip((positions - times[left]) / span, 0, 1)
+    span = times[right] - times[left]
+    t = np.clip((positions - times[left]) / np.where(span > 0, span, 1), 0, 1)
     quaternions = axis_angle_to_quaternion(motion.theta)
     theta = quaternion_to_axis_angle(slerp(quaternions[left], quaternions[right], t[:, None]))
     transl = _lerp(motion.transl[left], motion.transl[right], t)

@@ -47,7 +47,13 @@ class Placement:
     camera: np.ndarray | None = None
 
 
-def key_motion(scene: bpy.types.Scene, hand: RiggedHand, motion: HandMotion, placement: Placement) -> int:
+def key_motion(
+    scene: bpy.types.Scene,
+    hand: RiggedHand,
+    motion: HandMotion,
+    placement: Placement,
+    is_keyed: np.ndarray | None = None,
+) -> int:
     """Key a hand with a motion; returns the number of frames that were keyed.
 
     Args:
@@ -55,23 +61,29 @@ def key_motion(scene: bpy.types.Scene, hand: RiggedHand, motion: HandMotion, pla
         hand: to be keyed.
         motion: absolute, m, in the placement's space.
         placement: how it is transferred.
+        is_keyed: [T] the frames of the motion that get keys; None: all.
 
     Raises:
         LiveHandError: the motion is for the other side and may not be mirrored, or the hand's model cannot be read.
             Nothing is changed then.
     """
     motion = motion_for_hand(motion, hand, placement.mirrors)
+    speed = 1.0
     if placement.matches_fps and motion.fps is not None:
+        speed = motion.fps / frame_rate(scene)
         motion = resampled(motion, frame_rate(scene))
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _with_shape(motion, beta if placement.sets_shape else np.array(hand.properties.beta), hand.model)
     if placement.space != "hand":
         to_armature = np.linalg.inv(np.array(hand.armature.matrix_world)) @ _to_world(placement)
         motion = transformed(motion, to_armature, rest_wrists(hand.model, motion.beta))
-    frames = placement.start_frame + np.arange(len(motion))
-    keyframe_theta(hand, motion.theta, frames, range(0 if placement.keys_wrist else 1, 16))
+    steps = np.arange(len(motion))
+    if is_keyed is not None:
+        steps = steps[is_keyed[np.minimum((steps * speed).round().astype(int), len(is_keyed) - 1)]]
+    frames = placement.start_frame + steps
+    keyframe_theta(hand, motion.theta[steps], frames, range(0 if placement.keys_wrist else 1, 16))
     if placement.keys_place:
-        keyframe_transl(hand, motion.transl, frames)
+        keyframe_transl(hand, motion.transl[steps], frames)
     if placement.sets_shape:
         hand.properties.beta = beta
     hand.armature.update_tag()

@@ -16,8 +16,10 @@ from ...backend.motion.files.open_files import open_files
 from ...backend.motion.files.summary import file_summary
 from ...backend.motion.formats.own import write_motion
 from ...backend.motion.landmarks.picture_camera import PictureCamera
+from ...backend.motion.landmarks.take_file import TakeFile, doubt_of
 from ...backend.records.errors import LiveHandError
 from ...backend.retarget.rig_suffixes import RIG_SUFFIXES
+from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..retarget.bake import bake_file
 from ..retarget.importing import RigFile
@@ -74,6 +76,8 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         """What was keyed, and why the file may have been misread."""
         options = replace(self._options(), picture_camera=self._picture_camera(context.scene))
         file = with_options(open_files(self._paths()), options)
+        if isinstance(file, TakeFile):
+            return self._key_take(context, hand, file)
         motion, doubt = motion_and_warning(file, options, hand.model, hand.model_path)
         placement = replace(
             self._placement(),
@@ -83,6 +87,13 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
         )
         count = key_motion(context.scene, hand, motion, placement)
         return f"{count} frames of {file.info.format}", doubt
+
+    def _key_take(self, context: bpy.types.Context, hand: RiggedHand, file: TakeFile) -> tuple[str, str | None]:
+        """As `_key_poses`, for a filmed take, fitted to the hand's own shape."""
+        fit = file.with_changes(beta=np.array(hand.properties.beta)).fit(hand.model)
+        placement = replace(self._placement(), space="opencv", sets_shape=False, camera=self._camera(context.scene))
+        count = key_take(context.scene, hand, fit, placement)
+        return f"{count} frames of a {file.info.format}", doubt_of(fit)
 
     def _key_rig(self, context: bpy.types.Context, hand: RiggedHand) -> tuple[str, str | None]:
         """As `_key_poses`, for an armature in a file."""

@@ -97,7 +97,7 @@ def coarse_surface(right_hand):
 
 def test_the_surface_follows_the_hand(coarse_surface, right_hand, made):
     capture_scene()
-    surface = SkinSurface.create(right_hand, coarse_surface)
+    surface = SkinSurface.create(right_hand, coarse_surface, veins_mm=0.0)
     pose = made.poses[0]
     surface.set_pose(pose)
     posed = surface.posed_vertices(pose)

@@ -9,10 +9,12 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.files.open_files import open_pose_file
+from livehand.backend.motion.files.open_files import open_motion_file, open_pose_file
 from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandSkeleton
-from livehand.backend.motion.motion import HandMotion
+from livehand.backend.motion.landmarks.take_file import FilmedTake, write_take
+from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand
+from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import TO_BLENDER
 from livehand.backend.retarget.rig_suffixes import RIG_SUFFIXES
 from livehand.livehand_blender.rig.build import add_hand
@@ -334,3 +336,47 @@ def test_picture_landmarks_come_through_the_camera_or_not_at_all(hand, model, tm
     )
     wrist = read(hand, 1).transl + model.joints[0]
     np.testing.assert_allclose(wrist, [0, -0.05, -0.5], atol=0.05)
+
+
+@pytest.fixture
+def filmed(tmp_path, model):
+    """A function (frames) -> path of a take of an open hand that rises before a camera, and the fit of it."""
+
+    def write(frames=range(60), fps=24.0):
+        angles = np.zeros((60, 5, 3, 3))
+        root = np.broadcast_to(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), (60, 3, 3))
+        wrist = np.linspace([0, 0.12, 0.5], [0, 0.02, 0.5], 60)
+        skeleton = HandSkeleton.of(load_default_hand())
+        nodes = skeleton.pose(root, wrist, angles, skeleton.offsets(np.zeros(10))).nodes[:, NODES_OF_LANDMARKS]
+        px, kept = nodes[..., :2] / nodes[..., 2:] * 600 + (320, 240), np.array(frames)
+        hand = FilmedHand(kept, px[kept], (nodes - nodes.mean(1, keepdims=True))[kept])
+        take = FilmedTake(FilmCamera((640, 480), 600.0), np.arange(60) / fps, fps, {"right": hand})
+        write_take(take, tmp_path / "take.npz")
+        return str(tmp_path / "take.npz"), open_motion_file(tmp_path / "take.npz").fit(load_default_hand())
+
+    return write
+
+
+def test_a_filmed_take_is_keyed_where_its_camera_saw_it(hand, filmed):
+    path, fit = filmed()
+    bpy.context.scene.render.fps = 24
+    assert bpy.ops.livehand.import_motion(filepath=path, start_frame=11, mirror=True) == {"FINISHED"}
+    pose = read(hand, 40)
+    motion = fit.motion if pose.side == "right" else mirrored(fit.motion)
+    np.testing.assert_allclose(pose.theta[1:], motion.theta[29, 1:], atol=1e-5)
+    assert 0.3 < pose.transl[1] < 0.7  # in front of a camera at the origin that looks along +Y
+    assert [marker.name for marker in bpy.context.scene.timeline_markers if "no hand" in marker.name] == []
+
+
+def test_a_long_gap_has_no_keys_and_a_marker(hand, filmed):
+    path, _fit = filmed([*range(5, 20), *range(40, 60)])
+    bpy.context.scene.render.fps = 24
+    bpy.ops.livehand.import_motion(filepath=path, start_frame=1, mirror=True)
+    action = hand.animation_data.action
+    curve = next(iter(action.layers[0].strips[0].channelbags[0].fcurves))
+    keys = [int(point.co[0]) for point in curve.keyframe_points]
+    assert keys == [*range(6, 21), *range(41, 61)]
+    lost = [marker.frame for marker in bpy.context.scene.timeline_markers if "no hand" in marker.name]
+    assert lost == [21]
+    bpy.ops.livehand.import_motion(filepath=path, start_frame=1, mirror=True)
+    assert [marker.frame for marker in bpy.context.scene.timeline_markers if "no hand" in marker.name] == lost

@@ -148,6 +148,7 @@ def motion_seeds():
         "dexycb.npz": npz(pose_m=np.ones((1, 51))),
         "ho3d.npz": npz(**ho3d),
         "hamer.npz": npz(**hamer),
+        "take.npz": npz(**_take()),
         "landmarks.npz": npz(landmarks=np.stack([_POINTS] * 3), handedness="Right", fps=25),
     }
     yield from (Seed("poses, npz", name, raw, read_motion, mutated_npz) for name, raw in arrays.items())
@@ -158,6 +159,12 @@ def motion_seeds():
     yield Seed("poses, csv", "wide.csv", f"{wide}\n{numbers}".encode(), read_motion)
     yield Seed("poses, csv", "long.csv", f"frame,handedness,landmark,x,y,z\n{rows}".encode(), read_motion)
     yield Seed("poses, csv", "bare.csv", numbers.encode(), read_motion)
+
+
+def _take():
+    places = 320 + 900 * _POINTS[None, :, [0, 2]]
+    hand = {"right_frames": np.arange(4), "right_px": np.repeat(places, 4, 0), "right_world": np.stack([_POINTS] * 4)}
+    return {"size_px": np.array([640, 480]), "focal_px": 600.0, "times": np.arange(4) / 30, "fps": 30.0, **hand}
 
 
 def _webxr():

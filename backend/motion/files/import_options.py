@@ -10,8 +10,10 @@ from typing import Any
 from ...hand.model import HandModel
 from ..landmarks.landmark_file import LandmarkFile
 from ..landmarks.picture_camera import PictureCamera
+from ..landmarks.take_file import TakeFile, doubt_of
 from ..mano_basis import find_basis
 from ..motion import HandMotion
+from ..resampling import smoothed
 from .open_files import MotionFile
 
 _POSE_FILES_ONLY = ("has_mean_added", "pca_components")
@@ -42,7 +44,7 @@ def with_options(file: MotionFile, options: ImportOptions) -> MotionFile:
     Raises:
         LiveHandError: a value is not allowed.
     """
-    if isinstance(file, LandmarkFile):
+    if isinstance(file, LandmarkFile | TakeFile):
         changes = {name: value for name, value in options.changes.items() if name not in _POSE_FILES_ONLY}
         return file.with_changes(
             is_picture_mirrored=options.is_picture_mirrored, picture_camera=options.picture_camera, **changes
@@ -64,6 +66,9 @@ def motion_and_warning(
     Raises:
         LiveHandError: MANO's file is needed and missing, or the landmarks are not those of a hand.
     """
+    if isinstance(file, TakeFile):
+        fit = file.fit(model)
+        return smoothed(fit.motion, options.smooth_frames), doubt_of(fit)
     if isinstance(file, LandmarkFile):
         return file.motion(model, options.smooth_frames), file.warning(model)
     basis = find_basis(options.mano_path, model_path)

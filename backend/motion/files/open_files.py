@@ -18,6 +18,7 @@ from ..formats.format import Format
 from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
 from ..landmarks.recording import EXAMPLE
+from ..landmarks.take_file import TakeFile, is_take, read_take
 from ..pose_file import NoHandError, PoseFile, RawHand
 
 # The most specific first: the first format that matches reads the document.
@@ -33,7 +34,7 @@ FORMATS: tuple[Format, ...] = (
     raw.FORMAT,
 )
 
-MotionFile = PoseFile | LandmarkFile
+MotionFile = PoseFile | LandmarkFile | TakeFile
 
 
 def open_files(paths: Sequence[Path]) -> MotionFile:
@@ -63,6 +64,8 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     for known in FORMATS:
         if known.matches(document):
             return known.read(document)
+    if is_take(document):
+        return read_take(document)
     if is_landmarks(document):
         return read_landmarks(document)
     names = ", ".join(known.name for known in FORMATS)
@@ -85,7 +88,7 @@ def open_pose_file(path: Path, capture: int | None = None) -> PoseFile:
         LiveHandError: as `open_motion_file`, or the file holds landmarks.
     """
     file = open_motion_file(path, capture)
-    if isinstance(file, LandmarkFile):
+    if isinstance(file, LandmarkFile | TakeFile):
         raise LiveHandError(f"{path} must hold poses, got {file.info.format}; import it onto a hand to fit it")
     return file
 

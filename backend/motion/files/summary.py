@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..landmarks.landmark_file import LandmarkFile
+from ..landmarks.take_file import TakeFile
 from .open_files import MotionFile
 
 _AXES = {
@@ -25,7 +26,7 @@ def file_summary(file: MotionFile) -> dict[str, str]:
         "axes": _AXES[info.space],
         "place": "in the file" if info.has_translation else "not in the file: the wrist does not move",
     }
-    if isinstance(file, LandmarkFile):
+    if isinstance(file, LandmarkFile | TakeFile):
         facts["picture"] = "mirrored" if file.is_picture_mirrored else "not mirrored"
     else:
         facts["mean"] = "in the angles" if info.has_mean_added else "to be added (needs a MANO file)"

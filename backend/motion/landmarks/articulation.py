@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...hand.gestures import sample_angles_deg
+from ...hand.poses import POSES
 
 # Free are two of flexion, abduction and twist in a knuckle, all in the thumb's base; the other joints are hinges.
 _FINGER = ((1, 1, 0), (1, 0, 0), (1, 0, 0))
@@ -24,6 +25,7 @@ LIMITS = np.deg2rad(np.array(list(_FINGER_DEG) * 4 + list(_THUMB_DEG), float))
 _SAMPLES = 500
 # How much natural poses vary beyond mixes of the built-in gestures: a factor, and degrees per angle.
 _SPREAD_FACTOR, _EXTRA_SPREAD_DEG = 1.6, 8.0
+_LIBRARY_SPREAD_DEG = 5.0
 
 
 class NaturalPoses(NamedTuple):
@@ -39,6 +41,16 @@ class NaturalPoses(NamedTuple):
         angles = np.deg2rad(sample_angles_deg(np.random.default_rng(0), _SAMPLES)).reshape(_SAMPLES, 45)[:, FREE]
         spread = np.cov(angles.T) * _SPREAD_FACTOR**2 + np.eye(len(FREE)) * np.deg2rad(_EXTRA_SPREAD_DEG) ** 2
         return cls(angles.mean(0), np.linalg.inv(spread))
+
+    @classmethod
+    @cache
+    def of_library(cls) -> NaturalPoses:
+        """The distribution of the same mixes and, as often, of the pose library, less widened."""
+        mixes = sample_angles_deg(np.random.default_rng(0), _SAMPLES).reshape(_SAMPLES, 45)[:, FREE]
+        library = np.stack([pose.gesture.angles_deg() for pose in POSES.values()]).reshape(-1, 45)[:, FREE]
+        both = np.deg2rad(np.concatenate([mixes, np.repeat(library, _SAMPLES // len(library), 0)]))
+        spread = np.cov(both.T) + np.eye(len(FREE)) * np.deg2rad(_LIBRARY_SPREAD_DEG) ** 2
+        return cls(both.mean(0), np.linalg.inv(spread))
 
 
 def within_limits(free: np.ndarray) -> np.ndarray:

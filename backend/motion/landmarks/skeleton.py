@@ -106,17 +106,24 @@ def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
     return np.concatenate([joints[:1], *fingers])[list(NODES_OF_LANDMARKS)]
 
 
-def node_jacobian(posed: PosedSkeleton) -> np.ndarray:
-    """[T, 21, 3, 51] per rad of wrist rotation about the world's axes, per m of its position, per rad of each angle."""
+def node_jacobian(posed: PosedSkeleton, points: np.ndarray | None = None) -> np.ndarray:
+    """[T, 21, 3, 51] per rad of wrist rotation about the world's axes, per m of its position, per rad of each angle.
+
+    Args:
+        posed: the skeleton.
+        points: [T, 21, 3] m, each fixed to the bone that ends in its node; None: the nodes.
+    """
     count = len(posed.nodes)
+    points = posed.nodes if points is None else points
     wrist, fingers = posed.nodes[:, :1], posed.nodes[:, 1:].reshape(count, 5, 4, 3)
+    ends = points[:, 1:].reshape(count, 5, 4, 3)
     jacobian = np.zeros((count, 21, 3, 51))
-    jacobian[..., :3] = np.cross(np.eye(3), (posed.nodes - wrist)[:, :, None], axis=-1).swapaxes(-1, -2)
+    jacobian[..., :3] = np.cross(np.eye(3), (points - wrist)[:, :, None], axis=-1).swapaxes(-1, -2)
     jacobian[..., 3:6] = np.eye(3)
     for finger in range(5):
         for joint in range(3):
             below = slice(4 * finger + joint + 2, 4 * finger + 5)
-            arm = fingers[:, finger, joint + 1 :] - fingers[:, finger, joint : joint + 1]
+            arm = ends[:, finger, joint + 1 :] - fingers[:, finger, joint : joint + 1]
             column = 6 + 9 * finger + 3 * joint
             slopes = np.cross(posed.axes[:, finger, joint, None], arm[:, :, None], axis=-1)  # [T, n, 3 axes, 3]
             jacobian[:, below, :, column : column + 3] = slopes.swapaxes(-1, -2)

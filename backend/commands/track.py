@@ -1,0 +1,120 @@
+"""`livehand track`: the hands of a video as a take, which `render` and Blender's *Import Motion* read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator
+from math import radians, tan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..hand.model_file import load_default_hand, load_hand_model
+from ..motion.landmarks.take_file import FilmedTake, write_take
+from ..motion.landmarks.take_fit import LONGEST_GAP_S, FilmCamera, FilmedHand, TakeFit, fit_take
+from ..records.errors import LiveHandError
+from ..records.side import Side
+from ..runtime.command import Command, warn
+
+if TYPE_CHECKING:
+    from ..tracking.takes import VideoSightings
+    from ..tracking.video import VideoFrame
+
+_WORST = 5
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("video", type=Path, help="the video")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the take to write (.npz)")
+    parser.add_argument(
+        "--fov", type=parse_fov, metavar="DEG", help="the camera's horizontal angle of view (default: about 58)"
+    )
+    parser.add_argument("--hands", type=int, choices=(1, 2), default=2, help="hands to look for (default: %(default)s)")
+    parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
+    parser.add_argument("--hand", type=Path, metavar="FILE", help="the hand model that is fitted (default: built-in)")
+
+
+def parse_fov(text: str) -> float:
+    """A camera's horizontal angle of view, degrees, as an argument's type."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 1 <= value <= 170:
+        raise argparse.ArgumentTypeError(f"must be an angle of 1 to 170 degrees, got {text!r}")
+    return value
+
+
+def _run(args: argparse.Namespace) -> dict[str, Any]:
+    from ..tracking.takes import track_frames
+    from ..tracking.tracker import HandTracker
+    from ..tracking.video import open_video
+    from ..tracking.weights import load_networks
+
+    if args.output.suffix.lower() != ".npz":
+        raise LiveHandError(f"a take must be written to a .npz file, got {args.output.name}")
+    model = load_hand_model(args.hand) if args.hand else load_default_hand()
+    video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
+    found = track_frames(_shown(video.frames(), video.count), tracker)
+    take = filmed_take(found, video.fps, args.fov, args.video)
+    fits: dict[Side, TakeFit] = {}
+    for side, hand in take.hands.items():
+        fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
+    write_take(take, args.output)
+    lines = [_facts(side, fit) for side, fit in fits.items()]
+    return {
+        "take": str(args.output),
+        "frames": len(take.times),
+        "hands": {side: _numbers(fit) for side, fit in fits.items()},
+        "summary": f"{args.output}: {len(take.times)} frames\n" + "\n".join(lines),
+    }
+
+
+def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: Path) -> FilmedTake:
+    """What was tracked as a take.
+
+    Raises:
+        LiveHandError: no hand was found.
+    """
+    if not found.hands:
+        raise LiveHandError(
+            f"{path} must show a hand, got none in {len(found.times)} frames; film the whole hand, larger and in light"
+        )
+    camera = FilmCamera.guessed(found.size_px)
+    if fov_deg is not None:
+        camera = FilmCamera(found.size_px, found.size_px[0] / 2 / tan(radians(fov_deg) / 2))
+    hands: dict[Side, FilmedHand] = {}
+    for side, hand in found.hands.items():
+        hands[side] = FilmedHand(hand.frames, hand.px, hand.world)
+    return FilmedTake(camera, found.times, fps, hands)
+
+
+def _shown(frames: Iterator[VideoFrame], count: int) -> Iterable[VideoFrame]:
+    from tqdm import tqdm
+
+    return tqdm(frames, total=count or None, unit="frame", disable=None)
+
+
+def _numbers(fit: TakeFit) -> dict[str, Any]:
+    worst = np.argsort(-np.where(fit.is_keyed, fit.doubt, 0))[:_WORST]
+    return {
+        "keyed": int(fit.is_keyed.sum()),
+        "without_keys": int((~fit.is_keyed).sum()),
+        "rejected": fit.rejected,
+        "doubt": round(float(np.median(fit.doubt[fit.is_keyed])), 4),
+        "most_doubtful_s": [round(fit.start_s + int(index) / (fit.motion.fps or 30.0), 2) for index in sorted(worst)],
+    }
+
+
+def _facts(side: Side, fit: TakeFit) -> str:
+    numbers = _numbers(fit)
+    line = f"  {side} hand: {numbers['keyed']} frames, median doubt {100 * numbers['doubt']:.1f} % of its size"
+    if numbers["without_keys"]:
+        line += f"; {numbers['without_keys']} frames lie in gaps over {LONGEST_GAP_S} s and have no keys"
+    if numbers["rejected"]:
+        warn(f"livehand track: {side} hand: {numbers['rejected']} frames were taken for mistakes of the tracker")
+    return f"{line}; look at {', '.join(f'{second:g}' for second in numbers['most_doubtful_s'])} s"
+
+
+COMMAND = Command("track", "track the hands in a video", _add_arguments, _run)

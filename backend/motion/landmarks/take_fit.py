@@ -1,0 +1,186 @@
+"""The motion of one hand in a filmed take: gaps bridged or left open, and a doubt for every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...geometry.rotation import matrix_to_axis_angle
+from ...hand.model import HandModel
+from ...records.errors import LiveHandError
+from ...records.side import Side
+from ..motion import HandMotion, mirrored
+from ..resampling import sampled_at
+from .articulation import NaturalPoses, all_angles
+from .camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, at_nodes
+from .definition import MEDIAPIPE_DEFINITION, TrackerDefinition
+from .skeleton import HandSkeleton
+
+LONGEST_GAP_S = 0.5
+"""Without a hand; a longer gap has no keys."""
+DOUBTFUL = 0.06
+"""Doubt above which a frame's landmarks are taken for a mistake."""
+_STEPS = 20
+_PALM = (1, 5, 9, 13)
+_SCALES = (0.2, 5.0)
+_LEAST_SIZE = 1e-4  # of a hand in the picture, against the focal length
+_LONGEST_SIDE_SHARE = 0.9
+_MIRROR_X = np.array([-1.0, 1, 1])
+
+
+@dataclass(frozen=True)
+class FilmedHand:
+    """One hand's landmarks in the N frames of a film that show it, in MediaPipe's order.
+
+    Attributes:
+        frames: [N] increasing indices.
+        px: [N, 21, 2] in the picture.
+        world: [N, 21, 3] m about the hand's centre, in the camera's axes.
+    """
+
+    frames: np.ndarray
+    px: np.ndarray
+    world: np.ndarray
+
+
+@dataclass(frozen=True)
+class FilmCamera:
+    """A camera that does not move, its principal point in the middle.
+
+    Attributes:
+        size_px: (width, height).
+        focal_px: focal length.
+    """
+
+    size_px: tuple[int, int]
+    focal_px: float
+
+    @classmethod
+    def guessed(cls, size_px: tuple[int, int]) -> FilmCamera:
+        """An ordinary camera's: a wrong guess moves the hand nearer or farther and hardly changes its pose."""
+        return cls(size_px, _LONGEST_SIDE_SHARE * max(size_px))
+
+
+@dataclass(frozen=True)
+class TakeFit:
+    """The motion of a hand from its first to its last sighting, in the camera's axes (OpenCV's).
+
+    Attributes:
+        motion: of F frames at equal steps.
+        start_s: time of its first frame.
+        is_keyed: [F] whether the frame was seen, or lies in a gap that is short enough to be bridged.
+        doubt: [F] root mean square distance of the hand from the landmarks in the picture, as a share of its size;
+            1 where nothing was seen.
+        rejected: frames of the film whose landmarks were taken for mistakes.
+    """
+
+    motion: HandMotion
+    start_s: float
+    is_keyed: np.ndarray
+    doubt: np.ndarray
+    rejected: int
+
+
+def fit_take(
+    hand: FilmedHand,
+    times: np.ndarray,
+    camera: FilmCamera,
+    model: HandModel,
+    side: Side,
+    fps: float,
+    beta: np.ndarray | None = None,
+    definition: TrackerDefinition = MEDIAPIPE_DEFINITION,
+    weights: FitWeights | None = None,
+) -> TakeFit:
+    """Fit a hand of known shape to all frames of a take at once.
+
+    Args:
+        hand: its landmarks.
+        times: [T] s of the film's frames, increasing.
+        camera: of the film.
+        model: any hand in MANO's format.
+        side: of the hand.
+        fps: of the motion; the film's own times may be uneven.
+        beta: [10] its shape; None: the mean.
+        definition: where the tracker sees its landmarks.
+        weights: what the fit trusts.
+
+    Raises:
+        LiveHandError: the landmarks are not those of a hand.
+    """
+    skeleton, beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
+    seen = _sighting(hand, times, camera, side, skeleton.offsets(beta))
+    problem = CameraProblem(
+        seen, skeleton, skeleton.offsets(beta), definition, NaturalPoses.of_library(), weights or FitWeights()
+    )
+    parts = [_fitted(_cut(problem, frames)) for frames in _segments(seen)]
+    poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
+    doubt, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
+    frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
+    local = skeleton.local_rotations(all_angles(poses.free))
+    theta = matrix_to_axis_angle(np.concatenate([poses.root[:, None], local], 1))
+    transl = poses.wrist - (skeleton.rest[0] + skeleton.shape[0] @ beta)
+    motion = HandMotion(theta, beta, transl, fps, "right")
+    return _at_equal_steps(motion if side == "right" else mirrored(motion), doubt, seen.times[frames], rejected)
+
+
+def _sighting(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray) -> Sighting2D:
+    """From the first to the last frame with the hand, as that of a right hand."""
+    first, count = int(hand.frames[0]), int(hand.frames[-1] - hand.frames[0]) + 1
+    rows = hand.frames - first
+    places = (hand.px - np.array(camera.size_px) / 2) / camera.focal_px
+    size = np.ptp(places, axis=1).max(-1)
+    if not (size > _LEAST_SIZE).all():
+        raise LiveHandError("landmarks in the picture must show a hand of some size, got points in one place")
+    world = at_nodes(hand.world)
+    palm = np.linalg.norm(world[:, _PALM] - world[:, :1], axis=-1).mean(1)
+    scale = float(np.median(palm) / np.linalg.norm(offsets[:4, 0], axis=-1).mean())
+    if not _SCALES[0] < scale < _SCALES[1]:
+        raise LiveHandError(f"world landmarks must be a hand's, in metres, got one {scale:.3g} times as large")
+    world = (world - world.mean(1, keepdims=True)) / scale
+    mirror = _MIRROR_X if side == "left" else np.ones(3)
+    filled_places, filled_world = np.zeros((count, 21, 2)), np.zeros((count, 21, 3))
+    filled_places[rows], filled_world[rows] = at_nodes(places) * mirror[:2], world * mirror
+    filled_size, is_seen = np.ones(count), np.zeros(count, bool)
+    filled_size[rows], is_seen[rows] = size, True
+    return Sighting2D(filled_places, filled_world, filled_size, is_seen, times[first : first + count])
+
+
+def _segments(seen: Sighting2D) -> list[slice]:
+    """The parts between gaps that are too long to be bridged."""
+    frames = np.flatnonzero(seen.is_seen)
+    breaks = np.flatnonzero(np.diff(seen.times[frames]) > LONGEST_GAP_S)
+    firsts, lasts = np.r_[frames[0], frames[breaks + 1]], np.r_[frames[breaks], frames[-1]]
+    return [slice(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def _cut(problem: CameraProblem, frames: slice) -> CameraProblem:
+    seen = problem.sighting
+    values = (seen.places, seen.world, seen.size, seen.is_seen, seen.times)
+    return replace(problem, sighting=Sighting2D(*(value[frames] for value in values)))
+
+
+def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:
+    """Poses, doubt [T], number of rejected frames: mistakes of the tracker become gaps and all is fitted again."""
+    poses = problem.solve(problem.initial(), _STEPS)
+    doubt = problem.reprojection(poses)
+    is_wrong = doubt > DOUBTFUL
+    if is_wrong.any() and not (is_wrong | ~problem.sighting.is_seen).all():
+        seen = replace(problem.sighting, is_seen=problem.sighting.is_seen & ~is_wrong)
+        better = replace(problem, sighting=seen)
+        poses = better.solve(better.initial(), _STEPS)
+        doubt = problem.reprojection(poses)
+    return poses, np.where(np.isnan(doubt), 1.0, np.minimum(doubt, 1.0)), int(is_wrong.sum())
+
+
+def _at_equal_steps(motion: HandMotion, doubt: np.ndarray, times: np.ndarray, rejected: int) -> TakeFit:
+    assert motion.fps is not None
+    count = round(float(times[-1] - times[0]) * motion.fps) + 1
+    wanted = times[0] + np.arange(count) / motion.fps
+    right = np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(times[left] - wanted) < np.abs(times[right] - wanted), left, right)
+    is_keyed = (times[right] - times[left] <= LONGEST_GAP_S) | (np.abs(times[nearest] - wanted) < 0.5 / motion.fps)
+    moved = sampled_at(motion, wanted, times)
+    return TakeFit(moved, float(times[0]), is_keyed, np.where(is_keyed, doubt[nearest], 1.0), rejected)

@@ -1,0 +1,105 @@
+"""Tracks hands from frame to frame: a hand is looked for where it was; palms are searched for only now and then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..records.errors import LiveHandError
+from .crop import HandRegion, cropped, region_of_landmarks
+from .networks import TorchNetwork
+from .palm import find_hands
+from .weights import TrackerNetworks
+
+_LEAST_PRESENCE = 0.5
+_SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of both places is taken
+_SAME_HAND = 0.5  # overlap of two regions of one hand
+_NEAR = 0.1  # overlap of a region found anew with the one where the hand was
+_SEARCH_EVERY = 10  # frames, while a hand is tracked and another may come
+
+
+@dataclass(frozen=True)
+class TrackedHand:
+    """A hand in one picture, its landmarks in MediaPipe's order.
+
+    Attributes:
+        track: number of the hand; it stays while the hand is not lost.
+        px: [21, 2] landmarks in the picture.
+        world: [21, 3] m about the hand's centre, in the camera's axes (OpenCV's); an estimate, in depth above all.
+        presence: 0..1, how sure the network is that this is a hand.
+        right: 0..1, how surely it is a right hand, in a picture that is not mirrored.
+    """
+
+    track: int
+    px: np.ndarray
+    world: np.ndarray
+    presence: float
+    right: float
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """A hand's number, and where it is looked for next."""
+
+    track: int
+    region: HandRegion
+
+
+class HandTracker:
+    """Follows hands through pictures given in order."""
+
+    def __init__(self, networks: TrackerNetworks, most_hands: int = 2):
+        self._palm, self._hand = TorchNetwork(networks.palm), TorchNetwork(networks.hand)
+        self._most_hands = most_hands
+        self._followed: list[_Followed] = []
+        self._tracks = self._frames = 0
+
+    def track(self, picture: UInt8[np.ndarray, "H W 3"]) -> list[TrackedHand]:
+        """The hands in the next picture, sRGB.
+
+        Raises:
+            LiveHandError: the picture is empty.
+        """
+        if min(picture.shape[:2]) < 1:
+            raise LiveHandError(f"a picture must have pixels, got {picture.shape[1]} x {picture.shape[0]}")
+        was_followed = bool(self._followed)
+        searches = not was_followed or self._frames % _SEARCH_EVERY == 0
+        self._frames += 1
+        if searches and len(self._followed) < self._most_hands:
+            for region in find_hands(picture, self._palm):
+                self._follow(region)
+        return self._looked_at(picture, is_searched=not was_followed)
+
+    def _follow(self, region: HandRegion) -> None:
+        known = any(region.overlap(other.region) > _SAME_HAND for other in self._followed)
+        if not known and len(self._followed) < self._most_hands:
+            self._followed.append(_Followed(self._tracks, region))
+            self._tracks += 1
+
+    def _looked_at(self, picture: np.ndarray, is_searched: bool) -> list[TrackedHand]:
+        hands: list[TrackedHand] = []
+        followed: list[_Followed] = []
+        for one in self._followed:
+            hand = self._landmarks(picture, one)
+            if hand.presence < _SURE_PRESENCE and not is_searched:
+                again = [replace(one, region=region) for region in find_hands(picture, self._palm)]
+                near = [other for other in again if other.region.overlap(one.region) > _NEAR]
+                hand = max((hand, *(self._landmarks(picture, other) for other in near)), key=lambda each: each.presence)
+            region = region_of_landmarks(hand.px)
+            is_new = not any(region.overlap(other.region) > _SAME_HAND for other in followed)
+            if hand.presence >= _LEAST_PRESENCE and is_new and region.side_px >= 1:
+                hands.append(hand)
+                followed.append(replace(one, region=region))
+        self._followed = followed
+        return hands
+
+    def _landmarks(self, picture: np.ndarray, one: _Followed) -> TrackedHand:
+        side = self._hand.size_px
+        outputs = self._hand(cropped(picture, one.region, side, repeats_edge=True))
+        places, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)
+        px = one.region.to_px(places.reshape(21, 3)[:, :2] / side)
+        world = world.reshape(21, 3).copy()
+        world[:, :2] = world[:, :2] @ one.region.rotation.T
+        return TrackedHand(one.track, px, world, float(presence[0]), float(right[0]))

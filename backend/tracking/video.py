@@ -1,0 +1,136 @@
+"""Frames of a video file by PyAV: upright, in sRGB, each with its true time.
+
+PyAV is the extra `video`. Only containers of films are opened, and only as files: FFmpeg would take text for a
+terminal's recording, and follow a playlist's addresses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..files.regular_file import check_regular
+from ..records.errors import LiveHandError
+from ..runtime.command import warn
+from .tone_mapping import HLG, PQ, tone_mapped
+
+if TYPE_CHECKING:
+    import av
+
+INSTALL_VIDEO = 'pip install "livehand[video]"'
+_CONTAINERS = "mov,mp4,m4a,3gp,matroska,webm,avi,mpegts,mpeg,asf,ogg,flv,mxf,gif"
+_DEFAULT_FPS = 30.0
+_MOST_SIDE_PX = 8192
+_QUARTER_DEG = 90
+
+
+class VideoFrame(NamedTuple):
+    """One frame: its time, s from the first, and its picture, uint8 [H, W, 3]."""
+
+    time_s: float
+    picture: np.ndarray
+
+
+@dataclass(frozen=True)
+class Video:
+    """What a video file says of itself; `frames` decodes it.
+
+    Attributes:
+        path: the file.
+        fps: mean frames per second.
+        count: frames, estimated where the file does not say; 0 if unknown.
+    """
+
+    path: Path
+    fps: float
+    count: int
+
+    def frames(self) -> Iterator[VideoFrame]:
+        """The frames in order. Where the file breaks off, they end with a warning.
+
+        Raises:
+            LiveHandError: there is no frame at all, or one is too large.
+        """
+        error_types, start, last, got = _errors(), None, -1.0, 0
+        with _opened(self.path) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            try:
+                for frame in container.decode(stream):
+                    start, time_s = _time(frame, start, got, self.fps)
+                    if time_s <= last:  # a time that repeats or goes back
+                        time_s = last + 1 / self.fps
+                    last, got = time_s, got + 1
+                    yield VideoFrame(time_s, _upright(frame))
+            except error_types as error:
+                if not got:
+                    raise LiveHandError(f"{self.path} must hold frames, got none ({error}); copy it again") from error
+                warn(f"{self.path}: the file breaks off after frame {got} ({error}); what came before is used")
+        if not got:
+            raise LiveHandError(f"{self.path} must hold frames, got none; copy it again")
+
+
+def open_video(path: Path) -> Video:
+    """A video file.
+
+    Raises:
+        LiveHandError: PyAV is missing, or the file is no video.
+    """
+    check_regular(path)
+    with _opened(path) as container:
+        stream = container.streams.video[0]
+        fps = float(stream.average_rate or stream.guessed_rate or _DEFAULT_FPS)
+        seconds = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else 0.0
+        if not seconds and container.duration:
+            seconds = container.duration / 1e6
+        return Video(path, fps, int(stream.frames or round(seconds * fps)))
+
+
+def _opened(path: Path) -> av.container.InputContainer:
+    av = _import_av()
+    options = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
+    try:
+        container = av.open(str(path), options=options)
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        raise LiveHandError(f"{path} must be a video, got {type(error).__name__} ({error}); record it again") from error
+    if not container.streams.video:
+        container.close()
+        raise LiveHandError(f"{path} must hold a video, got sound only; choose another file")
+    return container
+
+
+def _import_av() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise LiveHandError(f"videos need PyAV, which is missing ({error}); install it: {INSTALL_VIDEO}") from error
+    return av
+
+
+def _errors() -> tuple[type[Exception], ...]:
+    return (_import_av().error.FFmpegError,)
+
+
+def _time(frame: Any, start: float | None, index: int, fps: float) -> tuple[float | None, float]:
+    """The first frame's time, and this one's after it, s."""
+    if frame.time is None:
+        return start, index / fps
+    start = frame.time if start is None else start
+    return start, frame.time - start
+
+
+def _upright(frame: Any) -> np.ndarray:
+    if max(frame.width, frame.height) > _MOST_SIDE_PX:
+        raise LiveHandError(f"a video must be at most {_MOST_SIDE_PX} px a side, got {frame.width}x{frame.height}")
+    transfer = int(frame.color_trc or 0)
+    if transfer in (HLG, PQ):
+        picture = tone_mapped(frame.to_ndarray(format="rgb48le"), transfer)
+    else:
+        picture = frame.to_ndarray(format="rgb24")
+    # FFmpeg counts anticlockwise turns that would make the picture upright, as numpy does.
+    quarters = round((getattr(frame, "rotation", 0) or 0) / _QUARTER_DEG) % 4
+    return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters else picture
