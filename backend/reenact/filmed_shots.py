@@ -1,4 +1,4 @@
-"""The shots of a filmed motion, in a world whose origin is the middle of the hand's path: there the studio's light is.
+"""The shots of a filmed motion, in a world whose origin is the middle of the path: there the studio's light is."""
 
 from __future__ import annotations
 
