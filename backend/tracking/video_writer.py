@@ -26,7 +26,7 @@ def write_video(pictures: Iterable[np.ndarray], path: Path, times: np.ndarray, f
     try:
         with replacing(path) as temporary, av.open(str(temporary), "w") as container:
             stream = None
-            for count, (picture, time_s) in enumerate(zip(pictures, times, strict=False), 1):
+            for picture, time_s in zip(pictures, times, strict=False):
                 even = np.ascontiguousarray(picture[: len(picture) // 2 * 2, : picture.shape[1] // 2 * 2])
                 if stream is None:
                     stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
@@ -36,6 +36,7 @@ def write_video(pictures: Iterable[np.ndarray], path: Path, times: np.ndarray, f
                 frame = av.VideoFrame.from_ndarray(even, format="rgb24")
                 frame.pts, frame.time_base = round(float(time_s) / _TIME_BASE), _TIME_BASE
                 container.mux(stream.encode(frame))
+                count += 1
             if stream is not None:
                 container.mux(stream.encode(None))
     except av.error.FFmpegError as error:
