@@ -52,13 +52,13 @@ def measured_look(
             if at is None:
                 continue
             rendered = [renderer.render(shots.shot(at, scale)) for renderer in renderers]
-            size = rendered[0].alpha.shape[::-1]
-            small = np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX))
+            height, width = rendered[0].alpha.shape
+            small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
             found = [colour_gain(frame, small) for frame in rendered]
             if all(gain is not None for gain in found):
                 times.append(time_s)
                 gains.append([gain for gain in found if gain is not None])
-            mask |= _grown(rendered[0].alpha > 0, picture.shape[1::-1])
+            mask |= _grown(rendered[0].alpha > 0, (picture.shape[1], picture.shape[0]))
         pictures.append(picture)
         covered.append(mask)
     table = np.array(gains).reshape(-1, len(renderers), 3) if gains else np.ones((1, len(renderers), 3))
