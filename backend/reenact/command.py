@@ -68,7 +68,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 def _shown(pictures: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
     from tqdm import tqdm
 
-    return iter(tqdm(pictures, total=count, unit="frame", disable=None))
+    yield from tqdm(pictures, total=count, unit="frame", disable=None)
 
 
 def _write(pictures: Iterator[np.ndarray], output: Path, times: np.ndarray, fps: float) -> int:
