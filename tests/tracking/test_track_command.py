@@ -9,6 +9,7 @@ from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.livehand_blender.cli import main
 from PIL import Image
 
+pytest.importorskip("av", reason="PyAV (the extra video) is not installed")
 pytestmark = pytest.mark.usefixtures("networks")
 
 
