@@ -28,6 +28,7 @@ from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
+from ..backend.reenact.command import COMMAND as REENACT
 from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
 from ..backend.runtime.command import Command, run_commands
 from ..backend.runtime.process_end import run_process
@@ -142,6 +143,7 @@ COMMANDS: dict[str, Command] = {
         MASK,
         FETCH_TRACKER,
         TRACK,
+        REENACT,
     )
 }
 

@@ -41,7 +41,7 @@ ROWS = (
     ),
     ("backend.avatars", "livehand_blender.retarget"),
     ("backend.evaluation", "backend.benchmark", "backend.commands", "livehand_blender.render"),
-    ("backend.training", "livehand_blender.benchmark", "livehand_blender.ui"),
+    ("backend.training", "backend.reenact", "livehand_blender.benchmark", "livehand_blender.ui"),
     ("backend.baselines",),
     ("backend.comparison",),
     ("livehand_blender",),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from math import radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -90,10 +90,10 @@ def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: 
     return FilmedTake(camera, found.times, fps, hands)
 
 
-def _shown(frames: Iterator[VideoFrame], count: int) -> Iterable[VideoFrame]:
+def _shown(frames: Iterator[VideoFrame], count: int) -> Iterator[VideoFrame]:
     from tqdm import tqdm
 
-    return tqdm(frames, total=count or None, unit="frame", disable=None)
+    yield from tqdm(frames, total=count or None, unit="frame", disable=None)
 
 
 def _numbers(fit: TakeFit) -> dict[str, Any]:

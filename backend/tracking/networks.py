@@ -43,7 +43,8 @@ class TorchNetwork(nn.Module):
 
 
 def _activated(name: str) -> Callable[[Tensor], Tensor]:
-    return {"none": lambda x: x, "relu": F.relu, "relu6": F.relu6}[name]
+    """In place, of what was just computed."""
+    return {"none": lambda x: x, "relu": torch.relu_, "relu6": lambda x: x.clamp_(0, 6)}[name]
 
 
 def _conv(step: dict[str, Any], weights: Sequence[np.ndarray]) -> Run:

@@ -91,7 +91,7 @@ def open_video(path: Path) -> Video:
 
 
 def _opened(path: Path) -> av.container.InputContainer:
-    av = _import_av()
+    av = import_av()
     options = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
     try:
         container = av.open(str(path), options=options)
@@ -103,7 +103,12 @@ def _opened(path: Path) -> av.container.InputContainer:
     return container
 
 
-def _import_av() -> Any:
+def import_av() -> Any:
+    """PyAV's module.
+
+    Raises:
+        LiveHandError: it is not installed.
+    """
     try:
         import av
     except ImportError as error:
@@ -112,7 +117,7 @@ def _import_av() -> Any:
 
 
 def _errors() -> tuple[type[Exception], ...]:
-    return (_import_av().error.FFmpegError,)
+    return (import_av().error.FFmpegError,)
 
 
 def _time(frame: Any, start: float | None, index: int, fps: float) -> tuple[float | None, float]:

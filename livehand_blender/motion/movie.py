@@ -34,9 +34,10 @@ class Movie:
 
     def __init__(self, path: Path):
         check_regular(path)
-        self._scene = bpy.data.scenes.new("LiveHand Movie")
+        scene = bpy.data.scenes.new("LiveHand Movie")
+        self._scene: bpy.types.Scene | None = scene
         try:
-            editor = self._scene.sequence_editor_create()
+            editor = scene.sequence_editor_create()
             strips = editor.strips if hasattr(editor, "strips") else editor.sequences  # Blender 4.2 and 4.3
             try:
                 strip = strips.new_movie("movie", str(path), 1, 1)
@@ -48,7 +49,7 @@ class Movie:
             self.size_px = (int(element.orig_width), int(element.orig_height))
             if not (self.fps > 0 and 0 < self.count <= _MOST_FRAMES and min(self.size_px) > 0):
                 raise LiveHandError(f"{path} must be a movie that Blender reads, got no frames; convert it")
-            self._set_up()
+            self._set_up(scene)
         except BaseException:
             self.close()
             raise
@@ -74,8 +75,8 @@ class Movie:
                     with Image.open(file) as image:
                         yield np.asarray(image.convert("RGB"))
 
-    def _set_up(self) -> None:
-        render = self._scene.render
+    def _set_up(self, scene: bpy.types.Scene) -> None:
+        render = scene.render
         render.resolution_x, render.resolution_y = self.size_px
         render.resolution_percentage = 100
         render.pixel_aspect_x = render.pixel_aspect_y = 1
@@ -83,6 +84,6 @@ class Movie:
         render.use_sequencer, render.use_file_extension = True, True
         render.image_settings.file_format = "JPEG"
         render.image_settings.quality = _QUALITY
-        self._scene.view_settings.view_transform = "Standard"
-        self._scene.view_settings.look = "None"
-        self._scene.sequencer_colorspace_settings.name = "sRGB"
+        scene.view_settings.view_transform = "Standard"
+        scene.view_settings.look = "None"
+        scene.sequencer_colorspace_settings.name = "sRGB"

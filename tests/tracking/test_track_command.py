@@ -1,0 +1,61 @@
+"""`livehand track` and `livehand reenact` from the video to the file."""
+
+import json
+
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.files.open_files import open_motion_file
+from livehand.livehand_blender.cli import main
+from PIL import Image
+
+pytest.importorskip("av", reason="PyAV (the extra video) is not installed")
+pytestmark = pytest.mark.usefixtures("networks")
+
+
+@pytest.fixture(autouse=True)
+def _in_the_users_folder(networks_folder, tmp_path, monkeypatch):
+    """The networks where the commands look for them."""
+    folder = tmp_path / "data" / "livehand" / "tracker"
+    folder.parent.mkdir(parents=True)
+    folder.symlink_to(networks_folder)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+def test_a_video_becomes_a_take(film, two_hands, tmp_path, capsys):
+    take = tmp_path / "take.npz"
+    assert main(["track", str(film([two_hands] * 6)), "-o", str(take), "--fov", "60", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert set(result["hands"]) == {"right", "left"}
+    assert result["hands"]["right"]["keyed"] == 6
+    file = open_motion_file(take)
+    assert file.take.camera.focal_px == pytest.approx(320 / np.tan(np.pi / 6))
+    assert len(file.motion(load_default_hand())) == 6
+
+
+def test_no_hand_is_one_clear_error_and_no_file(film, tmp_path, capsys):
+    black = np.zeros((48, 64, 3), np.uint8)
+    assert main(["track", str(film([black] * 3)), "-o", str(tmp_path / "take.npz")]) == 1
+    assert "must show a hand, got none in 3 frames" in capsys.readouterr().err
+    assert not (tmp_path / "take.npz").exists()
+
+
+def test_what_is_no_video(tmp_path, capsys):
+    (tmp_path / "a.mp4").write_text("text")
+    assert main(["track", str(tmp_path / "a.mp4"), "-o", str(tmp_path / "take.npz")]) == 1
+    assert "a.mp4 must be a video" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_video_is_reenacted(film, shown, tmp_path):
+    """The avatar has the place and, within a few levels, the colour of the hand that it replaces."""
+    picture = np.ascontiguousarray(shown("palm")[::3, 160:1120:3])
+    out = tmp_path / "out"
+    assert main(["reenact", str(film([picture] * 2)), "-o", str(out), "--side-by-side", "--device", "cpu"]) == 0
+    pages = sorted(out.iterdir())
+    assert [page.name for page in pages] == ["0001.png", "0002.png"]
+    page = np.asarray(Image.open(pages[1])).astype(int)
+    before, after = page[:, :320], page[:, 320:]
+    is_hand, is_avatar = (np.ptp(side, axis=-1) > 25 for side in (before, after))
+    assert (is_hand & is_avatar).sum() > 0.7 * is_hand.sum()
+    assert np.abs(np.median(before[is_hand], 0) - np.median(after[is_avatar], 0)).max() < 25
