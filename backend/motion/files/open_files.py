@@ -67,7 +67,7 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
         return read_landmarks(document)
     names = ", ".join(known.name for known in FORMATS)
     raise LiveHandError(
-        f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {_kind(content)}; {EXAMPLE}"
+        f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {_kind(document.content)}; {EXAMPLE}"
     )
 
 
