@@ -34,6 +34,12 @@ def renew_sliders() -> None:
         _renew_references(new, set(bpy.data.actions) - others, {})
 
 
+def renew_appended() -> None:
+    """Bring hands up to date that have come from files of earlier versions."""
+    if any(thing.livehand.is_hand and not thing.livehand.has_sliders for thing in bpy.data.objects):
+        renew_sliders()
+
+
 def _keep_namesakes(hand: bpy.types.Object) -> _Paths:
     """Rename the user's own properties that have a slider's name; returns their old and new data paths."""
     kept = {name: f"{name} (own)" for name in SLIDERS if name in hand}

@@ -11,7 +11,7 @@ from bpy.app.handlers import persistent
 
 from ..rig.hand import is_skinned_to
 from .handlers import add_handlers, remove_handlers
-from .old_sliders import renew_sliders
+from .old_sliders import renew_appended
 
 
 def complete_copies() -> None:
@@ -89,7 +89,7 @@ def _begin(*_) -> None:
 
 
 def _make_whole() -> None:
-    renew_sliders()  # of appended hands
+    renew_appended()
     complete_copies()
     remove_orphans()
     _Seen.count = len(bpy.data.objects)

@@ -18,7 +18,6 @@ FIRST_IMAGE_S = 0.5
 LONGEST_BLOCK_S = 0.1
 POSE_CHANGES = 7
 PLAYING_S = 6
-NARROW_PX = 250
 REST_S, BUSY_SHARE = 4, 0.3  # of one core, while nothing is drawn
 
 
@@ -173,27 +172,12 @@ def pose_in_the_tab(hand):
         ui.tag_redraw()
     yield 1
     screenshot("posing")
-    yield from narrow_the_tab(ui)
     bpy.ops.object.mode_set(mode="OBJECT")
     for thing in bpy.context.scene.objects:
         thing.hide_set(False)
     space.show_region_ui = False
     bpy.context.scene.frame_set(1)
     yield 1
-
-
-def narrow_the_tab(ui):
-    """Drag the sidebar's edge until it is 250 px wide, where the longest names must fit; then back."""
-    x, y = ui.x - 1, view_area().y + 120
-    height = bpy.context.window_manager.windows[0].height
-    for start, end in ((x, x + ui.width - NARROW_PX), (x + ui.width - NARROW_PX, x)):
-        words = ["mousemove", start, height - y, "sleep", 1, "mousedown", 1, "sleep", 1]
-        for place in np.linspace(start, end, 4)[1:].astype(int):
-            words += ["mousemove", place, height - y, "sleep", 1]
-        process = subprocess.Popen(["xdotool", *map(str, words), "mouseup", "1"])
-        yield lambda process=process: process.poll() is not None
-        yield 2
-        screenshot("narrow" if end > start else "wide")
 
 
 def compare_with_cycles(hand, space, watch, report):

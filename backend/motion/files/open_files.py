@@ -69,9 +69,8 @@ def open_motion_file(path: Path, capture: int | None = None) -> MotionFile:
     if is_landmarks(document):
         return read_landmarks(document)
     names = ", ".join(known.name for known in FORMATS)
-    raise LiveHandError(
-        f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {_kind(content)}; {EXAMPLE}"
-    )
+    got = _kind(document.content)
+    raise LiveHandError(f"{path} must be of a known format ({names}, InterHand2.6M, landmarks), got {got}; {EXAMPLE}")
 
 
 def _kind(content: Any) -> str:
