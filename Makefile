@@ -13,8 +13,8 @@ SETTINGS := pyproject.toml setup.py blender_manifest.toml
 TORCH ?= $(if $(shell nvidia-smi -L 2> /dev/null),gpu,cpu)
 CPU_TORCH ?=
 TORCH_WANTED := $(shell sed -n 's/^ *"\(torch[<>=][^"]*\)".*/\1/p' pyproject.toml)
-# The other versions of Blender that have a module for Python 3.11.
-OTHER_BLENDERS := 4.2 5.0
+# The other versions of Blender that have a module: for Python 3.11, and for 3.13 where that is installed.
+OTHER_BLENDERS := 4.2 5.0 $(if $(shell python3.13 -c 0 2> /dev/null && echo yes),5.2)
 # A demo with another avatar: make demo AVATAR=deep, or AVATAR=my.safetensors
 AVATAR ?=
 # Test processes; each takes whole files of tests. 0: all in one process, for a debugger.
@@ -110,7 +110,7 @@ $(VENV)/docs.stamp: $(VENV_PYTHON) $(SETTINGS)
 # Not `dev`: that extra asks for the one version of Blender that all else runs in.
 .venv-bpy%/test.stamp: $(VENV_PYTHON) $(SETTINGS)
 	@echo "Installing Blender $* and what tests need into .venv-bpy$*; once"
-	$(VENV_PYTHON) -m venv --clear .venv-bpy$*
+	$(if $(filter 4.% 5.0,$*),$(VENV_PYTHON),python3.13) -m venv --clear .venv-bpy$*
 	.venv-bpy$*/bin/python -m pip install --disable-pip-version-check --quiet -e '.[test]' 'bpy==$*.*'
 	@touch $@
 

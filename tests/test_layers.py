@@ -4,6 +4,7 @@ Read from the source (AST), imports inside functions included. The last tests pl
 """
 
 import ast
+import re
 import sys
 from pathlib import Path
 
@@ -49,6 +50,10 @@ ROWS = (
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # numba may be missing: only this room imports it, and no other imports its modules but inside a function.
 NUMBA_ROOM = "backend.fast"
+# What differs between systems is in one module each of this room; beside it, who owns a temporary folder, and reports.
+SYSTEM_ROOM = "backend.runtime"
+ASKS_THE_SYSTEM = re.compile(r"os\.name|sys\.platform|platform\.system|hasattr\((os|signal)\b|getattr\(signal\b")
+SYSTEM_MODULES = {"backend.fast.kernels.cache_folder", "backend.benchmark.machine"}
 # The kernels stand alone: beside these and the interpreter's own modules, only numbers that they share with torch.
 # llvmlite is numba's own LLVM.
 KERNELS, KERNEL_NUMBERS = "backend.fast.kernels", "backend.geometry.tolerances"
@@ -185,6 +190,12 @@ def test_every_folder_has_a_row_and_every_row_its_folders():
     }
     assert folders | {"livehand_blender"} == set(ROW_OF)
     assert len(ROWS) <= 12
+
+
+def test_systems_are_told_apart_in_one_room():
+    asking = {name for name, path in modules(ROOT).items() if ASKS_THE_SYSTEM.search(path.read_text(encoding="utf-8"))}
+    assert {name for name in asking if not name.startswith(SYSTEM_ROOM)} == SYSTEM_MODULES
+    assert {f"{SYSTEM_ROOM}.{name}" for name in ("atomic_file", "process_identity", "signals")} <= asking
 
 
 def test_no_class_name_exists_twice():

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from ..files.json_file import parse_json
@@ -29,7 +29,7 @@ def save_method(folder: Path, kind: str, tensors: Mapping[str, Tensor], facts: M
     """
     plain = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with replacing(folder / FILE, is_durable=True) as partial:
-        save_file(plain, partial, metadata={_KEY: json.dumps({"kind": kind, **(facts or {})})})
+        partial.write_bytes(save(plain, metadata={_KEY: json.dumps({"kind": kind, **(facts or {})})}))
 
 
 def load_method(folder: Path, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:

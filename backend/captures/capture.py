@@ -23,7 +23,7 @@ import numpy as np
 
 from ..files.inner_path import inner_path
 from ..files.json_file import read_json
-from ..files.npz_file import read_npz
+from ..files.npz_file import npz_bytes, read_npz
 from ..records.camera import Camera
 from ..records.errors import LiveHandError
 from ..records.light import Light
@@ -183,8 +183,9 @@ def save_capture_index(capture: Capture) -> None:
     """
     write_skies(capture.folder, capture.lights)
     arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
+    arrays["side"] = np.array([pose.side for pose in capture.poses])
     with replacing(capture.folder / "poses.npz") as temporary:
-        np.savez_compressed(temporary, side=np.array([pose.side for pose in capture.poses]), **arrays)
+        temporary.write_bytes(npz_bytes(arrays))
     with replacing(capture.folder / "transforms.json") as temporary:
         temporary.write_text(index_document(capture))
 

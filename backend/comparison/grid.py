@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..evaluation.contact_sheet import ERROR_GAIN, label_strip, on_background, save_sheet
-from ..files.npz_file import read_npz
+from ..files.npz_file import npz_bytes, read_npz
 from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
 
@@ -26,7 +26,7 @@ def save_pictures(pairs: Sequence[Pair], path: Path) -> None:
         for name, image in zip(("truth", "image"), pair, strict=True):
             arrays[f"{name}{index}"] = (image.clip(0, 1) * 255 + 0.5).astype(np.uint8)
     with replacing(path) as partial:
-        np.savez_compressed(partial, **arrays)
+        partial.write_bytes(npz_bytes(arrays))
 
 
 def load_pictures(path: Path) -> list[Pair]:

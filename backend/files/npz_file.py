@@ -1,9 +1,10 @@
-"""Reads `.npz` and `.npy` files of plain arrays whose unpacked size is bounded before anything is unpacked."""
+"""Plain arrays in `.npz` and `.npy` files. A file's unpacked size is bounded before anything of it is unpacked."""
 
 from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Mapping
 from io import BufferedIOBase
 from math import prod
 from pathlib import Path
@@ -38,6 +39,13 @@ def read_npz(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, np.ndarray]:
         raise LiveHandError(
             f"{path} must be a readable .npz file, got {type(error).__name__}: {error}; export it again"
         ) from error
+
+
+def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """The compressed file of these arrays. numpy's own writer complains once more, later, about a disk that is full."""
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
 
 
 def read_npy_header(file: BufferedIOBase) -> tuple[tuple[int, ...], np.dtype[Any]]:

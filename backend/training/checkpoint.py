@@ -14,7 +14,7 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from ..files.json_file import parse_json
@@ -84,10 +84,7 @@ def save_checkpoint(path: Path, state: TrainState, progress: Progress, run: str)
     tensors = state.tensors()
     metadata = {"progress": json.dumps(asdict(progress)), "run": run}
     with replacing(path, is_durable=True) as temporary:
-        try:
-            save_file(tensors, temporary, metadata={**metadata, _CHECKSUM: _checksum(metadata, tensors)})
-        except SafetensorError as error:
-            raise OSError(f"{error}; the last one is still there, for --resume") from error
+        temporary.write_bytes(save(tensors, metadata={**metadata, _CHECKSUM: _checksum(metadata, tensors)}))
 
 
 def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from ..captures.capture import Capture, save_capture_index
+from ..files.npz_file import npz_bytes
 from ..hand.model import HandModel
 from ..hand.model_file import load_hand_model
 from ..nerf.avatar import Avatar
@@ -92,5 +93,5 @@ def _refined_hand(refinement: Refinement, hand: HandModel, folder: Path) -> Hand
     }
     path = folder / HAND_FILE.format(side=hand.side)
     with replacing(path) as temporary:
-        np.savez_compressed(temporary, **arrays)
+        temporary.write_bytes(npz_bytes(arrays))
     return load_hand_model(path)

@@ -9,6 +9,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+_ROOM_BYTES = 1 << 25  # that all compiled kernels may take: numba fails where it cannot keep it
+
 
 def writable_cache(configured: str) -> Path | None:
     """The first of these folders that takes files, as home and installation of a farm's machines often do not.
@@ -44,7 +46,8 @@ def _user() -> int:
 def _takes_files(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_ROOM_BYTES))
+        return True
     except OSError:
         return False

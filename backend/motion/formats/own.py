@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files.npz_file import npz_bytes
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ...runtime.atomic_file import replacing
@@ -28,8 +29,8 @@ def write_motion(motion: HandMotion, path: Path) -> None:
     arrays = {"theta": motion.theta, "beta": motion.beta, "transl": motion.transl, "side": np.array(motion.side)}
     if motion.fps is not None:
         arrays["fps"] = np.array(float(motion.fps))
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    with replacing(path) as temporary:
+        temporary.write_bytes(npz_bytes(arrays))
 
 
 def _matches(document: Document) -> bool:

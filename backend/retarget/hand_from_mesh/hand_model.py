@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...files.npz_file import npz_bytes
 from ...geometry.mesh_tables import connected_components
 from ...hand.atlas import unwrap
 from ...hand.cap import capped
@@ -98,8 +99,9 @@ def save_hand_model(hand: MeshHand, path: Path, provenance: Mapping[str, Any]) -
         LiveHandError: the file's name contradicts the side, or the file cannot be written.
     """
     check_name(path, hand.side)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, provenance=np.array(json.dumps(dict(provenance))), **hand.arrays)
+    arrays = {"provenance": np.array(json.dumps(dict(provenance))), **hand.arrays}
+    with replacing(path) as temporary:
+        temporary.write_bytes(npz_bytes(arrays))
 
 
 def check_name(path: Path, side: Side) -> None:

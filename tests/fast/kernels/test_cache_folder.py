@@ -80,3 +80,18 @@ def test_kernels_run_with_a_home_and_an_installation_that_cannot_be_written(no_h
     assert done.returncode == 0, done.stderr
     assert own(no_home).is_dir() == has_temporary
     assert [path for path in no_home.parent.rglob("*.nbi") if own(no_home) not in path.parents] == []
+
+
+FULL = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs limits of files' sizes")
+def test_kernels_run_where_the_disk_is_full(tmp_path):
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FULL + PROGRAM], capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 0, done.stderr
