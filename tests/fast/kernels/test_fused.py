@@ -6,6 +6,7 @@ import pytest
 import torch
 from livehand.backend.fast.fused_render import FusedRayRenderer
 from livehand.backend.fast.kernels import fused
+from livehand.backend.fast.kernels.vectors import has_half_precision
 from livehand.backend.fast.trace import trace
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.nerf.avatar import build_field
@@ -181,13 +182,13 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
     """Also of rays that are opaque in the end and stopped before: from near, where planes do not fade."""
     field, hand = a_field("odd"), posed("fist")
     for plane in field.planes:
-        plane.table.fill_(0.7)
+        plane.table.fill_(0.75)
     field.density.bias.add_(3)  # solid: rays stop well before their last sample
     view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
     in_view = HandInView(hand.mesh, hand.topology, view)
     gathered = FusedRayRenderer(field, CONFIG).gather(in_view, hand.conditions(), RenderHooks()).gathered
     constant = gathered.channels[:, : sum(channels for _, _, channels in field.config.planes)]
-    torch.testing.assert_close(constant, 0.7 * gathered.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
+    torch.testing.assert_close(constant, 0.75 * gathered.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
     assert (gathered.alpha == 1).any()
 
 
@@ -284,4 +285,11 @@ def test_decoding_in_chunks_is_decoding_at_once(odd):
 def test_a_field_is_packed_once(odd):
     renderer = FusedRayRenderer(odd, CONFIG)
     assert renderer._packed is renderer._packed
-    assert renderer._packed.table.dtype == "float32"
+    assert renderer._packed.table.dtype == ("uint16" if has_half_precision() else "float32")
+
+
+def test_values_beyond_half_precision_stay_single(odd):
+    wide = a_field("odd")
+    with torch.no_grad():
+        wide.planes[1].table[0, 0] = 1e5
+    assert FusedRayRenderer(wide, CONFIG)._packed.table.dtype == "float32"
