@@ -180,9 +180,9 @@ def superres_work(counts: Counts, superres: nn.Module, number_bytes: int) -> Wor
 def light_work(counts: Counts) -> Work:
     """The sky alone: shadows and features of every ray in every direction, and the product at full size.
 
-    A ray and direction: 15 FLOP to project the point, 25 to compare it with four pixels of a map, 6 for its share of the
-    light, 18 to sum that, 26 for two depths of scattered light and 42 for two lobes. A pixel of the hand at full size:
-    4 rays' 21 numbers blended, and 14 coefficients times these. Reads the points, writes the features and RGB.
+    A ray and direction: 15 FLOP to project the point, 25 to compare it with four pixels of a map, 6 for its share of
+    the light, 18 to sum that, 26 for two depths of scattered light and 42 for two lobes. A pixel of the hand at full
+    size: 4 rays' 21 numbers blended, and 14 coefficients times these. Reads the points, writes features and RGB.
     """
     pairs, pixels = SKY_DIRECTIONS * counts.rays, 4 * counts.rays
     moved = _FLOAT_BYTES * (2 * 12 * counts.rays + 21 * counts.rays + (COEFFICIENTS + 6 + 4 + 3) * pixels)

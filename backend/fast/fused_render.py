@@ -53,8 +53,6 @@ class FusedRayRenderer:
         precision: of the decoder.
         rays_per_chunk: between two calls of `before_chunk`.
         rays_per_decode: per call of the decoder, whose activations then stay in the cache.
-        inside: samples over the inside of a face, all three weights over this, are taken to be nearest to it; 1: all
-            faces around are searched, as the reference does.
     """
 
     field: PlaneField
@@ -62,7 +60,6 @@ class FusedRayRenderer:
     precision: Precision = "fp32"
     rays_per_chunk: int = 1 << 15
     rays_per_decode: int = 1 << 12
-    inside: float = 0.02
 
     def __call__(self, hand: HandInView, conditions: FrameConditions, hooks: RenderHooks) -> RenderedRays:
         """As `RayRenderer`."""
@@ -102,7 +99,7 @@ class FusedRayRenderer:
         return Skin(hand.topology.corner_uv.numpy(), channels.numpy())
 
     def _units(self, hand: HandInView) -> RayUnits:
-        values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale, self.inside)
+        values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale)
         return RayUnits(self.config.samples_per_ray, *(np.float32(value) for value in values))
 
     def _buffers(self, rays: int) -> tuple[Composite, Tensor, Tensor]:

@@ -16,7 +16,8 @@ def test_peaks_with_a_clock_that_advances_a_second_per_reading():
     for convolution, flops in (((1, 2), 2 * 5 * 6 * 7), ((4, 8), 2 * 9 * 4 * 4 * 8 * 8)):  # the higher counts
         loads = Loads(((2, 3, 4), (5, 6, 7)), convolution, copy_mb=1)
         peaks = measure_peaks(torch.device("cpu"), iter(np.arange(1000.0).tolist()).__next__, loads)
-        assert peaks == Peaks(flops, flops, 2 * 2**20)
+        assert peaks._replace(int8_flops=0.0) == Peaks(flops, flops, 2 * 2**20)
+        assert peaks.int8_flops in (0, 4 * flops)
 
 
 def test_other_programs_mark_a_machine_as_busy(monkeypatch):

@@ -55,9 +55,7 @@ def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out)
         offset = (np.float32(index) + _HALF) / np.float32(samples) * total
         since, depth = place_sample(offset, start, end, intervals)
         x, y, z = point_at(rays, ray, depth)
-        face, wb, wc, height = deepest_part(
-            x, y, z, depth, since, pixel, crossings, surface, current, units.inside, buffers.tried
-        )
+        face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, current, buffers.tried)
         height /= scale * units.shell_m
         footprint_m = depth / (units.focal_px * scale)
         _gather(face, wb, wc, height, footprint_m, surface.faces, skin, field, buffers)

@@ -38,7 +38,7 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
             since, depth = place_sample(offsets[ray, index] * total, start, end, intervals)
             out.t[ray, index] = depth
             x, y, z = point_at(rays, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, _1, tried)
+            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried)
             out.face[ray, index], out.height[ray, index] = face, height
             out.barycentric[ray, index, 0] = _1 - wb - wc
             out.barycentric[ray, index, 1], out.barycentric[ray, index, 2] = wb, wc
@@ -70,7 +70,7 @@ def point_at(rays, ray, depth):
 
 
 @part
-def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, inside, tried):
+def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried):
     """(face, weight of b, weight of c, height m) of a sample, on the part of the surface that holds it deepest.
 
     Every part entered since the interval's start is tracked, from the face that `part` holds for it.
@@ -82,7 +82,7 @@ def deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, inside,
             break
         if crossings.face[pixel, crossing] < 0 or entry < since:
             continue
-        found, b, c, squared = closest_on_part(x, y, z, part[crossing], surface, inside, tried)
+        found, b, c, squared = closest_on_part(x, y, z, part[crossing], surface, tried)
         part[crossing] = found
         height = signed_height(x, y, z, found, b, c, squared, surface)
         if height < deepest:

@@ -74,14 +74,12 @@ class RayUnits(NamedTuple):
         shell_m: half-width of the shell.
         focal_px: focal length.
         scale: of the posed hand to its template.
-        inside: weights of a point on a face from which on no other face is searched; 1: all are.
     """
 
     samples: int
     shell_m: np.float32
     focal_px: np.float32
     scale: np.float32
-    inside: np.float32
 
 
 class PackedField(NamedTuple):

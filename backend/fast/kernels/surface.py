@@ -41,15 +41,12 @@ def gather_shapes(shapes, neighbours, first, last, around):
 
 
 @part
-def closest_on_part(x, y, z, face, surface, inside, tried):
+def closest_on_part(x, y, z, face, surface, tried):
     """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
 
-    A point whose three weights on the first face are over `inside` is taken for it. `tried` [3, K] is a buffer for the
-    neighbours' distances^2 and weights.
+    `tried` [3, K] is a buffer for the neighbours' distances^2 and weights.
     """
     squared, wb, wc = _closest_on_face(x, y, z, face, surface.shapes)
-    if min(wb, wc, _1 - wb - wc) > inside:
-        return face, wb, wc, squared
     for _ in range(MAX_STEPS):
         start = face
         _try_neighbours(x, y, z, start, surface.around, tried)

@@ -6,6 +6,7 @@ import pytest
 import torch
 from livehand.backend.fast.fused_render import FusedRayRenderer
 from livehand.backend.fast.kernels import fused
+from livehand.backend.fast.kernels.vectors import has_half_precision
 from livehand.backend.fast.trace import trace
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.nerf.avatar import build_field
@@ -52,7 +53,7 @@ def test_a_relightable_fields_rays_are_gathered_and_not_decoded(posed, seen_from
     in_view = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.3, 1, 0.2)))
     conditions = hand.conditions()._replace(visibility=torch.zeros(len(hand.mesh.vertices), 0))
     with torch.inference_mode():
-        rays = FusedRayRenderer(field, CONFIG, inside=1.0)(in_view, conditions, RenderHooks())
+        rays = FusedRayRenderer(field, CONFIG)(in_view, conditions, RenderHooks())
         expected = shade(field, trace(in_view, CONFIG), in_view, conditions, CONFIG.shell_m)
     assert rays.composite.channels.shape == (len(rays.pixel), field.gathered_channels)
     largest = expected.channels.abs().amax(0).clamp(min=1)
@@ -66,7 +67,7 @@ class Fused:
     def __init__(self, field, hand, camera, config=CONFIG, conditions=None):
         conditions = conditions or hand.conditions()
         in_view = HandInView(hand.mesh, hand.topology, camera)
-        renderer = FusedRayRenderer(field, config, inside=1.0)
+        renderer = FusedRayRenderer(field, config)
         self.pixel, self.view, self.gathered, self.t, self.dt = renderer.gather(in_view, conditions, RenderHooks())
         self.decoded = renderer.decode(self.gathered, self.view)
         # By the kernels: on a seam of the atlas either side's face is as near, and untrained planes differ there.
@@ -126,19 +127,6 @@ def assert_same(rendered):
     assert torch.equal(rendered.decoded.depth, ours.depth)
 
 
-@torch.inference_mode()
-def test_little_is_lost_where_only_the_face_below_a_sample_is_searched(field, posed, seen_from):
-    hand = posed("fist")
-    in_view = HandInView(hand.mesh, hand.topology, seen_from(hand.mesh, (0.1, -1, 0.2)))
-    found, exact = (
-        FusedRayRenderer(field, CONFIG, **how).gather(in_view, hand.conditions(), RenderHooks()).gathered
-        for how in ({}, {"inside": 1.0})
-    )
-    assert share_over(found.alpha - exact.alpha, 0.05) < 0.005
-    assert share_over((found.channels - exact.channels) / exact.channels.abs().amax(0).clamp(min=1), 0.1) < 0.05
-    assert (found.channels - exact.channels).abs().mean() < 0.01 * exact.channels.abs().mean()
-
-
 @pytest.mark.parametrize("direction", [(0.1, -1, 0.2), (0.2, 0.3, -1), (-1, -0.5, 0.3)])
 @pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
 def test_fused_rays_are_the_fields(field, posed, seen_from, direction, gesture, side):
@@ -181,13 +169,13 @@ def test_what_is_the_same_everywhere_comes_out_as_that_times_alpha(posed, seen_f
     """Also of rays that are opaque in the end and stopped before: from near, where planes do not fade."""
     field, hand = a_field("odd"), posed("fist")
     for plane in field.planes:
-        plane.table.fill_(0.7)
+        plane.table.fill_(0.75)
     field.density.bias.add_(3)  # solid: rays stop well before their last sample
     view = seen_from(hand.mesh, (0.1, 1, 0.1), (40, 40), distance=0.3, field_m=0.04)
     in_view = HandInView(hand.mesh, hand.topology, view)
     gathered = FusedRayRenderer(field, CONFIG).gather(in_view, hand.conditions(), RenderHooks()).gathered
     constant = gathered.channels[:, : sum(channels for _, _, channels in field.config.planes)]
-    torch.testing.assert_close(constant, 0.7 * gathered.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
+    torch.testing.assert_close(constant, 0.75 * gathered.alpha[:, None].expand_as(constant), atol=1e-5, rtol=0)
     assert (gathered.alpha == 1).any()
 
 
@@ -284,4 +272,11 @@ def test_decoding_in_chunks_is_decoding_at_once(odd):
 def test_a_field_is_packed_once(odd):
     renderer = FusedRayRenderer(odd, CONFIG)
     assert renderer._packed is renderer._packed
-    assert renderer._packed.table.dtype == "float32"
+    assert renderer._packed.table.dtype == ("uint16" if has_half_precision() else "float32")
+
+
+def test_values_beyond_half_precision_stay_single(odd):
+    wide = a_field("odd")
+    with torch.no_grad():
+        wide.planes[1].table[0, 0] = 1e5
+    assert FusedRayRenderer(wide, CONFIG)._packed.table.dtype == "float32"
