@@ -8,7 +8,7 @@ from .blender_command import BlenderCommand
 from .render import engine, memory
 from .render.viewport import rendered_views
 from .rig import properties
-from .scene import main_thread, old_files, old_sliders, whole_hands
+from .scene import hand_selection, main_thread, old_files, old_sliders, whole_hands
 from .ui import (
     avatars,
     compositing,
@@ -61,6 +61,7 @@ def register() -> None:
     old_files.watch_files()
     old_sliders.watch_sliders()
     whole_hands.watch_objects()
+    hand_selection.watch_selection()
     ik_grab.watch_targets()
     pose_library.add_keys()
     main_thread.start()
@@ -74,6 +75,7 @@ def unregister() -> None:
     main_thread.stop()
     pose_library.remove_keys()
     ik_grab.stop_watching()
+    hand_selection.stop_watching()
     whole_hands.stop_watching()
     old_sliders.stop_watching()
     old_files.stop_watching()

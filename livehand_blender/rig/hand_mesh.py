@@ -33,8 +33,7 @@ def build_mesh(model: HandModel, armature: bpy.types.Object, name: str) -> bpy.t
     modifier.object = armature
     # Preserving volume means dual quaternions; MANO is linear blend skinning.
     modifier.use_deform_preserve_volume = False
-    # A click on the hand selects its armature; the mesh is copied and deleted with it.
-    mesh.hide_select = mesh.livehand.is_skin = True
+    mesh.livehand.is_skin = True
     return mesh
 
 

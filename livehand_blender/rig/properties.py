@@ -65,6 +65,12 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
     is_skin: BoolProperty(name="Is a Hand's Mesh", default=False, override=_OVERRIDE)
+    mesh_selectable: BoolProperty(
+        name="Mesh Selectable",
+        description="A click on the hand selects its mesh, to sculpt or paint it; otherwise its armature",
+        default=False,
+        override=_OVERRIDE,
+    )
     side: _Enum(name="Side", items=_SIDES)
     model_path: _File(name="Hand Model", description="File of the hand model; empty for the built-in hand")
     model_sha256: _String(

@@ -1,7 +1,7 @@
 """Old files open as they were: settings that they lack get the value that stands for their time.
 
 Files of version 0, saved before hands could be lit, keep the light of the avatars' captures; those before version 2
-keep 16 blur samples.
+keep 16 blur samples; those before version 3 hid their hands' meshes from clicks.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from bpy.app.handlers import persistent
 from ..rig.hand import all_hands
 from .handlers import add_handlers, remove_handlers
 
-_VERSION = 2
+_VERSION = 3
 
 
 @persistent
@@ -31,8 +31,17 @@ def _update(*_) -> None:
         if version < _VERSION and all_hands(scene):
             if version == 0:
                 scene.livehand.light = "CAPTURE"
-            if not scene.livehand.is_property_set("blur_samples"):
+            if version < 2 and not scene.livehand.is_property_set("blur_samples"):
                 scene.livehand.blur_samples = 16
+            _let_clicks_through(scene)
+
+
+def _let_clicks_through(scene: bpy.types.Scene) -> None:
+    """Meshes that could be selected were set so by the user."""
+    for mesh in scene.objects:
+        if mesh.livehand.is_skin and mesh.library is None and mesh.override_library is None:
+            mesh.livehand.mesh_selectable = not mesh.hide_select
+            mesh.hide_select = False
 
 
 def _local_scenes() -> list[bpy.types.Scene]:

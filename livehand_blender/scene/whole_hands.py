@@ -1,4 +1,4 @@
-"""A hand is copied and deleted as a whole: its mesh cannot be selected, so it goes with its armature.
+"""A hand is copied and deleted as a whole: its mesh goes with its armature, to which selections of it are passed on.
 
 A handler sees that the number of objects has changed. In Blender's window the change follows when the running operator
 has come to an end; without a window there is no event loop, and it follows at once.
@@ -25,7 +25,7 @@ def complete_copies() -> None:
 def remove_orphans() -> None:
     """Remove the meshes whose armatures were deleted, unless they may be selected and so deleted by the user."""
     for mesh in list(bpy.data.objects):
-        if mesh.livehand.is_skin and mesh.hide_select and _is_changeable(mesh):
+        if mesh.livehand.is_skin and not mesh.livehand.mesh_selectable and _is_changeable(mesh):
             armature = mesh.find_armature()
             if armature is None or not armature.users_scene:
                 data = mesh.data

@@ -37,7 +37,7 @@ class LIVEHAND_PT_hand(Tab, bpy.types.Panel):
         if hand.mesh:
             row = layout.row()
             row.use_property_split = False
-            row.prop(hand.mesh, "hide_select", text="Mesh Selectable", invert_checkbox=True)
+            row.prop(hand.mesh.livehand, "mesh_selectable")
         layout.operator("livehand.reset_pose", icon="LOOP_BACK")
 
 

@@ -27,9 +27,33 @@ def matches(evaluated_vertices, backend_vertices, model):
     return check
 
 
-def test_the_mesh_cannot_be_selected(hand):
-    select(hand, mesh_of(hand))
+def test_a_click_on_the_mesh_selects_the_armature(hand):
+    select(mesh_of(hand))
+    bpy.context.view_layer.objects.active = mesh_of(hand)
+    updated()
     assert bpy.context.selected_objects == [hand]
+    assert bpy.context.view_layer.objects.active == hand
+
+
+def test_a_mesh_that_is_sculpted_or_meant_to_be_stays_selected(hand):
+    mesh = mesh_of(hand)
+    mesh.livehand.mesh_selectable = True
+    select(mesh)
+    bpy.context.view_layer.objects.active = mesh
+    updated()
+    assert bpy.context.selected_objects == [mesh]
+    bpy.ops.object.mode_set(mode="SCULPT")
+    mesh.livehand.mesh_selectable = False
+    updated()
+    assert bpy.context.view_layer.objects.active == mesh
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_a_hidden_armature_leaves_its_mesh_selected(hand):
+    hand.hide_set(True)
+    select(mesh_of(hand))
+    updated()
+    assert bpy.context.selected_objects == [mesh_of(hand)]
 
 
 @pytest.mark.parametrize("linked", [False, True])
@@ -40,7 +64,7 @@ def test_a_copied_armature_gets_a_mesh_of_its_own(hand, model, random_pose, matc
     updated()
     (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
     assert mesh_of(copy) != mesh_of(hand)
-    assert mesh_of(copy).hide_select
+    assert not mesh_of(copy).livehand.mesh_selectable
     poses = [random_pose(seed, model.side) for seed in (1, 2)]
     for one, pose in zip((hand, copy), poses, strict=True):
         write_hand_pose(RiggedHand.of(one), pose)
@@ -50,14 +74,14 @@ def test_a_copied_armature_gets_a_mesh_of_its_own(hand, model, random_pose, matc
 
 
 def test_a_copy_of_a_copy_and_of_both_objects_has_one_mesh(hand):
-    mesh_of(hand).hide_select = False
+    mesh_of(hand).livehand.mesh_selectable = True
     updated()
     select(hand, mesh_of(hand))
     bpy.ops.object.duplicate()
     updated()
     assert len(meshes()) == 2
     (copy,) = [thing for thing in find_hands(bpy.context.scene) if thing != hand]
-    mesh_of(copy).hide_select = True
+    mesh_of(copy).livehand.mesh_selectable = False
     select(copy)
     bpy.ops.object.duplicate()
     updated()
@@ -84,7 +108,7 @@ def test_a_deleted_armature_takes_its_mesh_along(hand):
 
 def test_a_mesh_that_may_be_selected_stays(hand):
     mesh = mesh_of(hand)
-    mesh.hide_select = False
+    mesh.livehand.mesh_selectable = True
     updated()
     bpy.data.objects.remove(hand)
     updated()
@@ -106,7 +130,7 @@ def test_undo_brings_the_whole_hand_back(hand):
 
 def test_old_hands_stay_as_they_are(hand):
     mesh = mesh_of(hand)
-    mesh.hide_select = mesh.livehand.is_skin = False
+    mesh.livehand.is_skin = False
     updated()
     select(hand)
     bpy.ops.object.duplicate()
