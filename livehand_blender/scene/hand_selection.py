@@ -1,4 +1,4 @@
-"""A click on a hand's mesh selects its armature, which poses and carries it, unless the mesh is to be worked on itself."""
+"""A click on a hand's mesh selects its armature, which poses and carries it, unless the mesh is edited itself."""
 
 from __future__ import annotations
 

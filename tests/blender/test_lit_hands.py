@@ -129,5 +129,6 @@ def test_a_file_without_hands_is_not_old(tmp_path, monkeypatch):
 
 def test_files_of_earlier_versions_render_as_before():
     bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    assert mesh_of(find_hands(bpy.context.scene)[0])
+    mesh = mesh_of(find_hands(bpy.context.scene)[0])
+    assert not mesh.hide_select
     assert bpy.context.scene.livehand.light == "CAPTURE"

@@ -6,17 +6,18 @@ from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import write_hand_pose
 
 
+def updated():
+    bpy.context.view_layer.update()
+
+
 def select(*things):
+    updated()  # what was just added cannot be selected before
     for thing in bpy.context.view_layer.objects:
         thing.select_set(thing in things)
 
 
 def meshes():
     return [thing for thing in bpy.data.objects if thing.type == "MESH" and thing.users_scene]
-
-
-def updated():
-    bpy.context.view_layer.update()
 
 
 @pytest.fixture
