@@ -73,11 +73,11 @@ class Training:
     def run(self, reporting: ReportConfig) -> TrainingResult:
         """Do all remaining steps and save the avatar."""
         with self._report(reporting) as report:
-            while not self._schedule.is_over(self._progress.step, self._progress.seconds):
+            while not self._is_over():
                 self._step(report)
+            report.finish(self._progress.step, self._current_avatar())
             self._finish_checkpoint()
             avatar = self._finished_avatar()
-            report.finish(self._progress.step, avatar)
         return TrainingResult(avatar, self._progress, self._clock.data_wait_share, report.held_out)
 
     def _step(self, report: TrainingReport) -> None:
@@ -88,8 +88,14 @@ class Training:
         self._advance(result)
         report.step(state, result, self._current_avatar)
         self._skipped_steps.update(result.faulty_files)
-        if self._progress.step % self._config.checkpoint_every == 0 or self._checkpoint_interval.is_due():
+        if self._is_checkpoint_due() and not self._is_over():
             self._save_checkpoint()
+
+    def _is_checkpoint_due(self) -> bool:
+        return self._progress.step % self._config.checkpoint_every == 0 or self._checkpoint_interval.is_due()
+
+    def _is_over(self) -> bool:
+        return self._schedule.is_over(self._progress.step, self._progress.seconds)
 
     def _advance(self, result: StepResult) -> None:
         seconds = self._clock.total_s
@@ -113,7 +119,7 @@ class Training:
         return avatar
 
     def _finish_checkpoint(self) -> None:
-        """Save the final state, so that a resumed training has nothing left to do."""
+        """Save the final state, so that a resumed training has nothing left to do; all has been reported before."""
         if not self._schedule.is_over(self._saved.step, self._saved.seconds):
             self._save_checkpoint()
 

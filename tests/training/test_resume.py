@@ -16,6 +16,7 @@ from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.training import loop
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
@@ -73,6 +74,22 @@ def test_a_run_killed_while_writing_gives_the_result_of_an_uninterrupted_one(set
         torch.testing.assert_close(value, weights_of(whole.avatar)[key], atol=1e-5, rtol=1e-4)
     steps = [entry["step"] for entry in log_of(output)]
     assert steps == [5, 10, 15, 20, 25, 30]  # those after the checkpoint of step 10 once only
+
+
+def test_a_run_that_ends_before_its_avatar_is_saved_loses_no_line_of_its_log(setup, tmp_path, monkeypatch, log_of):
+    output, reporting = tmp_path / "broken.safetensors", replace(SILENT, log_every=20)
+
+    def interrupted(avatar, path):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(loop, "save_avatar", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(setup, CONFIG, output, COMPUTE, reporting)
+    assert not output.exists()
+    train(setup, CONFIG, output, COMPUTE, reporting, resume=True)
+    assert output.exists()
+    assert [entry["step"] for entry in log_of(output)] == [20, 30]
 
 
 def test_the_average_is_saved_and_resumed(setup, tmp_path, weights_of):
