@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from ..files.json_file import read_json
 from ..records.errors import LiveHandError
@@ -85,7 +86,8 @@ def _person_of(document: object, path: Path) -> Person:
     known = [field.name for field in fields(Person)]
     if not isinstance(document, dict) or not set(document) <= set(known):
         raise LiveHandError(f"{path} must be a JSON object with keys of {', '.join(known)}")
-    return Person(**{name: _value(name, value, path) for name, value in document.items()})
+    numbers: dict[str, Any] = {name: _value(name, value, path) for name, value in document.items()}
+    return Person(**numbers)
 
 
 def _value(name: str, value: object, path: Path) -> float | tuple[float, ...] | None:

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from math import radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..hand.model_file import load_default_hand, load_hand_model
-from ..motion.landmarks.take_file import FilmedTake, write_take
-from ..motion.landmarks.take_fit import LONGEST_GAP_S, FilmCamera, FilmedHand, TakeFit, fit_take
+from ..motion.landmarks.sighted_take import filmed_take
+from ..motion.landmarks.take_file import write_take
+from ..motion.landmarks.take_fit import LONGEST_GAP_S, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from ..runtime.command import Command, warn
 
 if TYPE_CHECKING:
-    from ..tracking.takes import VideoSightings
     from ..tracking.video import VideoFrame
 
 _WORST = 5
@@ -69,25 +68,6 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         "hands": {side: _numbers(fit) for side, fit in fits.items()},
         "summary": f"{args.output}: {len(take.times)} frames\n" + "\n".join(lines),
     }
-
-
-def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: Path) -> FilmedTake:
-    """What was tracked as a take.
-
-    Raises:
-        LiveHandError: no hand was found.
-    """
-    if not found.hands:
-        raise LiveHandError(
-            f"{path} must show a hand, got none in {len(found.times)} frames; film the whole hand, larger and in light"
-        )
-    camera = FilmCamera.guessed(found.size_px)
-    if fov_deg is not None:
-        camera = FilmCamera(found.size_px, found.size_px[0] / 2 / tan(radians(fov_deg) / 2))
-    hands: dict[Side, FilmedHand] = {}
-    for side, hand in found.hands.items():
-        hands[side] = FilmedHand(hand.frames, hand.px, hand.world)
-    return FilmedTake(camera, found.times, fps, hands)
 
 
 def _shown(frames: Iterator[VideoFrame], count: int) -> Iterator[VideoFrame]:

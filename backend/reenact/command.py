@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..avatars.library import AVATAR_HELP, avatar_path
-from ..commands.track import filmed_take, parse_fov
+from ..commands.track import parse_fov
+from ..motion.landmarks.sighted_take import filmed_take
 from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
 from ..runtime.command import Command

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from pathlib import Path
 from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
 from ..runtime.atomic_file import replacing
+from ..runtime.data_folder import data_folder
 from .tflite import Network, read_network
 
 FETCH_COMMAND = "livehand fetch-tracker"
@@ -84,7 +84,7 @@ def tracker_folder() -> Path:
         LiveHandError: the user has no home.
     """
     try:
-        return _data_folder() / "livehand" / "tracker"
+        return data_folder() / "livehand" / "tracker"
     except RuntimeError as error:
         raise LiveHandError("a home folder must be known to keep the tracker, got none; set XDG_DATA_HOME") from error
 
@@ -153,16 +153,6 @@ def take_networks(path: Path, folder: Path | None = None) -> Path:
         with replacing(folder / name) as temporary:
             temporary.write_bytes(content)
     return folder
-
-
-def _data_folder() -> Path:
-    if configured := os.environ.get("XDG_DATA_HOME"):
-        return Path(configured)
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support"
-    return Path.home() / ".local" / "share"
 
 
 def _read(path: Path) -> bytes:

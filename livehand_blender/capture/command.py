@@ -7,7 +7,7 @@ import hashlib
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from ...backend.captures.capture import Split
 from ...backend.captures.person import PERSONS, find_person
@@ -98,8 +98,9 @@ def run(args: argparse.Namespace) -> dict:
 
 
 def _plan(args: argparse.Namespace) -> CapturePlan:
-    settings = {field.name: getattr(args, field.name) for field in fields(CapturePlan)}
-    return CapturePlan(**settings | {"person": find_person(args.person)})
+    settings: dict[str, Any] = {field.name: getattr(args, field.name) for field in fields(CapturePlan)}
+    settings["person"] = find_person(args.person)
+    return CapturePlan(**settings)
 
 
 def _own_hand(args: argparse.Namespace) -> DressedHand | None:

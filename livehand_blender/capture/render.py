@@ -137,7 +137,8 @@ def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> Non
 
 def is_complete(path: Path, view: CaptureView) -> bool:
     """Whether the image exists, can be decoded and has its camera's size."""
-    size_px = tuple(view.camera.size_px)
+    width, height = view.camera.size_px
+    size_px = (width, height)
     return is_complete_picture(path, size_px) if view.is_linear else is_finished(path, size_px)
 
 

@@ -86,7 +86,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
                 self.report({"WARNING"}, f"Check the {side} hand: {doubt}")
 
     def _tracked(self, context: bpy.types.Context, path: Path) -> FilmedTake:
-        from ...backend.commands.track import filmed_take
+        from ...backend.motion.landmarks.sighted_take import filmed_take
         from ...backend.tracking.takes import track_frames
         from ...backend.tracking.tracker import HandTracker
         from ...backend.tracking.video import VideoFrame, open_video

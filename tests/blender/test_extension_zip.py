@@ -21,6 +21,7 @@ LEFT_OUT = {
     "backend/commands",
     "backend/evaluation",
     "backend/hand/builtin",
+    "backend/reenact",
     "backend/training",
     "backend/baselines",
     "backend/comparison",
@@ -144,7 +145,7 @@ def install_and_render(zip_path, image_path, *missing):
         cwd=image_path.parent,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=180,
         check=False,
     )
 

@@ -294,7 +294,7 @@ def test_dropped_files_start_the_import():
         name: getattr(bpy.types, name) for name in ("LIVEHAND_FH_poses", "LIVEHAND_FH_landmarks", "LIVEHAND_FH_rigs")
     }
     suffixes = ";".join(handler.bl_file_extensions for handler in handlers.values()).split(";")
-    assert sorted(suffixes) == sorted([".csv", ".json", ".npy", ".npz", ".pkl", *RIG_SUFFIXES])
+    assert sorted(suffixes) == sorted([".csv", ".json", ".jsonl", ".npy", ".npz", ".pkl", *RIG_SUFFIXES])
     assert {handler.bl_import_operator for handler in handlers.values()} == {LIVEHAND_OT_import_motion.bl_idname}
 
 

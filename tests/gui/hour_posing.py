@@ -9,7 +9,7 @@ from user import click, drag, over_view, place_of, press, region_of, write
 SLOT_PX = 77.4  # distance between previews in the asset shelf
 FIRST_SLOT = (36, 40)
 # Positions of buttons in the LiveHand tab, relative to the corner of its region.
-AVATAR, ADD_LIBRARY, WRIST = (160, 95), (130, 315), (130, 557)
+AVATAR, ADD_LIBRARY = (160, 95), (130, 315)
 DEEP = (268, 244)  # in the pop-up of the button Avatar
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and rotation of the wrist in degrees
 
@@ -81,8 +81,8 @@ def blend_poses(report):
 
 def key_a_wave(report):
     """Rotate the wrist, and key it at five frames with the keying set LiveHand."""
-    x, y, *_ = region_of("UI")
-    yield from click(x + WRIST[0], y + WRIST[1])
+    hand = hand_of("right")
+    yield from click(*place_of(hand.matrix_world @ hand.pose.bones["wrist.R"].head))
     report.check([bone.name for bone in bpy.context.selected_pose_bones] == ["wrist.R"], "the wrist is not selected")
     leans = []
     for index, (frame, degrees) in enumerate(WAVE):

@@ -357,7 +357,7 @@ def test_the_window_holds_the_shell_in_anisotropic_pixels(hand, stretch):
 
 def test_both_backends_in_half_precision(hand):
     one, other = by_both_backends(hand, a_shot(hand), precision="bf16")
-    assert np.abs(one.rgb - other.rgb).mean() < 1e-4
+    assert np.abs(one.rgb - other.rgb).mean() < 2e-4  # the kernels compute in 8-bit integers where they can
     assert np.abs(one.alpha - other.alpha).max() < 0.02
 
 

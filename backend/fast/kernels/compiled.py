@@ -50,7 +50,7 @@ def compiled_part_loosely(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function, fastmath=_LOOSE, **_UNCOUNTED)
 
 
-def _compiled(function: Callable[..., Any], fastmath: bool | set[str], **options: bool) -> Callable[..., Any]:
+def _compiled(function: Callable[..., Any], fastmath: bool | set[str], **options: Any) -> Callable[..., Any]:
     with disk_cache() as has_cache:
         plain = inspect.unwrap(function)  # without the type checker that the tests wrap around everything
         settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "forceinline": True}
