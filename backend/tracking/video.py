@@ -20,6 +20,7 @@ from .tone_mapping import HLG, PQ, tone_mapped
 
 if TYPE_CHECKING:
     import av
+    import av.container
 
 INSTALL_VIDEO = 'pip install "livehand[video]"'
 _CONTAINERS = "mov,mp4,m4a,3gp,matroska,webm,avi,mpegts,mpeg,asf,ogg,flv,mxf,gif"
