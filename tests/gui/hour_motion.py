@@ -26,7 +26,7 @@ def import_the_take(report):
     yield from show_the_menu()
     left = hand_of("left")
     before = np.array(left.matrix_world @ left.pose.bones["wrist.L"].head)
-    yield from choose("F3", "import livehand")
+    yield from choose("F3", "import livehand motion")
     yield lambda: area_with("FILE_BROWSER") is not None
     yield 1
     area = area_with("FILE_BROWSER")
