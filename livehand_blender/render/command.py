@@ -84,8 +84,8 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
 
 def _work(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunReport, in_blender: Callable) -> None:
     """Render as a worker process; the parent process reports how it ends."""
-    stop_with_parent()
     try:
+        stop_with_parent()  # inside: a parent that has already ended interrupts this process at once
         _render(args, folders, report, in_blender)
     except (KeyboardInterrupt, BrokenPipeError):
         sys.exit(INTERRUPTED)

@@ -14,6 +14,7 @@ from mathutils import Matrix, Vector
 
 from ..rig.hand import find_hands, mesh_of
 from .shot import world_vertices
+from .world import is_dim, world_of
 
 # Radius of the ball around a life-size hand.
 _HAND_M = 0.11
@@ -75,6 +76,12 @@ def remove_studio(scene: bpy.types.Scene) -> None:
             if thing.type == "LIGHT" and thing.name.startswith(_NAME):
                 bpy.data.lights.remove(thing.data)
         bpy.data.collections.remove(collection)
+
+
+def needs_lamps(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
+    """Whether the layer renders no lamp, and the scene's world is dim."""
+    has_lamp = any(thing.type == "LIGHT" and not thing.hide_render for thing in layer.objects)
+    return not has_lamp and is_dim(world_of(scene, layer))
 
 
 def has_studio(scene: bpy.types.Scene) -> bool:

@@ -12,6 +12,7 @@ from .colour import in_rec709
 from .world_map import RenderedWorld, rendered_world
 
 _SKY_SIZE = (32, 64)
+_DIM = 0.2
 
 
 @dataclass(frozen=True)
@@ -53,13 +54,24 @@ def read_world(depsgraph: bpy.types.Depsgraph) -> WorldLight | None:
         LiveHandError: the world cannot be prepared for its render.
     """
     layer = depsgraph.view_layer
-    override = getattr(layer, "world_override", None)
-    world = override.evaluated_get(depsgraph) if override else depsgraph.scene_eval.world
+    world = world_of(depsgraph.scene, layer)
+    world = world and world.evaluated_get(depsgraph)
     if world is None or not layer.use_sky or not _is_visible(world):
         return None
     group = world.lightgroup if world.lightgroup in {one.name for one in layer.lightgroups} else ""
     radiance = _plain_radiance(world)
     return WorldLight(rendered_world(world, depsgraph.scene) if radiance is None else radiance, group)
+
+
+def world_of(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """The scene's world, or the layer's own; versions before 4.3 have no such one."""
+    return getattr(layer, "world_override", None) or scene.world
+
+
+def is_dim(world: bpy.types.World | None) -> bool:
+    """Whether skin is hardly visible in a world alone: one of a plain dark colour, as a new file has, or none."""
+    radiance = np.zeros(3) if world is None else _plain_radiance(world)
+    return radiance is not None and radiance.max() < _DIM
 
 
 def _is_visible(world: bpy.types.World) -> bool:

@@ -93,7 +93,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         column.use_property_split = False  # their names are too long to stand in half a tab
         for name in ("keep_look", "free_after_render"):
             column.prop(context.scene.livehand, name)
-        draw_studio(layout, context.scene)
+        draw_studio(layout, context.scene, context.view_layer)
         layout.operator("livehand.free_memory", icon="TRASH")
         draw_install_help(layout, missing=bool(missing_requirements()))
 

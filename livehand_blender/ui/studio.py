@@ -3,7 +3,7 @@
 import bpy
 
 from ..rig.hand import active_hand
-from ..scene.studio import add_studio, has_studio, remove_studio
+from ..scene.studio import add_studio, has_studio, needs_lamps, remove_studio
 from .mixins import reports_errors
 
 
@@ -46,9 +46,11 @@ class LIVEHAND_OT_remove_studio(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def draw_studio(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """Draw the buttons, if the scene's light falls on the hands."""
+def draw_studio(layout: bpy.types.UILayout, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
+    """Draw the buttons, if the scene's light falls on the hands, and say so if there is hardly any."""
     if scene.livehand.light == "SCENE":
+        if needs_lamps(scene, view_layer):
+            layout.label(text="No lamps: hands are dark", icon="INFO")
         row = layout.row(align=True)
         row.operator("livehand.add_studio", icon="LIGHT_AREA")
         if has_studio(scene):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.scene.studio import add_studio, has_studio
+from livehand.livehand_blender.scene.studio import add_studio, has_studio, needs_lamps
 from mathutils import Vector
 from PIL import Image
 
@@ -29,6 +29,23 @@ def test_the_operator_adds_lamps_in_a_collection_and_a_dim_world():
     assert "Studio Lights" not in bpy.data.collections
     assert [one.name for one in bpy.data.worlds] == ["Mine"]
     assert not bpy.ops.livehand.remove_studio.poll()
+
+
+def test_the_tab_asks_for_lamps_where_a_dim_world_alone_lights_the_hands():
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    scene.world = None
+    assert needs_lamps(scene, layer)
+    scene.world = bpy.data.worlds.new("As in a new file")
+    scene.world.color = (0.05, 0.05, 0.05)
+    assert needs_lamps(scene, layer)
+    scene.world.color = (0.5, 0.5, 0.5)
+    assert not needs_lamps(scene, layer)
+    scene.world = None
+    bpy.ops.livehand.add_studio()
+    assert not needs_lamps(scene, layer)
+    for lamp in studio_lamps():
+        lamp.hide_render = True
+    assert needs_lamps(scene, layer)
 
 
 def test_removing_keeps_what_the_user_has_added():
