@@ -26,6 +26,7 @@ class SkinTensors(NamedTuple):
     J_regressor: Tensor
     shapedirs: Tensor
     posedirs: Tensor
+    arm_weights: Tensor
     parents: tuple[int, ...]
 
     @classmethod
@@ -33,7 +34,7 @@ class SkinTensors(NamedTuple):
         cls, model: HandModel, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
     ) -> SkinTensors:
         """The model's arrays as tensors."""
-        names = ("v_template", "lbs_weights", "J_regressor", "shapedirs", "posedirs")
+        names = ("v_template", "lbs_weights", "J_regressor", "shapedirs", "posedirs", "arm_weights")
         tensors = (torch.as_tensor(getattr(model, name), dtype=dtype, device=device) for name in names)
         return cls(*tensors, parents=tuple(int(parent) for parent in model.parents))
 
@@ -51,17 +52,43 @@ def pose_hand(
     theta: Float[Tensor, "*b 16 3"],
     beta: Float[Tensor, "*b 10"],
     transl: Float[Tensor, "*b 3"],
+    forearm: Float[Tensor, "*b 3"] | None = None,
 ) -> PosedHand:
-    """Pose the hand; theta is the full absolute axis-angle pose, rad."""
+    """Pose the hand; theta is the full absolute axis-angle pose, rad, and forearm as in `HandPose`; None: zeros."""
     rotations = axis_angle_to_matrix(theta)
     v_shaped = skin.v_template + torch.einsum("vck,...k->...vc", skin.shapedirs, beta)
     rest_joints = skin.J_regressor @ v_shaped
     v_posed = v_shaped + pose_correctives(skin, rotations)
     transforms = joint_transforms(rotations, rest_joints, skin.parents)
     blended = torch.einsum("vj,...jab->...vab", skin.lbs_weights, transforms[..., :3, :])
+    if forearm is not None:
+        blended = blended + forearm_offsets(
+            skin.arm_weights, transforms[..., 0, :3, :], forearm, rest_joints[..., 0, :]
+        )
     vertices = (blended[..., :3] @ v_posed[..., None])[..., 0] + blended[..., 3]
     joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
     return PosedHand(vertices + transl[..., None, :], joints + transl[..., None, :], transforms)
+
+
+def forearm_offsets(
+    arm_weights: Float[Tensor, " V"],
+    wrist: Float[Tensor, "*b 3 4"],
+    forearm: Float[Tensor, "*b 3"],
+    rest_wrist: Float[Tensor, "*b 3"],
+) -> Float[Tensor, "*b V 3 4"]:
+    """What a forearm that is turned against the hand adds to the blended rest-to-pose transforms of vertices.
+
+    Args:
+        arm_weights: as in `HandModel`.
+        wrist: rest-to-pose transform of joint 0.
+        forearm: as in `HandPose`.
+        rest_wrist: joint 0 of the shaped hand at rest.
+    """
+    turn = axis_angle_to_matrix(forearm)
+    about_wrist = torch.cat([turn, (rest_wrist - (turn @ rest_wrist[..., None])[..., 0])[..., None]], -1)
+    rotation = wrist[..., :3] @ about_wrist
+    moved = torch.cat([rotation[..., :3], rotation[..., 3:] + wrist[..., 3:]], -1)
+    return arm_weights[:, None, None] * (moved - wrist)[..., None, :, :]
 
 
 def posed_vertices(model: HandModel, pose: HandPose) -> np.ndarray:
@@ -72,8 +99,8 @@ def posed_vertices(model: HandModel, pose: HandPose) -> np.ndarray:
 def posed_arrays(model: HandModel, pose: HandPose) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [V, 3] and joints [16, 3], m, world, float64, of a pose of either side."""
     skin = SkinTensors.of(model.for_side(pose.side), dtype=torch.float64)
-    parameters = (torch.as_tensor(value, dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl))
-    posed = pose_hand(skin, *parameters)
+    values = (pose.theta, pose.beta, pose.transl, pose.forearm)
+    posed = pose_hand(skin, *(torch.as_tensor(value, dtype=torch.float64) for value in values))
     return posed.vertices.numpy(), posed.joints.numpy()
 
 

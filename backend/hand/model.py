@@ -40,6 +40,8 @@ class HandModel:
         posedirs: [V, 3, 135] m per unit of (R - I) of joints 1..15, row-major.
         vt: [T, 2] atlas coordinates in [0, 1].
         ft: [F, 3] atlas vertex of each face corner.
+        arm_weights: [V] the part of a vertex's weight of joint 0 that follows the forearm, 0 to 1; zeros: the model has
+            no arm.
     """
 
     name: str
@@ -54,11 +56,17 @@ class HandModel:
     posedirs: np.ndarray
     vt: np.ndarray
     ft: np.ndarray
+    arm_weights: np.ndarray
 
     @property
     def joints(self) -> np.ndarray:
         """[16, 3] rest joints of the mean shape, m."""
         return self.J_regressor @ self.v_template
+
+    @property
+    def has_arm(self) -> bool:
+        """Whether the surface goes on into a forearm that the wrist bends against."""
+        return bool(self.arm_weights.any())
 
     def for_side(self, side: Side) -> HandModel:
         """This hand if it has this side, else its exact mirror image in the plane x = 0."""

@@ -21,6 +21,8 @@ from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel
 
 _FARTHEST_M = 10.0  # farther vertices keep the unwrapping busy for minutes
+ARM_KEY = "arm_weights"
+"""Ours, optional: see `HandModel.arm_weights`."""
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
@@ -114,6 +116,7 @@ def _from_arrays(arrays: dict[str, np.ndarray], path: Path, side: Side) -> HandM
         posedirs=posedirs,
         vt=vt,
         ft=ft,
+        arm_weights=_numbers(arrays, ARM_KEY, path) if ARM_KEY in arrays else np.zeros(len(v_template)),
     )
 
 
@@ -173,6 +176,7 @@ def _check_model(model: HandModel, path: Path) -> None:
         "posedirs": (vertices, 3, 135),
         "vt": (corners, 2),
         "ft": (len(model.f), 3),
+        "arm_weights": (vertices,),
     }
     for field in fields(model):
         value = getattr(model, field.name)
@@ -183,6 +187,8 @@ def _check_model(model: HandModel, path: Path) -> None:
             )
         if isinstance(value, np.ndarray) and not np.isfinite(value).all():
             raise LiveHandError(f"{path}: {field.name} must be finite, got NaN or infinity")
+    if ((model.arm_weights < 0) | (model.arm_weights > model.lbs_weights[:, 0] + 1e-6)).any():
+        raise LiveHandError(f"{path}: {ARM_KEY} must be from 0 to the weight of the wrist's joint, which they share")
     if tuple(model.parents) != PARENTS:
         raise LiveHandError(f"{path}: kintree_table must be MANO's tree {PARENTS}, got {tuple(model.parents)}")
 

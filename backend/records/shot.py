@@ -5,7 +5,7 @@ They are frozen dataclasses of numpy arrays: no bpy object and no torch tensor c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,15 +25,18 @@ class HandPose:
         beta: [10] shape coefficients.
         transl: [3] m.
         side: which hand.
+        forearm: [3] axis-angle, rad, of the forearm against the hand, about joint 0; zeros: it goes on straight from
+            the hand, turned with it by the root rotation. Models without an arm do not use it.
     """
 
     theta: np.ndarray
     beta: np.ndarray
     transl: np.ndarray
     side: Side = "right"
+    forearm: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self):
-        for name, shape in (("theta", (16, 3)), ("beta", (10,)), ("transl", (3,))):
+        for name, shape in (("theta", (16, 3)), ("beta", (10,)), ("transl", (3,)), ("forearm", (3,))):
             value = getattr(self, name)
             if np.shape(value) != shape:
                 raise LiveHandError(f"{name} must be {list(shape)}, got {list(np.shape(value))}")
@@ -52,7 +55,13 @@ class HandPose:
     def mirrored(self) -> HandPose:
         """The same pose of the other hand, mirrored at the plane x = 0 of the hand's own space."""
         side: Side = "left" if self.side == "right" else "right"
-        return replace(self, theta=self.theta * (1, -1, -1), transl=self.transl * (-1, 1, 1), side=side)
+        return replace(
+            self,
+            theta=self.theta * (1, -1, -1),
+            transl=self.transl * (-1, 1, 1),
+            side=side,
+            forearm=self.forearm * (1, -1, -1),
+        )
 
 
 @dataclass(frozen=True)

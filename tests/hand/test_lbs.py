@@ -23,6 +23,7 @@ def small_skin(skin):
         J_regressor=skin.J_regressor[:, some] + 0.05,
         shapedirs=skin.shapedirs[some],
         posedirs=skin.posedirs[some],
+        arm_weights=skin.arm_weights[some],
     )
 
 
@@ -208,3 +209,22 @@ def test_type_follows_the_tensors(hand):
     skin = SkinTensors.of(hand)
     posed = pose_hand(skin, torch.zeros(16, 3), torch.zeros(10), torch.zeros(3))
     assert posed.vertices.dtype == torch.float32
+
+
+def test_the_forearm_turns_about_the_wrist_and_takes_its_share_of_a_vertex(hand, skin):
+    """Romero et al. 2017, eq. 2, with one bone more, whose joint is the wrist's."""
+    theta, beta, transl = random_parameters(3)
+    forearm = torch.tensor([0.3, -0.2, 0.5], dtype=torch.float64)
+    share = torch.linspace(0, 1, len(hand.v_template), dtype=torch.float64) * skin.lbs_weights[:, 0]
+    armed = skin._replace(arm_weights=share)
+    straight, bent = pose_hand(armed, theta, beta, transl), pose_hand(armed, theta, beta, transl, forearm)
+    assert torch.equal(straight.vertices, pose_hand(skin, theta, beta, transl).vertices)
+    assert torch.equal(straight.joints, bent.joints)
+    root, turn = (Rotation.from_rotvec(value.numpy()) for value in (theta[0], forearm))
+    corrected = pose_hand(skin, torch.zeros_like(theta), beta, torch.zeros(3, dtype=torch.float64))
+    rest = corrected.vertices + pose_correctives(skin, torch.as_tensor(Rotation.from_rotvec(theta).as_matrix()))
+    from_wrist = (rest - corrected.joints[0]).numpy()
+    offset = (root * turn).apply(from_wrist) - root.apply(from_wrist)
+    expected = straight.vertices.numpy() + share.numpy()[:, None] * offset
+    np.testing.assert_allclose(bent.vertices.numpy(), expected, atol=1e-12)
+    assert np.abs(bent.vertices.numpy() - straight.vertices.numpy()).max() > 0.01
