@@ -62,9 +62,8 @@ def pose_hand(
     transforms = joint_transforms(rotations, rest_joints, skin.parents)
     blended = torch.einsum("vj,...jab->...vab", skin.lbs_weights, transforms[..., :3, :])
     if forearm is not None:
-        blended = blended + forearm_offsets(
-            skin.arm_weights, transforms[..., 0, :3, :], forearm, rest_joints[..., 0, :]
-        )
+        first, at = transforms[..., 0, :3, :], rest_joints[..., 0, :]
+        blended = blended + forearm_offsets(skin.arm_weights, first, forearm, at)
     vertices = (blended[..., :3] @ v_posed[..., None])[..., 0] + blended[..., 3]
     joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
     return PosedHand(vertices + transl[..., None, :], joints + transl[..., None, :], transforms)
