@@ -1,7 +1,7 @@
 """The `livehand` program: the table of its commands.
 
-Only `render`, `make-hand`, `capture` and `inspect` of a rig's file need Blender as a module, and `benchmark` uses it
-for Cycles; they import it when they run.
+Only `render`, `make-hand`, `capture`, `lookdev` and `inspect` of a rig's file need Blender as a module, and `benchmark`
+uses it for Cycles; they import it when they run.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
 from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
+from .lookdev import command as lookdev
 from .render import command as render
 from .retarget import command as make_hand
 from .retarget import rig_motion
@@ -129,6 +130,12 @@ COMMANDS: dict[str, Command] = {
             "render multi-view images of the built-in hand, or of one of your own, to train on",
             capture.add_arguments,
             _silent_in_blender(capture.run),
+        ),
+        Command(
+            "lookdev",
+            "render the built-in hand's look in a key light, and measure its contrast and colours",
+            lookdev.add_arguments,
+            _silent_in_blender(lookdev.run),
         ),
         TRAIN,
         EVALUATE,

@@ -27,6 +27,7 @@ LEFT_OUT = {
     "backend/comparison",
     "livehand_blender/benchmark",
     "livehand_blender/cli.py",
+    "livehand_blender/lookdev",
 }
 WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors", ".blend", ".txt"}
 

@@ -1,0 +1,1 @@
+"""Look development: the teacher's hand in a key light, and its figures."""
