@@ -45,7 +45,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="base",
         type=avatar_path,
         metavar="AVATAR",
-        help="fine-tune this avatar, which must be of the same hand and networks",
+        help="fine-tune this avatar, which must be of the same networks and, without --from-hand, of the same hand",
+    )
+    add(
+        "--from-hand",
+        type=Path,
+        metavar="HAND",
+        help="hand model of --from, if it is another version of the capture's: what it learnt is carried over",
     )
     add("--half-size", action="store_true", help="train on images of half their size, as a start for --from")
     add_options(parser, TrainConfig, "ema_decay")
@@ -119,7 +125,10 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     check_capture(capture, hand)
     if args.half_size:
         capture = half_size(capture)
-    base = load_base_avatar(args.base) if args.base else None
+    if args.from_hand and not args.base:
+        raise LiveHandError("--from-hand is the hand of the avatar to start from; give that avatar with --from")
+    from_hand = load_hand_model(args.from_hand) if args.from_hand else None
+    base = load_base_avatar(args.base, from_hand) if args.base else None
     weights = (args.perceptual_weights, args.lpips_heads, args.lpips_range)
     perceptual = load_perceptual_distance(*weights) if args.perceptual > 0 else None
     corrections = _corrections(args, capture, hand, output, device)

@@ -16,12 +16,14 @@ from ..captures.capture import Capture
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar, AvatarConfig, new_avatar
 from ..nerf.backend import Precision
+from ..nerf.field import PlaneField
 from ..records.errors import LiveHandError
 from ..records.light import Sky
 from .checkpoint import Progress
 from .config import TrainConfig
 from .losses import PerceptualDistance
 from .parts import Correction
+from .transfer import transfer_planes
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class BaseAvatar:
     Attributes:
         avatar: as loaded.
         sha256: of its file.
+        hand: its hand model, if that is not the capture's.
     """
 
     avatar: Avatar
     sha256: str
+    hand: HandModel | None = None
 
 
 @dataclass(frozen=True)
@@ -74,13 +78,19 @@ class TrainingResult(NamedTuple):
     held_out: dict[str, float]
 
 
-def load_base_avatar(path: Path) -> BaseAvatar:
-    """Read an avatar to fine-tune.
+def load_base_avatar(path: Path, hand: HandModel | None = None) -> BaseAvatar:
+    """Read an avatar to fine-tune, of its own hand model if that is not the capture's.
 
     Raises:
-        LiveHandError: as `load_avatar`.
+        LiveHandError: as `load_avatar`, or the avatar is not of that hand.
     """
-    return BaseAvatar(load_avatar(path), hashlib.sha256(path.read_bytes()).hexdigest())
+    avatar = load_avatar(path)
+    if hand is not None and hand.sha256 != avatar.hand_sha256:
+        raise LiveHandError(
+            f"the avatar to start from must be of hand '{hand.name}', got '{avatar.name}' of '{avatar.hand_name}'; "
+            "give its own hand with --from-hand"
+        )
+    return BaseAvatar(avatar, hashlib.sha256(path.read_bytes()).hexdigest(), hand)
 
 
 def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
@@ -94,10 +104,11 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
     if setup.base is None:
         return avatar
     base = setup.base.avatar
-    if base.hand_sha256 != hand.sha256:
+    their_hand = setup.base.hand
+    if base.hand_sha256 != hand.sha256 and their_hand is None:
         raise LiveHandError(
             f"the avatar to start from must be of hand '{hand.name}', got '{base.name}' of hand '{base.hand_name}'; "
-            "give that hand with --hand, or start from another avatar"
+            "give that hand with --hand, or as --from-hand if its surface lies over this one's"
         )
     if base.config != config and _relightable(base.config) != _relightable(config):
         raise LiveHandError(
@@ -106,6 +117,8 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
         )
     for ours, theirs in ((avatar.field, base.field), (avatar.superres, base.superres)):
         load_what_fits(ours, theirs)
+    if their_hand is not None and isinstance(avatar.field, PlaneField) and isinstance(base.field, PlaneField):
+        transfer_planes(avatar.field, hand, base.field, their_hand)
     return avatar
 
 
