@@ -44,7 +44,7 @@ fuzz: $(VENV)/dev.stamp
 kills: $(VENV)/dev.stamp
 	$(VENV_PYTHON) tests/kills/run.py --kills $(KILLS)
 
-# The daily loop, under a minute: no Blender, nothing that is fitted.
+# The daily loop: no Blender, nothing that is fitted or slow.
 test-fast: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m pytest -q $(SHARED) -m "not slow" tests \
 		$(addprefix --ignore=tests/,blender gui training benchmark baselines comparison fuzz kills)

@@ -79,6 +79,7 @@ def test_features_are_those_of_the_hand(vgg):
     torch.testing.assert_close(of_hand.local[0], deepest[:, 2, 1], atol=1e-4, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_distributions_are_equal_only_for_equal_images(vgg):
     same, other = Distributions(HandVggFeatures(vgg)), Distributions(HandVggFeatures(vgg))
     assert same.figures() == {}

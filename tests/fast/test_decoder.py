@@ -35,6 +35,7 @@ def test_fp32_is_that_of_torch(settings, rays):
 
 @needs_int8_products
 @pytest.mark.parametrize("light", ["baked", "linear"])
+@pytest.mark.slow
 def test_int8_loses_what_256_steps_of_each_rays_values_must(light):
     field = a_field(light=light)
     inputs = inputs_of(field, 203)

@@ -85,6 +85,7 @@ def test_rows_equal_the_slow_reference(kind, shape):
 @needs_int8_products
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("kind", ["light", "lit"])
+@pytest.mark.slow
 def test_int8_rounds_as_256_steps_of_every_layer_must(kind, shape):
     """A step is 1/255 of a layer's span; uniform rounding of 64 x 9 inputs and weights leaves a hundredth of it."""
     network, maps = trained(kind), maps_of(SHAPES[shape], MAPS[kind])

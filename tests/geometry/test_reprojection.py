@@ -39,6 +39,7 @@ def test_a_scaled_scene_has_the_same_heights(traced):
     torch.testing.assert_close(ours.height_m, samples.height_m, atol=3e-6, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_after_a_small_movement_the_points_lie_where_an_exact_search_lays_them(traced, nearest_face):
     topology, mesh, points, samples = traced
     generator = torch.Generator().manual_seed(1)

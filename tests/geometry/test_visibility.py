@@ -48,6 +48,7 @@ def test_a_sphere_in_the_way_casts_its_shadow(spheres, backend, k):
     torch.testing.assert_close(lit[:count, k][beside], expected[beside], atol=1e-5, rtol=0)
 
 
+@pytest.mark.slow
 def test_place_and_scale_of_the_world_do_not_matter(spheres, backend):
     mesh, topology = spheres(((0, 0, 0), 0.05), ((0.03, 0.02, 0.06), 0.012), subdivisions=3)
     lit = backend.visibility(mesh, topology)

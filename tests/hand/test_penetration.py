@@ -62,6 +62,7 @@ def test_the_librarys_poses_touch_at_most(parts, hand, axes, name):
     assert deepest_mm(parts, hand, axes, POSES[name].gesture.angles_deg()) <= 1.0
 
 
+@pytest.mark.slow
 def test_a_pose_is_relieved_by_few_degrees(parts, hand, axes):
     clenched = GESTURES["fist"].angles_deg() + np.array([6.0, 0, 0])
     assert deepest_mm(parts, hand, axes, clenched) > 2

@@ -9,6 +9,8 @@ from livehand.backend.hand.pose_samples import LIBRARY_SHARE, sample_poses_deg
 from livehand.backend.hand.poses import POSES
 from livehand.backend.records.shot import HandPose
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def axes():

@@ -5,7 +5,10 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 from livehand.backend.motion.files.open_files import open_motion_file
+
+pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -17,6 +17,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
 
+pytestmark = pytest.mark.slow
+
 PAPER_SUPERRES = 320_906
 XYZ, BONES = FieldConfig(kind="xyz"), FieldConfig(kind="bones", pose=False)
 RAYS, SAMPLES = 6, 3

@@ -29,5 +29,6 @@ def longest_wait_s():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only there the import alone is known to hold the lock")
+@pytest.mark.slow
 def test_other_threads_go_on_while_torch_is_imported():
     assert min(longest_wait_s() for _ in range(2)) < 0.5

@@ -22,6 +22,7 @@ def _in_the_users_folder(networks_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
+@pytest.mark.slow
 def test_a_video_becomes_a_take(film, two_hands, tmp_path, capsys):
     take = tmp_path / "take.npz"
     assert main(["track", str(film([two_hands] * 6)), "-o", str(take), "--fov", "60", "--json"]) == 0

@@ -10,6 +10,7 @@ from livehand.backend.tracking.tracker import HandTracker
 NAMES = ("palm", "back", "left")
 
 
+@pytest.mark.slow
 def test_it_finds_what_mediapipe_finds_at_720p(networks, shown, reference):
     """Measured 0.1 px and 0.07 mm; networks amplify the last digit of what they see."""
     off_px, off_mm = [], []
@@ -21,6 +22,7 @@ def test_it_finds_what_mediapipe_finds_at_720p(networks, shown, reference):
     assert np.median(off_mm) < 0.3
 
 
+@pytest.mark.slow
 def test_it_follows_as_mediapipe_follows(networks, shown, reference):
     """Each frame's crop is the last frame's answer, and small differences grow: measured 1.4 px of a hand of 400 px."""
     off_px = []
@@ -41,6 +43,7 @@ def test_sides_are_those_of_an_unmirrored_picture(networks, shown):
     assert mirrored[0].right < 0.3
 
 
+@pytest.mark.slow
 def test_two_hands_keep_their_tracks(tracker, two_hands):
     seen = [{hand.track: hand.right > 0.5 for hand in tracker.track(two_hands)} for _ in range(3)]
     assert [len(each) for each in seen] == [2, 2, 2]

@@ -22,6 +22,8 @@ from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
 
+pytestmark = pytest.mark.slow
+
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)

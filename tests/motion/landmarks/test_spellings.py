@@ -17,6 +17,8 @@ from livehand.backend.motion.landmarks.skeleton import NODES_OF_LANDMARKS, HandS
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 
+pytestmark = pytest.mark.slow
+
 HAND = load_default_hand()
 TIPS = [int(np.argmax(_finger_rows(HAND, finger)[3])) for finger in range(5)]
 FINGERS = ("thumb", "index_finger", "middle_finger", "ring_finger", "pinky")
