@@ -26,9 +26,14 @@ ARM_KEY = "arm_weights"
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
+def builtin_hand_path(name: str) -> Path:
+    """The file of a hand that ships, by its name: `hand_default` or `hand_with_arm`."""
+    return Path(str(resources.files(str(__package__)) / f"{name}.npz"))
+
+
 def default_hand_path() -> Path:
     """The built-in hand's file."""
-    return Path(str(resources.files(str(__package__)) / "hand_default.npz"))
+    return builtin_hand_path("hand_default")
 
 
 def load_default_hand() -> HandModel:

@@ -1,31 +1,33 @@
-"""Generates `hand_default.npz` from the anatomical tables.
+"""Generates `hand_default.npz` and `hand_with_arm.npz` from the anatomical tables.
 
     anatomy -> rays -> signed distance -> dense mesh -> [quads] -> template -> weights, shapes, joints, correctives,
     atlas
 
 The quads come from Blender's QuadriFlow, which the backend may not call and whose vertex count changes with small edits
 of the surface. So the hand ships as data, and the command line below starts from its quads. To remesh it,
-`livehand_blender/capture/quad_remesh.py` makes quads from `dense_surface()` and calls the same functions.
+`livehand_blender/capture/quad_remesh.py` makes quads from `dense_surface()` and calls the same functions. A forearm's
+quads grow on the shipped ones (`forearm_quads.py`).
 
-    python -m livehand.backend.hand.builtin.generate OUT.npz
+    python -m livehand.backend.hand.builtin.generate [--forearm] OUT.npz
 """
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from ..atlas import unwrap_millimetres
 from ..model import JOINT_NAMES, PARENTS
-from ..model_file import default_hand_path, load_default_hand
+from ..model_file import ARM_KEY, default_hand_path, load_default_hand
 from .extraction import extract_mesh
+from .forearm import arm_weights, squeezed_for_atlas
+from .forearm_quads import forearm_quads
 from .frames import build_to_template, template_to_build
 from .joint_frames import JointFrames, joint_frames
 from .joint_regressor import joint_regressor
-from .meshes import outward, vertex_normals
+from .meshes import QuadMesh, outward, vertex_normals
 from .pose_correctives import pose_correctives
 from .projection import project_to_surface
 from .rays import build_rays
@@ -36,15 +38,8 @@ _DENSE_SPACING = 1.6  # mm
 _NO_PARENT = 4294967295  # of the root in MANO's files
 
 
-class QuadMesh(NamedTuple):
-    """Vertices [V, 3] (build frame, mm, on the surface) and quads [Q, 4] of the template."""
-
-    vertices: np.ndarray
-    quads: np.ndarray
-
-
-def build_hand(quads: QuadMesh) -> dict[str, np.ndarray]:
-    """The arrays of `hand_default.npz` for a template with these quads; MANO's names and units."""
+def build_hand(quads: QuadMesh, forearm: bool = False) -> dict[str, np.ndarray]:
+    """The arrays of a hand's file for a template with these quads, with a forearm or without; MANO's names and units."""
     rays = build_rays()
     frames = joint_frames(rays)
     vertices, faces = quads.vertices, split_quads(quads)
@@ -52,7 +47,7 @@ def build_hand(quads: QuadMesh) -> dict[str, np.ndarray]:
     dense = extract_mesh(rays, _DENSE_SPACING)
     weights = transferred_weights(dense, dense_weights(rays, *dense), vertices, normals)
     directions = shape_directions(vertices, normals, weights, frames)
-    vt, ft = unwrap_millimetres(vertices, faces)
+    vt, ft = unwrap_millimetres(squeezed_for_atlas(vertices) if forearm else vertices, faces)
     return {
         "v_template": build_to_template(vertices),
         "f": faces.astype(np.uint32),
@@ -64,6 +59,7 @@ def build_hand(quads: QuadMesh) -> dict[str, np.ndarray]:
         "ft": ft.astype(np.uint32),
         "quads": quads.quads,
         **_joint_arrays(frames),
+        **({ARM_KEY: arm_weights(vertices, weights[:, 0])} if forearm else {}),
     }
 
 
@@ -73,8 +69,13 @@ def shipped_quads() -> QuadMesh:
         return QuadMesh(template_to_build(load_default_hand().v_template), arrays["quads"])
 
 
+def shipped_quads_with_forearm() -> QuadMesh:
+    """The quads of the shipped hand, and a forearm's that grow on them."""
+    return forearm_quads(build_rays(), shipped_quads())
+
+
 def dense_surface() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [N, 3] (build frame, mm) and faces [M, 3] of the smooth hand, for a quad remesher."""
+    """Vertices [N, 3] (build frame, mm) and faces [M, 3] of the smooth hand without a forearm, for a quad remesher."""
     return extract_mesh(build_rays(), _DENSE_SPACING)
 
 
@@ -111,10 +112,13 @@ def _joint_arrays(frames: JointFrames) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    """Command line: write the built-in hand, made from its shipped quads."""
+    """Command line: write a built-in hand, made from the shipped quads."""
     parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy and its shipped quads.")
     parser.add_argument("out", type=Path, help="the .npz to write")
-    write_hand(parser.parse_args().out, build_hand(shipped_quads()))
+    parser.add_argument("--forearm", action="store_true", help="the hand with a forearm")
+    args = parser.parse_args()
+    quads = shipped_quads_with_forearm() if args.forearm else shipped_quads()
+    write_hand(args.out, build_hand(quads, args.forearm))
 
 
 if __name__ == "__main__":

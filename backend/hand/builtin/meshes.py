@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import trimesh
 
 from ...records.errors import LiveHandError
+
+
+class QuadMesh(NamedTuple):
+    """Vertices [V, 3] (build frame, mm, on the surface) and quads [Q, 4] of the template."""
+
+    vertices: np.ndarray
+    quads: np.ndarray
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ _TINY = 1e-9  # avoids 0 / 0 at the centre of a solid
 
 
 def superellipsoid(
-    scaled: tuple[np.ndarray, ...], radii: tuple[np.ndarray | float, ...], exponent: float
+    scaled: tuple[np.ndarray, ...], radii: tuple[np.ndarray | float, ...], exponent: np.ndarray | float
 ) -> np.ndarray:
     """|x/a|^p + |y/b|^p + |z/c|^p = 1, given coordinates divided by the radii."""
     sizes = [np.abs(coordinate) for coordinate in scaled]

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
+from .forearm import STUMP_MM
 from .frames import swap_distal
 from .rays import Ray
 from .sdf import signed_distance
@@ -14,24 +18,27 @@ _LONGEST_STEP = 1.5  # mm
 
 
 def project_to_surface(
-    rays: dict[str, Ray], vertices: np.ndarray, with_details: bool, steps: int, damping: float = 1.0
+    rays: dict[str, Ray],
+    vertices: np.ndarray,
+    with_details: bool,
+    steps: int,
+    damping: float = 1.0,
+    forearm_mm: float = STUMP_MM,
 ) -> np.ndarray:
     """Move vertices [N, 3] along the gradient of the signed distance towards its zero set."""
+    distance_at = partial(signed_distance, rays, with_details=with_details, forearm_mm=forearm_mm)
     for _ in range(steps):
         points = swap_distal(vertices)
-        distance = signed_distance(rays, points, with_details)
-        slope = _gradient(rays, points, with_details)
+        distance, slope = distance_at(points), _gradient(distance_at, points)
         squared = np.maximum((slope * slope).sum(1), _LEAST_SQUARED_SLOPE)
         step = np.clip(distance / squared, -_LONGEST_STEP, _LONGEST_STEP)[:, None] * slope
         vertices = vertices - damping * swap_distal(step)
     return vertices
 
 
-def _gradient(rays: dict[str, Ray], points: np.ndarray, with_details: bool) -> np.ndarray:
+def _gradient(distance_at: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
     """[N, 3] by central differences, anatomical frame."""
-    columns = []
-    for probe in np.eye(3) * _PROBE:
-        ahead = signed_distance(rays, points + probe, with_details)
-        behind = signed_distance(rays, points - probe, with_details)
-        columns.append((ahead - behind) / (2 * _PROBE))
+    columns = [
+        (distance_at(points + probe) - distance_at(points - probe)) / (2 * _PROBE) for probe in np.eye(3) * _PROBE
+    ]
     return np.stack(columns, 1)

@@ -1,4 +1,4 @@
-"""The signed distance of the hand: a smooth union of the palm, the five rays, webs, pads, knuckles and tendons.
+"""The signed distance of the hand: a smooth union of palm, forearm, five rays, webs, pads, knuckles and tendons.
 
 Points are [N, 3] in the anatomical frame, mm; distances [N] mm, negative inside. Distances are first-order: accurate on
 and near the surface only.
@@ -12,33 +12,42 @@ import numpy as np
 
 from .anatomy import FINGER_THICKNESS, FINGERS
 from .details import detail_offset
+from .forearm import STUMP_MM, cut_off, with_forearm
 from .palm import palm_distance
 from .primitives import ball, capsule, ellipsoid, triangle
 from .rays import Ray, RayCoordinates
-from .smooth import bump, smooth_max, smooth_min, smoothstep, unit
+from .smooth import bump, smooth_min, smoothstep, unit
 
 BOUNDS = (np.array([-40.0, -62.0, -56.0]), np.array([196.0, 36.0, 104.0]))
-"""A bounding box of the hand."""
-
-_STUMP = -34.0  # d at which the forearm is cut off
+"""A bounding box of the hand without a forearm."""
 
 Coordinates = dict[str, RayCoordinates]
 
 
-def signed_distance(rays: dict[str, Ray], points: np.ndarray, with_details: bool = True) -> np.ndarray:
-    """Signed distance of the hand; `with_details` adds creases, folds and nails."""
+def signed_distance(
+    rays: dict[str, Ray], points: np.ndarray, with_details: bool = True, forearm_mm: float = STUMP_MM
+) -> np.ndarray:
+    """Signed distance of the hand.
+
+    Args:
+        rays: the digits.
+        points: [N, 3].
+        with_details: adds creases, folds and nails.
+        forearm_mm: how far the hand goes on beyond the wrist joint; if that is more than the stump, into a forearm.
+    """
     at = {digit: ray.coordinates(points) for digit, ray in rays.items()}
-    d = points[:, 0]
-    distance = smooth_min(
-        palm_distance(points), _fingers(rays, at, points), np.interp(d, [0, 60, 90, 110], [10, 9, 7, 3])
-    )
+    palm = palm_distance(points)
+    if forearm_mm > STUMP_MM:
+        palm = with_forearm(palm, points)
+    finger_radius = np.interp(points[:, 0], [0, 60, 90, 110], [10, 9, 7, 3])
+    distance = smooth_min(palm, _fingers(rays, at, points), finger_radius)
     distance = _with_pads(distance, points)
     thumb_radius = np.interp(at["thumb"].along, [-46, -14, 0, 14], [12, 16, 12, 2])
     distance = smooth_min(distance, _thumb(rays, at, points), thumb_radius)
     for finger in FINGERS:
         distance = _with_knuckle(distance, rays[finger], at[finger], points)
     distance = smooth_min(distance, ball(points, np.array([-20, 9.0, -13.5]), 7.8), 9.0)  # ulnar styloid
-    distance = smooth_max(distance, _STUMP - d, 5.0)
+    distance = cut_off(distance, points, forearm_mm)
     return distance + detail_offset(rays, at) if with_details else distance
 
 
