@@ -2,7 +2,8 @@
 
 A hand has 16 bones that an animator rotates, named after MANO's joints (`index1.R`), five fingertip targets
 (`IK-index.R`), and 32 hidden helpers: a deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and a bone
-for the finger controls per finger joint (`MCH-index1.R`). docs/rig.md gives the reasons. In a bone's rest frame, Y is
+for the finger controls per finger joint (`MCH-index1.R`). A model with an arm also has `forearm.R`, which carries the
+wrist, and `DEF-forearm.R`. docs/rig.md gives the reasons. In a bone's rest frame, Y is
 along the bone, X is the flexion axis (a positive angle closes the hand) and Z points towards the palm.
 """
 
@@ -31,6 +32,14 @@ class RestBones(NamedTuple):
     frames: np.ndarray
 
 
+class RestForearm(NamedTuple):
+    """Head [3] m, tail [3] m, and the frame [3, 3] whose columns are the bone's X, Y and Z."""
+
+    head: np.ndarray
+    tail: np.ndarray
+    frame: np.ndarray
+
+
 def bone_name(joint: int, side: Side) -> str:
     """The bone that an animator rotates, as `index1.R`; Blender mirrors poses by the suffix."""
     return f"{JOINT_NAMES[joint]}.{side[0].upper()}"
@@ -41,8 +50,18 @@ def deform_name(joint: int, side: Side) -> str:
     return f"DEF-{bone_name(joint, side)}"
 
 
+def forearm_name(side: Side) -> str:
+    """The bone from the elbow's end of an arm to the wrist, which carries the hand."""
+    return f"forearm.{side[0].upper()}"
+
+
+def forearm_deform_name(side: Side) -> str:
+    """The hidden bone that moves the mesh of the forearm, and the vertex group of the same name."""
+    return f"DEF-{forearm_name(side)}"
+
+
 def root_name(side: Side) -> str:
-    """The hidden bone that moves the wrist to the shaped hand's wrist joint."""
+    """The hidden bone that moves the wrist, or the forearm, by what the shape moves the wrist joint."""
     return f"MCH-root.{side[0].upper()}"
 
 
@@ -75,6 +94,16 @@ def rest_bones(model: HandModel) -> RestBones:
     flexion = _flexion_axes(along, heads, model.side)
     frames = np.stack([flexion, along, np.cross(flexion, along)], -1)
     return RestBones(heads, heads + along * lengths[:, None], frames)
+
+
+def rest_forearm(model: HandModel) -> RestForearm:
+    """The forearm of the mean shape of a model with an arm: it ends at joint 0 and is as long as the arm beyond it."""
+    wrist, hand = model.joints[0], rest_bones(model).frames[0]
+    arm = (model.v_template - wrist)[model.arm_weights > 0]
+    elbow = _unit(model.arm_weights[model.arm_weights > 0] @ arm)
+    flexion = _unit(hand[:, 0] - (hand[:, 0] @ elbow) * elbow)
+    frame = np.stack([flexion, -elbow, np.cross(flexion, -elbow)], -1)
+    return RestForearm(wrist + (arm @ elbow).max() * elbow, wrist, frame)
 
 
 def rest_flexion_deg(model: HandModel) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ class HandMotion:
         transl: [T, 3] m.
         fps: frames per second; None if unknown.
         side: which hand.
+        forearm: [3] axis-angle, rad, of the forearm against the hand as `HandPose` has it, or [T, 3]; zeros: straight.
 
     Raises:
         LiveHandError: there is no frame or are too many, shapes disagree, a number is not finite, or the rate is not
@@ -38,13 +39,19 @@ class HandMotion:
     transl: np.ndarray
     fps: float | None = None
     side: Side = "right"
+    forearm: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self):
         count = len(self.theta) if np.ndim(self.theta) else 0
         if not 0 < count <= MOST_FRAMES:
             got = count or "none"
             raise LiveHandError(f"a motion must have at least one frame and at most {MOST_FRAMES}, got {got}")
-        shapes = {"theta": ((count, 16, 3),), "beta": ((10,), (count, 10)), "transl": ((count, 3),)}
+        shapes = {
+            "theta": ((count, 16, 3),),
+            "beta": ((10,), (count, 10)),
+            "transl": ((count, 3),),
+            "forearm": ((3,), (count, 3)),
+        }
         for name, allowed in shapes.items():
             value = np.asarray(getattr(self, name))
             if value.shape not in allowed:
@@ -67,26 +74,37 @@ class HandMotion:
         """[T, 10], also where the shape is constant."""
         return np.broadcast_to(self.beta, (len(self), 10))
 
+    @property
+    def forearms(self) -> np.ndarray:
+        """[T, 3], also where the forearm does not turn."""
+        return np.broadcast_to(self.forearm, (len(self), 3))
+
     def pose(self, index: int) -> HandPose:
         """The pose of one frame."""
-        return HandPose(self.theta[index], self.betas[index].copy(), self.transl[index], self.side)
+        beta, forearm = self.betas[index].copy(), self.forearms[index].copy()
+        return HandPose(self.theta[index], beta, self.transl[index], self.side, forearm)
 
 
 def motion_from_poses(poses: Sequence[HandPose], fps: float | None = None) -> HandMotion:
-    """The motion through poses of one side; beta is [10] if all poses share it."""
-    betas = np.array([pose.beta for pose in poses])
-    beta = betas[0] if len(betas) and (betas == betas[0]).all() else betas
+    """The motion through poses of one side; beta is [10] and forearm [3] if all poses share it."""
+    beta, forearm = (shared(np.array([getattr(pose, name) for pose in poses])) for name in ("beta", "forearm"))
     theta, transl = np.array([pose.theta for pose in poses]), np.array([pose.transl for pose in poses])
     sides: set[Side] = {pose.side for pose in poses}
     if len(sides) > 1:
         raise LiveHandError("a motion must be of one hand, got right and left poses; write two files")
-    return HandMotion(theta, beta, transl, fps, sides.pop() if sides else "right")
+    return HandMotion(theta, beta, transl, fps, sides.pop() if sides else "right", forearm)
+
+
+def shared(values: np.ndarray) -> np.ndarray:
+    """[n] what all rows of values [T, n] are, or the values if they differ."""
+    return values[0] if len(values) and (values == values[0]).all() else values
 
 
 def mirrored(motion: HandMotion) -> HandMotion:
     """The same motion of the other hand, mirrored at the plane x = 0 of the hand's own space."""
     side: Side = "left" if motion.side == "right" else "right"
-    return replace(motion, theta=motion.theta * MIRROR_AXIS_ANGLE, transl=motion.transl * MIRROR_POINT, side=side)
+    theta, forearm = motion.theta * MIRROR_AXIS_ANGLE, motion.forearm * MIRROR_AXIS_ANGLE
+    return replace(motion, theta=theta, transl=motion.transl * MIRROR_POINT, side=side, forearm=forearm)
 
 
 def _non_finite_frames(value: np.ndarray, count: int) -> str:

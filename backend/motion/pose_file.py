@@ -41,6 +41,7 @@ class RawHand:
         fingers: [N, 45] axis-angle, rad, or [N, n] coefficients of MANO's principal components.
         beta: [10] or [N, 10].
         transl: [N, 3] in the file's unit.
+        forearm: [3] or [N, 3] rad, as `HandMotion` has it.
         frame_indices: [N] increasing; the file has no hand in the frames between them.
         has_right_hand_angles: the angles are those of a right hand even if the hand is a left one, which mirrors them.
         has_translation: the file stores the wrist's position; otherwise transl is zero.
@@ -50,6 +51,7 @@ class RawHand:
     fingers: np.ndarray
     beta: np.ndarray
     transl: np.ndarray
+    forearm: np.ndarray
     frame_indices: np.ndarray
     has_right_hand_angles: bool = False
     has_translation: bool = True
@@ -128,7 +130,7 @@ class PoseFile:
         theta = np.concatenate([raw.root[:, None], self._absolute_fingers(basis)], 1)
         if raw.has_right_hand_angles and info.side == "left":
             theta = theta * MIRROR_AXIS_ANGLE
-        motion = HandMotion(theta, raw.beta, raw.transl * METRES[info.unit], info.fps, info.side)
+        motion = HandMotion(theta, raw.beta, raw.transl * METRES[info.unit], info.fps, info.side, raw.forearm)
         return with_gaps_filled(motion, raw.frame_indices)
 
     def warning(self, basis: ManoBasis | None = None) -> str | None:
@@ -211,8 +213,12 @@ def raw_hand(
     transl: np.ndarray | None = None,
     frame_indices: np.ndarray | None = None,
     has_right_hand_angles: bool = False,
+    forearm: np.ndarray | None = None,
 ) -> RawHand:
-    """A hand from pose [N, 3 + n], the wrist's axis-angle and then the fingers; beta is cut or padded to ten."""
+    """A hand from pose [N, 3 + n], the wrist's axis-angle and then the fingers; beta is cut or padded to ten.
+
+    Without a forearm [3] or [N, 3], rad, it goes on straight.
+    """
     count = len(pose)
     beta = np.zeros(10) if beta is None else beta
     ten = np.zeros((*beta.shape[:-1], 10))
@@ -222,6 +228,7 @@ def raw_hand(
         pose[:, 3:],
         ten,
         np.zeros((count, 3)) if transl is None else transl,
+        np.zeros(3) if forearm is None else forearm,
         np.arange(count) if frame_indices is None else frame_indices,
         has_right_hand_angles,
         transl is not None,

@@ -42,11 +42,16 @@ def sampled_at(motion: HandMotion, positions: np.ndarray, times: np.ndarray | No
     right = np.minimum(left + 1, len(times) - 1)
     span = times[right] - times[left]
     t = np.clip((positions - times[left]) / np.where(span > 0, span, 1), 0, 1)
-    quaternions = axis_angle_to_quaternion(motion.theta)
-    theta = quaternion_to_axis_angle(slerp(quaternions[left], quaternions[right], t[:, None]))
+    theta = _turned(motion.theta[left], motion.theta[right], t[:, None])
+    forearm = motion.forearm if motion.forearm.ndim == 1 else _turned(motion.forearm[left], motion.forearm[right], t)
     transl = _lerp(motion.transl[left], motion.transl[right], t)
     beta = motion.beta if motion.beta.ndim == 1 else _lerp(motion.beta[left], motion.beta[right], t)
-    return replace(motion, theta=theta, beta=beta, transl=transl)
+    return replace(motion, theta=theta, beta=beta, transl=transl, forearm=forearm)
+
+
+def _turned(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Axis-angles [..., 3] on the shorter arc between two; t [...] is 0 at the start and 1 at the end."""
+    return quaternion_to_axis_angle(slerp(axis_angle_to_quaternion(start), axis_angle_to_quaternion(end), t))
 
 
 def slerp(start: np.ndarray, end: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -66,9 +71,15 @@ def smoothed(motion: HandMotion, frames: float) -> HandMotion:
     """The motion under a Gaussian filter with a standard deviation of `frames`; 0 changes nothing."""
     if frames <= 0 or len(motion) == 1:
         return motion
-    quaternions = _gaussian_mean(continuous(axis_angle_to_quaternion(motion.theta)), frames)
-    quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    return replace(motion, theta=quaternion_to_axis_angle(quaternions), transl=_gaussian_mean(motion.transl, frames))
+    forearm = motion.forearm if motion.forearm.ndim == 1 else _smoothed_turns(motion.forearm, frames)
+    theta, transl = _smoothed_turns(motion.theta, frames), _gaussian_mean(motion.transl, frames)
+    return replace(motion, theta=theta, transl=transl, forearm=forearm)
+
+
+def _smoothed_turns(turns: np.ndarray, deviation: float) -> np.ndarray:
+    """Axis-angles [T, ..., 3] through the mean of their quaternions."""
+    quaternions = _gaussian_mean(continuous(axis_angle_to_quaternion(turns)), deviation)
+    return quaternion_to_axis_angle(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
 def _gaussian_mean(values: np.ndarray, deviation: float) -> np.ndarray:

@@ -30,8 +30,8 @@ class Placement:
         start_frame: of the first key.
         matches_fps: resample the motion to the scene's frame rate; False: key one frame of the motion per frame.
         mirrors: mirror a motion of the other side; False: raise an error.
-        keys_wrist: key the wrist's rotation.
-        keys_place: key the wrist's location.
+        keys_wrist: key the rotations of wrist and forearm.
+        keys_place: key the wrist's location; a forearm that turns is moved so that the wrist stays, without it.
         sets_shape: give the hand the motion's shape, or its mean if it changes.
         camera: [4, 4] Blender's matrix of the camera for a motion in a camera's space; None: a camera at the world's
             origin that looks along +Y.
@@ -81,7 +81,8 @@ def key_motion(
     if is_keyed is not None:
         steps = steps[is_keyed[np.minimum((steps * speed).round().astype(int), len(is_keyed) - 1)]]
     frames = placement.start_frame + steps
-    keyframe_theta(hand, motion.theta[steps], frames, range(0 if placement.keys_wrist else 1, 16))
+    joints = range(0 if placement.keys_wrist else 1, 16)
+    keyframe_theta(hand, motion.theta[steps], frames, joints, motion.forearms[steps])
     if placement.keys_place:
         keyframe_transl(hand, motion.transl[steps], frames)
     if placement.sets_shape:

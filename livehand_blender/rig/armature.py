@@ -1,5 +1,7 @@
 """The armature: 16 bones to pose, fingertip targets, and hidden bones that make skinning exact for every beta.
 
+A model with an arm also has a forearm: it carries the wrist, which bends against it.
+
 MANO moves the joints with beta: J' = J + dJ. Bone j rotates about J'_j, but Blender binds the mesh to rest bones at
 J_j. So drivers move each posed bone to J'_j, and its deforming child back by dJ_j. Together they are MANO's transform
 for any pose and any animated beta, with drivers that are linear in beta.
@@ -19,8 +21,11 @@ from ...backend.hand.bones import (
     control_name,
     deform_name,
     finger_joints,
+    forearm_deform_name,
+    forearm_name,
     master_name,
     rest_bones,
+    rest_forearm,
     root_name,
     target_name,
 )
@@ -44,7 +49,7 @@ def build_armature(context: bpy.types.Context, model: HandModel, name: str) -> b
     armature.show_in_front = True
     context.collection.objects.link(armature)
     _make_active(context, armature)
-    _add_bones(armature, rest_bones(model), joint_frames(model), model.side)
+    _add_bones(armature, model, joint_frames(model))
     _sort_into_collections(armature, model.side)
     _set_channels(armature, model.side)
     return armature
@@ -61,9 +66,13 @@ def drive_joints(armature: bpy.types.Object, model: HandModel) -> None:
     frames = rest_frames(armature, model.side)
     offsets = np.einsum("jv,vck->jck", model.J_regressor, model.shapedirs)  # [16, 3, 10]: dJ per unit of beta
     _drive_location(armature, root_name(model.side), frames[0].T @ offsets[0])
+    if model.has_arm:
+        name = forearm_deform_name(model.side)
+        frame = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
+        _drive_location(armature, name, -frame.T @ offsets[0])
     for joint in range(16):
         _drive_location(armature, deform_name(joint, model.side), -frames[joint].T @ offsets[joint])
-    # The wrist's location is the animator's: it is transl.
+    # The location of the wrist, or of the forearm that carries it, is the animator's: it is transl.
     for joint in range(1, 16):
         step = offsets[joint] - offsets[PARENTS[joint]]
         _drive_location(armature, bone_name(joint, model.side), frames[joint].T @ step)
@@ -85,11 +94,13 @@ def _make_active(context: bpy.types.Context, armature: bpy.types.Object) -> None
     armature.select_set(True)
 
 
-def _add_bones(armature: bpy.types.Object, rest: RestBones, anatomical: np.ndarray, side: Side) -> None:
+def _add_bones(armature: bpy.types.Object, model: HandModel, anatomical: np.ndarray) -> None:
+    side, rest = model.side, rest_bones(model)
     bpy.ops.object.mode_set(mode="EDIT")
     _add_bone(armature, root_name(side), None, _along(rest, 0))
+    carrier = _add_forearm(armature, model) if model.has_arm else root_name(side)
     for joint, parent in enumerate(PARENTS):
-        above = bone_name(parent, side) if parent >= 0 else root_name(side)
+        above = bone_name(parent, side) if parent >= 0 else carrier
         _add_bone(armature, bone_name(joint, side), above, _along(rest, joint))
         _add_bone(armature, deform_name(joint, side), bone_name(joint, side), _along(rest, joint))
     for joint in range(1, 16):
@@ -104,6 +115,16 @@ def _add_bones(armature: bpy.types.Object, rest: RestBones, anatomical: np.ndarr
         tip = last._replace(head=last.head + last.length * last.frame[:, 1], length=_TARGET_M)
         _add_bone(armature, target_name(finger, side), root_name(side), tip)
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def _add_forearm(armature: bpy.types.Object, model: HandModel) -> str:
+    """Add the forearm and the bone that deforms it; returns the forearm's name."""
+    head, tail, frame = rest_forearm(model)
+    placement = _BonePlacement(head, frame, float(np.linalg.norm(tail - head)))
+    name = forearm_name(model.side)
+    _add_bone(armature, name, root_name(model.side), placement)
+    _add_bone(armature, forearm_deform_name(model.side), name, placement)
+    return name
 
 
 class _BonePlacement(NamedTuple):
@@ -132,7 +153,7 @@ def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
     """Bone collections: FK, IK and Masters for the animator, Mechanism hidden."""
     fk, ik, masters, hidden = (armature.data.collections.new(name) for name in COLLECTIONS)
     hidden.is_visible = False
-    collection_of = {bone_name(joint, side): fk for joint in range(16)}
+    collection_of = {bone_name(joint, side): fk for joint in range(16)} | {forearm_name(side): fk}
     collection_of |= {target_name(finger, side): ik for finger in FINGERS}
     collection_of |= {master_name(finger, side): masters for finger in FINGERS}
     for bone in armature.data.bones:
@@ -141,7 +162,8 @@ def _sort_into_collections(armature: bpy.types.Object, side: Side) -> None:
 
 
 def _set_channels(armature: bpy.types.Object, side: Side) -> None:
-    movable = {bone_name(0, side), *(target_name(finger, side) for finger in FINGERS)}
+    carrier = forearm_name(side) if forearm_name(side) in armature.pose.bones else bone_name(0, side)
+    movable = {carrier, *(target_name(finger, side) for finger in FINGERS)}
     for bone in armature.pose.bones:
         bone.rotation_mode = "QUATERNION"
         bone.lock_location = (bone.name not in movable,) * 3

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.hand.bones import bone_name, root_name, target_name
+from ...backend.hand.bones import bone_name, forearm_deform_name, forearm_name, root_name, target_name
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand, load_hand_model
 from ...backend.records.errors import LiveHandError
@@ -42,6 +42,8 @@ class RiggedHand:
             raise LiveHandError(f"{armature.name} is not a LiveHand hand; add one with Add > Armature > LiveHand Hand")
         side: Side = armature.livehand.side
         names = [bone_name(joint, side) for joint in range(16)] + [root_name(side)]
+        if forearm_deform_name(side) in armature.pose.bones:
+            names.append(forearm_name(side))
         missing = [name for name in names if name not in armature.pose.bones]
         if missing:
             raise LiveHandError(f"{armature.name} must keep its bones' names, missing: {', '.join(missing)}")
@@ -93,6 +95,17 @@ class RiggedHand:
     def bone(self, joint: int) -> bpy.types.PoseBone:
         """The bone that the animator rotates for a joint (MANO's order)."""
         return self.armature.pose.bones[bone_name(joint, self.side)]
+
+    @property
+    def forearm(self) -> bpy.types.PoseBone | None:
+        """The forearm's bone, the wrist's parent; None: the hand has no arm."""
+        return self.armature.pose.bones.get(forearm_name(self.side))
+
+    @property
+    def bones(self) -> list[bpy.types.PoseBone]:
+        """The bones that the animator rotates: those of the 16 joints, and the forearm if the hand has one."""
+        joints = [self.bone(joint) for joint in range(16)]
+        return joints if self.forearm is None else [*joints, self.forearm]
 
     def target(self, finger: str) -> bpy.types.PoseBone:
         """A finger's IK target."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import bone_name, deform_name
+from ...backend.hand.bones import bone_name, deform_name, forearm_deform_name
 from ...backend.hand.corrective_keys import factor_correctives, quaternion_form
 from ...backend.hand.model import HandModel
 from .armature import rest_frames
@@ -63,10 +63,14 @@ def _skin_material() -> bpy.types.Material:
 
 
 def _add_weights(mesh: bpy.types.Object, model: HandModel) -> None:
-    for joint in range(16):
-        group = mesh.vertex_groups.new(name=deform_name(joint, model.side))
-        for vertex in np.flatnonzero(model.lbs_weights[:, joint] > 0):
-            group.add([int(vertex)], float(model.lbs_weights[vertex, joint]), "REPLACE")
+    weights = {deform_name(joint, model.side): model.lbs_weights[:, joint] for joint in range(16)}
+    if model.has_arm:
+        weights[deform_name(0, model.side)] = model.lbs_weights[:, 0] - model.arm_weights
+        weights[forearm_deform_name(model.side)] = model.arm_weights
+    for name, of_vertices in weights.items():
+        group = mesh.vertex_groups.new(name=name)
+        for vertex in np.flatnonzero(of_vertices > 0):
+            group.add([int(vertex)], float(of_vertices[vertex]), "REPLACE")
 
 
 def _add_shape_keys(mesh: bpy.types.Object, model: HandModel, armature: bpy.types.Object) -> None:

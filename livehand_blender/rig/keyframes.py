@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import bpy
+import mathutils
 import numpy as np
 
-from ...backend.geometry.rotation import continuous
+from ...backend.geometry.rotation import axis_angle_to_matrix, continuous
 from ...backend.hand.bones import FINGERS, finger_joints, master_name
 from ...backend.records.errors import LiveHandError
+from .carrier import Carrier
 from .controls import clear_controls, has_masters
 from .hand import RiggedHand
-from .pose import bone_quaternions, wrist_locations
+from .pose import bone_quaternions
 from .sliders import FINGER_SLIDERS, slider_path
 
 _ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
 
 
 def keyframe_theta(
-    hand: RiggedHand, thetas: np.ndarray, frames: Sequence[float] | np.ndarray, joints: Sequence[int] = range(16)
+    hand: RiggedHand,
+    thetas: np.ndarray,
+    frames: Sequence[float] | np.ndarray,
+    joints: Sequence[int] = range(16),
+    forearms: np.ndarray | None = None,
 ) -> None:
     """Key bones with thetas [T, 16, 3], rad, at increasing frames [T]; keys between first and last are replaced.
 
@@ -27,26 +33,39 @@ def keyframe_theta(
     bones take the short way between keys. Finger controls and IK sliders are set to zero; if they have keys of their
     own, those still add to these.
 
+    With joint 0, the forearm of a hand that has one is keyed too: with forearms [T, 3], rad, as `HandPose` has them, or
+    straight; and its location, so that the wrist stays where it is in each of the frames.
+
     Raises:
         LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
     """
     frames = _check(frames, thetas, (16, 3), "thetas")
+    forearms = np.zeros((len(frames), 3)) if forearms is None else forearms
+    _check(frames, forearms, (3,), "forearms")
     clear_controls(hand)
-    quaternions = continuous(bone_quaternions(hand, thetas))  # [T, 16, 4]
-    for joint in joints:
-        bone = hand.bone(joint)
+    turns_arm = hand.forearm is not None and 0 in joints
+    transls = _present_transls(hand, frames) if turns_arm else None
+    quaternions = continuous(bone_quaternions(hand, thetas, forearms))  # [T, 16 or 17, 4]
+    for number in (*joints, 16) if turns_arm else joints:
+        bone = hand.bones[number]
         bone.rotation_mode = "QUATERNION"
-        _key_channels(hand.armature, bone, "rotation_quaternion", frames, quaternions[:, joint])
+        _key_channels(hand.armature, bone, "rotation_quaternion", frames, quaternions[:, number])
+    if transls is not None:
+        keyframe_transl(hand, transls, frames)
 
 
 def keyframe_transl(hand: RiggedHand, transls: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
-    """Key the wrist's location with transls [T, 3], m in armature space, at increasing frames [T].
+    """Key the location of the bone that carries the hand with transls [T, 3], m in armature space, at frames [T].
+
+    A forearm's location depends on its rotation: key that first, by `keyframe_theta`.
 
     Raises:
         LiveHandError: as `keyframe_theta`.
     """
     frames = _check(frames, transls, (3,), "transls")
-    _key_channels(hand.armature, hand.bone(0), "location", frames, wrist_locations(hand, transls))
+    carrier = Carrier.of(hand)
+    locations = carrier.locations(transls, _present_rotations(hand.armature, carrier, frames))
+    _key_channels(hand.armature, carrier.bone, "location", frames, locations)
 
 
 def key_finger(hand: RiggedHand, finger: str, frame: float) -> None:
@@ -75,9 +94,10 @@ def finger_channels(hand: RiggedHand, finger: str) -> Iterator[tuple[str, str]]:
 
 def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
     """(data path, group) of each channel of a hand's pose that an animator keys."""
-    wrist = hand.bone(0)
-    yield wrist.path_from_id("location"), wrist.name
-    yield _rotation_channel(wrist)
+    carrier = Carrier.of(hand).bone
+    yield carrier.path_from_id("location"), carrier.name
+    for bone in dict.fromkeys((carrier, hand.bone(0))):
+        yield _rotation_channel(bone)
     for control in ("fist", "opposition"):
         yield slider_path(control), "Hand"
     for finger in FINGERS:
@@ -86,6 +106,40 @@ def hand_channels(hand: RiggedHand) -> Iterator[tuple[str, str]]:
 
 def _rotation_channel(bone: bpy.types.PoseBone) -> tuple[str, str]:
     return bone.path_from_id(_ROTATION_CHANNELS.get(bone.rotation_mode, "rotation_euler")), bone.name
+
+
+def _present_transls(hand: RiggedHand, frames: np.ndarray) -> np.ndarray:
+    """[T, 3] m that the keys and channels of the bone that carries the hand move it by in frames [T]."""
+    carrier = Carrier.of(hand)
+    locations = _present_values(hand.armature, carrier.bone, "location", frames)
+    return carrier.transls(locations, _present_rotations(hand.armature, carrier, frames))
+
+
+def _present_rotations(armature: bpy.types.Object, carrier: Carrier, frames: np.ndarray) -> np.ndarray:
+    """[T, 3, 3] rotations of that bone in armature space in frames [T]."""
+    mode = carrier.bone.rotation_mode
+    values = _present_values(armature, carrier.bone, _ROTATION_CHANNELS.get(mode, "rotation_euler"), frames)
+    match mode:
+        case "QUATERNION":
+            own = np.array([mathutils.Quaternion(value).normalized().to_matrix() for value in values])
+        case "AXIS_ANGLE":
+            lengths = np.maximum(np.linalg.norm(values[:, 1:], axis=1, keepdims=True), 1e-12)
+            own = axis_angle_to_matrix(values[:, :1] * values[:, 1:] / lengths)
+        case order:
+            own = np.array([mathutils.Euler(value, order).to_matrix() for value in values])
+    return carrier.frame @ own @ carrier.frame.T
+
+
+def _present_values(
+    armature: bpy.types.Object, bone: bpy.types.PoseBone, channel: str, frames: np.ndarray
+) -> np.ndarray:
+    """[T, n] of an array property of a bone in frames [T], by its curves, or as it is where it has none."""
+    values = np.tile(np.array(getattr(bone, channel), np.float64), (len(frames), 1))
+    path = bone.path_from_id(channel)
+    for curve in _curves(armature):
+        if curve.data_path == path and not curve.is_empty:
+            values[:, curve.array_index] = [curve.evaluate(frame) for frame in frames]
+    return values
 
 
 def _check(frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
@@ -121,6 +175,19 @@ def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str)
     groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
     curve.group = curve.group or groups.get(group) or groups.new(group)
     return curve
+
+
+def _curves(armature: bpy.types.Object) -> Iterable[bpy.types.FCurve]:
+    """The curves that animate an armature."""
+    animation = armature.animation_data
+    action = animation.action if animation else None
+    if action is None:
+        return ()
+    if not hasattr(action, "slots"):  # Blender 4.2 and 4.3
+        return action.fcurves
+    strips = [strip for layer in action.layers for strip in layer.strips]
+    bags = [strip.channelbag(animation.action_slot) for strip in strips if animation.action_slot]
+    return [curve for bag in bags if bag for curve in bag.fcurves]
 
 
 def _merged(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,9 @@
-"""Ranges of the finger joints, as constraints that the hand's property *Limit Joints* turns on and off.
+"""Ranges of the joints, as constraints that the hand's property *Limit Joints* turns on and off.
 
 Figures in degrees from the straight finger. Fingers, thumb MCP and IP: American Academy of Orthopaedic Surgeons (AAOS),
 "Joint Motion: Method of Measuring and Recording", 1965. The rest are our estimates: sideways motion beyond the
-knuckles, and the thumb's saddle joint, whose clinical zero differs from the rest pose.
+knuckles, and the thumb's saddle joint, whose clinical zero differs from the rest pose. The wrist bends about as
+far as AAOS has it, and hardly twists: the forearm does.
 """
 
 from __future__ import annotations
@@ -38,25 +39,38 @@ THUMB_RANGES = (
     JointRange((-10, 50), (-20, 20), (-20, 20)),  # MCP; AAOS has no hyperextension here
     JointRange((-20, 80), (-25, 25), (-20, 20)),  # IP
 )
+WRIST_RANGE = JointRange((-70, 70), (-35, 20), (-10, 10))
 
 
 def add_limits(armature: bpy.types.Object, model: HandModel) -> None:
-    """Limit every finger bone's rotation, controls and IK included; no effect until `limit_joints` is set."""
+    """Limit every finger bone's rotation, controls and IK included; no effect until `limit_joints` is set.
+
+    The wrist of a hand with an arm is limited too.
+    """
+    if model.has_arm:
+        wrist = np.sort(euler_rad(np.transpose(WRIST_RANGE), model.side), axis=0)
+        _limit(armature, armature.pose.bones[bone_name(0, model.side)], *wrist)
     for joint, (low, high) in zip(range(1, 16), joint_limits_rad(model), strict=True):
         bone = armature.pose.bones[bone_name(joint, model.side)]
-        constraint = bone.constraints.new("LIMIT_ROTATION")
-        constraint.name = LIMIT_CONSTRAINT
-        constraint.owner_space = "LOCAL"
-        constraint.euler_order = "YZX"
-        drive_by_sliders(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
+        _limit(armature, bone, low, high)
         for axis, name in enumerate("xyz"):
-            setattr(constraint, f"use_limit_{name}", True)
-            setattr(constraint, f"min_{name}", low[axis])
-            setattr(constraint, f"max_{name}", high[axis])
             # IK ignores constraints and has limits of its own.
             setattr(bone, f"ik_min_{name}", low[axis])
             setattr(bone, f"ik_max_{name}", high[axis])
             drive_by_sliders(bone, f"use_ik_limit_{name}", -1, {"limit_joints": 1.0}, armature)
+
+
+def _limit(armature: bpy.types.Object, bone: bpy.types.PoseBone, low: np.ndarray, high: np.ndarray) -> None:
+    """Limit a bone's rotations about X, Y and Z, rad, while `limit_joints` is set."""
+    constraint = bone.constraints.new("LIMIT_ROTATION")
+    constraint.name = LIMIT_CONSTRAINT
+    constraint.owner_space = "LOCAL"
+    constraint.euler_order = "YZX"
+    drive_by_sliders(constraint, "influence", -1, {"limit_joints": 1.0}, armature)
+    for axis, name in enumerate("xyz"):
+        setattr(constraint, f"use_limit_{name}", True)
+        setattr(constraint, f"min_{name}", low[axis])
+        setattr(constraint, f"max_{name}", high[axis])
 
 
 def joint_limits_rad(model: HandModel) -> np.ndarray:

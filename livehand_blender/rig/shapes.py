@@ -8,14 +8,14 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, master_name, target_name
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, forearm_name, master_name, target_name
 from ...backend.records.side import Side
 
 _COLLECTION = "LiveHand Bone Shapes"
 _RING, _DIAMOND = "LiveHand Ring", "LiveHand Diamond"
 _RING_CORNERS = 24
 # Just outside the built-in hand's skin.
-_FINGER_RADIUS_M, _THUMB_RADIUS_M, _WRIST_RADIUS_M = 0.0105, 0.0125, 0.038
+_FINGER_RADIUS_M, _THUMB_RADIUS_M, _WRIST_RADIUS_M, _FOREARM_RADIUS_M = 0.0105, 0.0125, 0.038, 0.052
 _DIAMOND_RADIUS_M = 0.005
 # Seen on Blender's grey and on skin; the selected and the active bone are brighter.
 _BONE_RGB, _TARGET_RGB, _MASTER_RGB = (1.0, 0.85, 0.1), (1.0, 0.2, 0.15), (0.2, 0.7, 1.0)
@@ -28,6 +28,10 @@ def set_bone_shapes(armature: bpy.types.Object, side: Side) -> None:
     ring, diamond = _shape(_RING), _shape(_DIAMOND)
     armature.livehand.bone_shapes = bpy.data.collections[_COLLECTION]  # which comes along when the hand is appended
     _set_shape(armature.pose.bones[bone_name(0, side)], ring, _WRIST_RADIUS_M, _BONE_RGB)
+    forearm = armature.pose.bones.get(forearm_name(side))
+    if forearm is not None:
+        _set_shape(forearm, ring, _FOREARM_RADIUS_M, _BONE_RGB)
+        forearm.custom_shape_translation = (0, forearm.bone.length / 2, 0)
     for finger in FINGERS:
         radius_m = _THUMB_RADIUS_M if finger == "thumb" else _FINGER_RADIUS_M
         for joint in finger_joints(finger):

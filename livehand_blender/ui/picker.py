@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...backend.hand.bones import FINGERS, bone_name, finger_joints, target_name
+from ...backend.hand.bones import FINGERS, bone_name, finger_joints, forearm_name, target_name
 from ..rig.armature import COLLECTIONS
 from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_property
 from .mixins import HandTab, polled_hand
@@ -68,6 +68,8 @@ def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None
             column.operator("livehand.select_bone", text=name[-3]).bone = name
         column.operator("livehand.select_finger", text=_SHORT_LABELS[finger]).finger = finger
     box.operator("livehand.select_bone", text="Wrist").bone = bone_name(0, side)
+    if forearm_name(side) in armature.pose.bones:
+        box.operator("livehand.select_bone", text="Forearm").bone = forearm_name(side)
 
 
 def _draw_controls(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:

@@ -2,6 +2,7 @@
 
 import runpy
 import signal
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -43,6 +44,21 @@ def model(request):
     return load_default_hand().for_side(request.param)
 
 
+@pytest.fixture(scope="session")
+def armed_model(model):
+    """The built-in hand whose stump turns as a forearm, with a wrist joint that moves with beta."""
+    outwards = model.v_template[:, 0] - model.joints[0, 0]
+    share = np.clip((outwards if model.side == "right" else -outwards) / 0.02 + 0.5, 0, 1)
+    shapes = np.random.default_rng(0).normal(size=model.shapedirs.shape) * 1e-3
+    arm_weights = model.lbs_weights[:, 0] * share**2 * (3 - 2 * share)
+    return replace(model, shapedirs=model.shapedirs + shapes, arm_weights=arm_weights)
+
+
+@pytest.fixture
+def armed_hand(armed_model):
+    return add_hand(bpy.context, armed_model)
+
+
 @pytest.fixture
 def hand(model):
     return add_hand(bpy.context, model)
@@ -69,7 +85,8 @@ def backend_vertices():
     def of(model, pose):
         skin = SkinTensors.of(model, dtype=torch.float64)
         tensors = (
-            torch.tensor(np.asarray(value), dtype=torch.float64) for value in (pose.theta, pose.beta, pose.transl)
+            torch.tensor(np.asarray(value), dtype=torch.float64)
+            for value in (pose.theta, pose.beta, pose.transl, pose.forearm)
         )
         return pose_hand(skin, *tensors).vertices.numpy()
 

@@ -65,6 +65,19 @@ def test_an_imported_motion_is_exported_unchanged(hand, model, tmp_path):
     assert (again.side, again.fps) == (model.side, 24.0)
 
 
+@pytest.mark.parametrize("key_place", [True, False])
+def test_a_motion_with_a_forearm_comes_through_an_armed_hand(armed_hand, armed_model, tmp_path, key_place):
+    motion = motion_of(armed_model.side, forearm=np.random.default_rng(9).normal(size=(6, 3)) * 0.5)
+    write_motion(motion, tmp_path / "in.npz")
+    path = str(tmp_path / "in.npz")
+    bpy.ops.livehand.import_motion(filepath=path, start_frame=1, set_shape=False, key_place=key_place)
+    bpy.ops.livehand.export_motion(filepath=str(tmp_path / "out.npz"), use_scene_range=False, first=1, last=6)
+    again = open_pose_file(tmp_path / "out.npz").motion()
+    for name in ("theta", "forearm"):
+        np.testing.assert_allclose(getattr(again, name), getattr(motion, name), atol=1e-5)
+    np.testing.assert_allclose(again.transl, motion.transl if key_place else 0 * motion.transl, atol=1e-6)
+
+
 def test_the_scene_range_is_exported_and_a_reversed_range_rejected(hand, tmp_path):
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 3, 7
     bpy.ops.livehand.export_motion(filepath=str(tmp_path / "out.npz"))

@@ -50,6 +50,19 @@ def test_a_hand_in_its_own_space_stands_upright_with_its_wrist_at_the_origin(han
     assert motion.side == "left"
 
 
+def test_the_forearm_of_a_file_turns_the_arm_in_the_picture(hand, tmp_path):
+    armed = replace(hand, arm_weights=hand.lbs_weights[:, 0] * (hand.v_template[:, 0] > hand.joints[0, 0]))
+    write_motion(
+        HandMotion(np.zeros((2, 16, 3)), np.zeros(10), np.zeros((2, 3)), forearm=np.eye(3)[:2]), tmp_path / "m.npz"
+    )
+    motion = posed_upright(tmp_path / "m.npz", armed)
+    straight = replace(motion, forearm=np.zeros(3))
+    moved = np.abs(sampled_vertices(motion, [0, 1], armed) - sampled_vertices(straight, [0, 1], armed)).max(1)
+    arm = np.tile(armed.arm_weights, 2)
+    assert moved[arm == 0].max() == 0
+    assert moved[arm == 1].max() > 0.01
+
+
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("ahead", [1, -1])
 def test_a_headsets_take_is_seen_from_the_fingers_not_from_the_stump(hand, tmp_path, side, ahead):

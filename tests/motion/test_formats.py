@@ -48,14 +48,23 @@ def opened(path, **expected):
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"fps": None, "side": "left"}, {"beta": np.random.default_rng(0).normal(size=(T, 10))}]
+    "changes",
+    [
+        {},
+        {"fps": None, "side": "left"},
+        {"beta": np.random.default_rng(0).normal(size=(T, 10))},
+        {"forearm": np.random.default_rng(1).normal(size=(T, 3))},
+        {"forearm": np.array([0.1, -0.2, 0.3])},
+    ],
 )
 def test_own_format_round_trip(tmp_path, changes):
     motion = HandMotion(**{"theta": absolute(POSE), "beta": BETA, "transl": TRANS, "fps": 23.976, **changes})
     write_motion(motion, tmp_path / "wave.npz")
     again = opened(tmp_path / "wave.npz", format="LiveHand", space="hand", has_mean_added=True).motion()
-    for name in ("theta", "beta", "transl"):
+    for name in ("theta", "beta", "transl", "forearm"):
         np.testing.assert_allclose(getattr(again, name), getattr(motion, name), atol=1e-12)
+    with np.load(tmp_path / "wave.npz") as file:
+        assert ("forearm" in file) == ("forearm" in changes)
     assert (again.fps, again.side) == (motion.fps, motion.side)
     assert [path.name for path in tmp_path.iterdir()] == ["wave.npz"]
 
@@ -66,6 +75,25 @@ def test_a_motion_is_written_as_npz_and_its_folder_made(tmp_path):
         write_motion(motion, tmp_path / "wave.json")
     write_motion(motion, tmp_path / "new" / "wave.npz")
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["wave.npz"]
+
+
+def test_a_forearm_is_read_from_json_and_checked(tmp_path):
+    path = tmp_path / "wave.json"
+    entries = {"theta": absolute(POSE).tolist(), "forearm": [0.1, 0.2, 0.3]}
+    path.write_text(json.dumps(entries))
+    np.testing.assert_array_equal(open_pose_file(path).motion().forearm, entries["forearm"])
+    path.write_text(json.dumps(entries | {"forearm": [0.1, 0.2]}))
+    with pytest.raises(LiveHandError, match=r"forearm must be \['?3'?\] or"):
+        open_pose_file(path)
+
+
+def test_files_of_one_frame_each_keep_their_forearms(tmp_path):
+    poses, forearms = absolute(POSE), np.array([[0.1, 0, 0], [0, 0.2, 0]])
+    for number, forearm in enumerate(forearms):
+        write_motion(
+            HandMotion(poses[number : number + 1], BETA, TRANS[:1], forearm=forearm), tmp_path / f"{number}.npz"
+        )
+    np.testing.assert_array_equal(open_pose_files(sorted(tmp_path.iterdir())).motion().forearm, forearms)
 
 
 # Bodies.

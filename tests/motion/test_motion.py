@@ -1,5 +1,7 @@
 """Motions: what they refuse, mirrored, in other frame rates, in other spaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, axis_angle_to_quaternion
@@ -33,11 +35,24 @@ def motion(count=5, seed=0, **changes):
         ({"transl": np.array([[0.0] * 3] * 3 + [[0, np.nan, 0]] * 2)}, "in 2 of 5 frames, the first at index 3"),
         ({"beta": np.full(10, np.inf)}, "beta must be finite"),
         ({"fps": 0.0}, "fps must be a positive"),
+        ({"forearm": np.zeros((4, 3))}, r"forearm .* \[3\] or \[5, 3\], got \[4, 3\]"),
+        ({"forearm": np.full(3, np.nan)}, "forearm must be finite"),
     ],
 )
 def test_what_is_no_motion_is_refused(changes, message):
     with pytest.raises(LiveHandError, match=message):
         motion(**changes)
+
+
+@pytest.fixture
+def armed(hand):
+    """The built-in hand whose stump turns as a forearm."""
+    return replace(hand, arm_weights=hand.lbs_weights[:, 0] * (hand.v_template[:, 0] > hand.joints[0, 0]))
+
+
+def bent(count=5, **changes):
+    """A motion whose forearm turns."""
+    return motion(count, forearm=np.random.default_rng(7).normal(size=(count, 3)) * 0.5, **changes)
 
 
 def test_the_mirrored_motion_is_the_mirror_image_of_the_surface(hand):
@@ -47,6 +62,35 @@ def test_the_mirrored_motion_is_the_mirror_image_of_the_surface(hand):
     expected = posed_vertices(hand, right.pose(3)) * MIRROR_POINT
     np.testing.assert_allclose(posed_vertices(hand, left.pose(3)), expected, atol=1e-12)
     np.testing.assert_array_equal(mirrored(left).theta, right.theta)
+
+
+def test_the_forearm_is_mirrored_and_carried_with_the_surface(armed):
+    right, matrix = bent(), np.eye(4)
+    straight = replace(right, forearm=np.zeros(3))
+    assert np.abs(posed_vertices(armed, right.pose(3)) - posed_vertices(armed, straight.pose(3))).max() > 0.002
+    expected = posed_vertices(armed, right.pose(3)) * MIRROR_POINT
+    np.testing.assert_allclose(posed_vertices(armed, mirrored(right).pose(3)), expected, atol=1e-12)
+    matrix[:3, :3], matrix[:3, 3] = axis_angle_to_matrix(np.array([0.3, -1.2, 2.0])), (0.1, 0.2, -0.3)
+    carried = transformed(right, matrix, rest_wrists(armed, right.beta))
+    expected = posed_vertices(armed, right.pose(4)) @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(posed_vertices(armed, carried.pose(4)), expected, atol=1e-9)
+
+
+def test_a_forearm_turns_on_between_frames_and_is_smoothed_like_the_joints():
+    turning = replace(motion(9), forearm=np.outer(0.2 * np.arange(9), [0, 0, 1.0]))
+    np.testing.assert_allclose(resampled(turning, 60.0).forearm[:, 2], 0.1 * np.arange(17), atol=1e-12)
+    np.testing.assert_allclose(smoothed(turning, 1.0).forearm[4], turning.forearm[4], atol=1e-12)
+    straight = resampled(replace(turning, forearm=np.array([0, 0.1, 0])), 60.0)
+    np.testing.assert_array_equal(straight.forearms, np.tile([0, 0.1, 0], (17, 1)))
+    np.testing.assert_array_equal(smoothed(straight, 2.0).forearm, straight.forearm)
+
+
+def test_poses_with_forearms_become_a_motion():
+    poses = [replace(HandPose.rest("right"), forearm=np.full(3, 0.1 * k)) for k in range(3)]
+    joined = motion_from_poses(poses)
+    np.testing.assert_array_equal(joined.forearm[:, 0], [0, 0.1, 0.2])
+    np.testing.assert_array_equal(joined.pose(2).forearm, poses[2].forearm)
+    assert motion_from_poses(poses[:1] * 3).forearm.shape == (3,)
 
 
 def test_poses_become_a_motion_of_one_shape_and_one_side():

@@ -19,6 +19,7 @@ from ..formats.neural_annot import is_neural_annot, read_neural_annot
 from ..landmarks.landmark_file import LandmarkFile, is_landmarks, read_landmarks
 from ..landmarks.recording import EXAMPLE
 from ..landmarks.take_file import TakeFile, is_take, read_take
+from ..motion import shared
 from ..pose_file import NoHandError, PoseFile, RawHand
 
 # The most specific first: the first format that matches reads the document.
@@ -148,11 +149,13 @@ def _joined(files: Sequence[PoseFile | None], side: Side) -> RawHand | None:
     if len({part.fingers.shape[1] for part in parts}) > 1:
         raise LiveHandError("all files must have equally many numbers per frame; choose files of one recording")
     betas = np.concatenate([np.broadcast_to(part.beta, (len(part.root), 10)) for part in parts])
+    forearms = np.concatenate([np.broadcast_to(part.forearm, (len(part.root), 3)) for part in parts])
     return replace(
         parts[0],
         root=np.concatenate([part.root for part in parts]),
         fingers=np.concatenate([part.fingers for part in parts]),
-        beta=betas[0] if (betas == betas[0]).all() else betas,
+        beta=shared(betas),
+        forearm=shared(forearms),
         transl=np.concatenate([part.transl for part in parts]),
         frame_indices=np.concatenate([part.frame_indices + first for part, first in zip(parts, starts, strict=True)]),
     )

@@ -1,4 +1,4 @@
-"""LiveHand's own motions: `.npz` with theta [T, 16, 3], beta, transl, fps and side, all in the rig's own space."""
+"""LiveHand's own motions: `.npz` with theta [T, 16, 3], beta, transl, fps, side and forearm, in the rig's own space."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ def write_motion(motion: HandMotion, path: Path) -> None:
     if path.suffix.lower() != ".npz":
         raise LiveHandError(f"a motion must be written to a .npz file, got {path.name}")
     arrays = {"theta": motion.theta, "beta": motion.beta, "transl": motion.transl, "side": np.array(motion.side)}
+    if motion.forearm.any():
+        arrays["forearm"] = motion.forearm
     if motion.fps is not None:
         arrays["fps"] = np.array(float(motion.fps))
     with replacing(path) as temporary:
@@ -44,7 +46,8 @@ def _read(document: Document) -> PoseFile:
     beta = document.array(entries.get("beta", np.zeros(10)), "beta", (10,), (count, 10))
     transl = document.array(entries.get("transl", np.zeros((count, 3))), "transl", (count, 3))
     fps = document.array(entries["fps"], "fps", ()).item() if "fps" in entries else None
-    raw = raw_hand(theta.reshape(count, 48), beta, transl)
+    forearm = document.array(entries.get("forearm", np.zeros(3)), "forearm", (3,), (count, 3))
+    raw = raw_hand(theta.reshape(count, 48), beta, transl, forearm=forearm)
     side = _side(document, entries.get("side", "right"))
     return pose_file(document.path, {side: raw}, _NAME, "hand", has_mean_added=True, fps=fps)
 
