@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.capture.node_graph import enable_nodes
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.scene.studio import add_studio, has_studio, needs_lamps
 from mathutils import Vector
@@ -36,9 +37,10 @@ def test_the_tab_asks_for_lamps_where_a_dim_world_alone_lights_the_hands():
     scene.world = None
     assert needs_lamps(scene, layer)
     scene.world = bpy.data.worlds.new("As in a new file")
-    scene.world.color = (0.05, 0.05, 0.05)
+    background = enable_nodes(scene.world).nodes["Background"].inputs["Color"]
+    background.default_value = (0.05, 0.05, 0.05, 1)
     assert needs_lamps(scene, layer)
-    scene.world.color = (0.5, 0.5, 0.5)
+    background.default_value = (0.5, 0.5, 0.5, 1)
     assert not needs_lamps(scene, layer)
     scene.world = None
     bpy.ops.livehand.add_studio()
