@@ -13,10 +13,12 @@ import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..hand.bones import rest_flexion_deg
-from ..hand.gestures import sample_angles_deg, theta_of
+from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
 from ..hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, UPRIGHT, HandModel
 from ..hand.model_file import load_default_hand
+from ..hand.penetration import HandParts, relieved_angles
+from ..hand.pose_samples import sample_poses_deg
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
 from .capture import Capture, CaptureView, Split
@@ -28,8 +30,10 @@ from .varied_light import HELD_OUT_KINDS
 DISTANCE_M = 0.75
 # Lengths for the built-in hand; they scale with the size of another hand.
 WHOLE_HAND_M = 0.25  # height of the field of view at the hand: holds the whole hand in any pose
-CLOSE_UP_M = 0.14
-CLOSE_UP_JITTER_M = 0.02
+CLOSE_UP_M = (0.08, 0.15)
+CLOSE_UP_JITTER_M = 0.03
+# Of views of a hand with its forearm: height, and how far below the knuckles they look.
+WITH_ARM_M, WITH_ARM_LOWER_M = 0.45, 0.09
 TILT_DEG = 25.0
 YAW_DEG = 55.0
 _KNUCKLES = (1, 4, 7, 10)
@@ -42,7 +46,8 @@ class CapturePlan:
     Attributes:
         seed: of every random choice.
         poses: number of poses; every 11th, from the 6th, is held out.
-        cameras: number of cameras; every 5th, from the 4th, is held out, and every 3rd, from the 3rd, is a close-up.
+        cameras: number of cameras; every 5th, from the 4th, is held out; every 2nd is a close-up, of 0.15 to 0.3 mm a
+            pixel at the usual size; every 10th, from the 5th, shows the forearm too, if the hand has one.
         cameras_per_pose: number of training cameras that see each pose, drawn anew for each.
         person: whose hand it is; a hand model of one's own keeps its own shape and look.
         size_px: (width, height) of an image.
@@ -71,7 +76,7 @@ class CapturePlan:
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model, np.array(self.person.beta))
         size = _relative_size(model)
-        views = _spread_views(self, _sample_cameras(rng, self, size))
+        views = _spread_views(self, _sample_cameras(rng, self, size, model.has_arm))
         lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
         if self.first_poses is not None:
             lit = of_first_poses(lit, self.first_poses)
@@ -94,9 +99,10 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel, beta: 
     """Poses whose middle knuckle lies near the world's origin."""
     right = model.for_side("right")
     axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
-    poses = []
-    for angles in sample_angles_deg(rng, count):
+    parts, poses = HandParts(right), []
+    for angles in sample_poses_deg(rng, count):
         angles[:, :2] += offset  # gestures are relative to the built-in hand's rest pose
+        angles = relieved_angles(parts, right, angles, axes)
         root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
@@ -129,15 +135,18 @@ def _random_tilt(rng: np.random.Generator) -> np.ndarray:
     return axis_angle_to_matrix(np.deg2rad(rng.normal(0, TILT_DEG, 3)))
 
 
-def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float) -> list[Camera]:
-    """Cameras all around a hand of this relative size; every third one is a close-up."""
+def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float, has_arm: bool) -> list[Camera]:
+    """Cameras all around a hand of this relative size."""
     width, height = plan.size_px
     cameras = []
     for index, direction in enumerate(_camera_directions(rng, plan)):
-        is_close = index % 3 == 2
-        field_of_view_m = size * (CLOSE_UP_M if is_close else WHOLE_HAND_M)
-        target = size * rng.normal(0, CLOSE_UP_JITTER_M, 3) if is_close else np.zeros(3)
-        focal_px = max(plan.size_px) * DISTANCE_M / field_of_view_m
+        field_of_view_m, target = WHOLE_HAND_M, np.zeros(3)
+        if index % 2 == 1:
+            field_of_view_m, target = rng.uniform(*CLOSE_UP_M), rng.normal(0, CLOSE_UP_JITTER_M, 3)
+        elif has_arm and index % 10 == 4:
+            field_of_view_m, target = WITH_ARM_M, np.array([0, 0, -WITH_ARM_LOWER_M])
+        target = size * target
+        focal_px = max(plan.size_px) * DISTANCE_M / (size * field_of_view_m)
         K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
         up = np.array([0, 0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0, 1.0, 0])
         cameras.append(Camera(K, look_at(target + DISTANCE_M * direction, target, up), plan.size_px))

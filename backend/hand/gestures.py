@@ -103,17 +103,16 @@ GESTURES: dict[str, Gesture] = {
 
 
 def theta_of(angles_deg: np.ndarray, axes: FingerAxes, root: np.ndarray | None = None) -> np.ndarray:
-    """Theta [16, 3] rad of joint angles [15, 3] deg and the wrist's axis-angle `root` [3] rad."""
-    theta = np.zeros((16, 3))
-    theta[0] = 0 if root is None else root
-    for joint in range(1, 16):
-        flexion, abduction, twist = np.deg2rad(angles_deg[joint - 1])
-        rotation = (
-            axis_angle_to_matrix(flexion * axes.flexion[joint])
-            @ axis_angle_to_matrix(abduction * axes.dorsal[joint])
-            @ axis_angle_to_matrix(twist * axes.bone[joint])
-        )
-        theta[joint] = matrix_to_axis_angle(rotation)
+    """Theta [..., 16, 3] rad of joint angles [..., 15, 3] deg and the wrist's axis-angle `root` [3] rad."""
+    flexion, abduction, twist = np.moveaxis(np.deg2rad(angles_deg), -1, 0)[..., None]
+    rotation = (
+        axis_angle_to_matrix(flexion * axes.flexion[1:])
+        @ axis_angle_to_matrix(abduction * axes.dorsal[1:])
+        @ axis_angle_to_matrix(twist * axes.bone[1:])
+    )
+    theta = np.zeros((*np.shape(angles_deg)[:-2], 16, 3))
+    theta[..., 0, :] = 0 if root is None else root
+    theta[..., 1:, :] = matrix_to_axis_angle(rotation)
     return theta
 
 

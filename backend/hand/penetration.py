@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import torch
 import trimesh
+from scipy.spatial import KDTree
 
 from .gestures import FingerAxes, theta_of
 from .lbs import SkinTensors, pose_hand
@@ -84,6 +85,7 @@ class HandParts:
         corners = positions[triangles]
         low, high = corners.min((0, 1)), corners.max((0, 1))
         near = far[((positions[far] > low) & (positions[far] < high)).all(1)]
+        near = near[_lies_behind(positions[near], corners)]
         inside = near[_winding(positions[near], corners) > 0.5]
         nearest = np.empty(len(inside), np.int64)
         for row, point in enumerate(positions[inside]):
@@ -115,7 +117,7 @@ def relieved_angles(parts: HandParts, model: HandModel, angles_deg: np.ndarray, 
     change, free = np.zeros(45), np.flatnonzero(ease)
 
     def positions(flat: np.ndarray) -> np.ndarray:
-        theta = np.stack([theta_of(one.reshape(15, 3), axes) for one in flat])
+        theta = theta_of(flat.reshape(-1, 15, 3), axes)
         none = torch.zeros(len(flat), 10, dtype=torch.float64)
         return pose_hand(skin, torch.as_tensor(theta), none, none[:, :3]).vertices.numpy()
 
@@ -133,6 +135,17 @@ def relieved_angles(parts: HandParts, model: HandModel, angles_deg: np.ndarray, 
         step = np.linalg.lstsq(rows, wanted, rcond=None)[0]
         change[free] += step * min(1.0, _LARGEST_STEP_DEG / np.abs(step).max())
     return angles_deg + change.reshape(15, 3)
+
+
+def _lies_behind(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """[N] whether points lie behind the nearest of some triangles, by their centres: quick, and too often."""
+    if not len(points):
+        return np.zeros(0, bool)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    centres = corners.mean(1)
+    _, nearest = KDTree(centres).query(points, k=3)
+    across = np.einsum("nkc,nkc->nk", points[:, None] - centres[nearest], normals[nearest])
+    return (across < 0).any(1)
 
 
 def _winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

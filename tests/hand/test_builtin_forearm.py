@@ -93,9 +93,7 @@ def test_an_arm_is_closed_and_no_tube(armed):
 def test_the_surface_changes_beyond_the_wrist_only():
     rays, rng = build_rays(), np.random.default_rng(0)
     points = rng.uniform((-ARM_FROM_MM, -60, -50), (190, 35, 100), (2000, 3))
-    np.testing.assert_array_equal(
-        signed_distance(rays, points, forearm_mm=FOREARM_MM), signed_distance(rays, points)
-    )
+    np.testing.assert_array_equal(signed_distance(rays, points, forearm_mm=FOREARM_MM), signed_distance(rays, points))
 
 
 def test_weights_of_the_arm(armed, beyond_mm):

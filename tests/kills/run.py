@@ -1,6 +1,6 @@
 """Kills commands at random moments and repeats them until they are done: nothing may be lost, twice or half written.
 
-    python tests/kills/run.py [--kills 200] [--commands render jobs poses train capture import compare] [--seed 0]
+    python tests/kills/run.py [--kills 200] [--commands render jobs poses train capture import compare track] [--seed 0]
 
 Each command runs once undisturbed. Then, in new folders, it is killed with SIGKILL up to four times, at random moments
 of its work, and repeated until it ends by itself. After every kill each file with a final name must be whole, and in
@@ -33,6 +33,7 @@ sys.path.insert(0, str(HERE))
 from contents import content, is_same  # noqa: E402
 
 EXAMPLES = HERE.parents[1] / "examples"
+PICTURES = HERE.parent / "tracking" / "pictures"
 MOST_KILLS_A_RUN = 4
 END_S = 600.0
 _UNFINISHED = (".jsonl",)  # written line by line
@@ -46,11 +47,13 @@ class Killed:
         arguments: a function (folder of inputs) -> the program's arguments, without `-o`.
         output: the name in the output's folder that `-o` gets; none: that folder.
         is_done: what the program answers when there is nothing left to do, if that is an error.
+        writes_last: it writes its only file at its end; the moments of the kills are drawn from all its time.
     """
 
     arguments: Callable[[Path], list]
     output: str = ""
     is_done: str | None = None
+    writes_last: bool = False
 
 
 def _render(inputs):
@@ -84,6 +87,24 @@ def _compare(inputs):
     return ["compare", inputs / "capture", *rows.split(), *"--speed-frames 1 --speed-size 48x64 --split test".split()]
 
 
+def _track(inputs):
+    """A film of both hands; needs PyAV, and the tracker's networks in their folder (`livehand fetch-tracker`)."""
+    import av
+
+    inputs.mkdir(parents=True, exist_ok=True)
+    shown = [np.asarray(Image.open(PICTURES / f"{name}.jpg").convert("RGB"))[::2] for name in ("palm", "left")]
+    picture = np.concatenate([shown[0][:, 360:1000:2], shown[1][:, 100:740:2]], 1)
+    with av.open(str(inputs / "film.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.height, stream.width = picture.shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for shift in range(24):
+            frame = av.VideoFrame.from_ndarray(np.roll(picture, 2 * shift, 1), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return ["track", inputs / "film.mp4"]
+
+
 COMMANDS = {
     "render": Killed(_render),
     "jobs": Killed(lambda inputs: [*_render(inputs), "--jobs", "3"]),
@@ -92,6 +113,7 @@ COMMANDS = {
     "capture": Killed(_capture),
     "import": Killed(_import, "capture", "a new capture needs an empty folder"),
     "compare": Killed(_compare),
+    "track": Killed(_track, "take.npz", writes_last=True),
 }
 
 
@@ -145,7 +167,7 @@ class Survivor:
         written = []
         for _ in range(kills):
             process = self._start(folder)
-            is_at_work = self._random.random() < 0.9
+            is_at_work = not self._killed.writes_last and self._random.random() < 0.9
             if is_at_work:
                 _wait_for_a_change(process, folder)
             try:
