@@ -75,7 +75,9 @@ def squeezed_for_atlas(vertices: np.ndarray) -> np.ndarray:
 def _forearm_distance(points: np.ndarray) -> np.ndarray:
     d, h, r = points.T
     place = np.clip(d, _SECTIONS[0, 0], _SECTIONS[-1, 0])
-    centre_r, breadth, centre_h, dorsal, palmar, exponent = PchipInterpolator(_SECTIONS[:, 0], _SECTIONS[:, 1:])(place).T
+    centre_r, breadth, centre_h, dorsal, palmar, exponent = PchipInterpolator(_SECTIONS[:, 0], _SECTIONS[:, 1:])(
+        place
+    ).T
     height = h - centre_h
     depth = np.where(height > 0, dorsal, palmar)
     distance = superellipsoid(((r - centre_r) / breadth, height / depth), (breadth, depth), exponent)
