@@ -58,13 +58,10 @@ def test_the_hand_itself_stays_what_it_is(hand, armed, beyond_mm):
     """Its vertices, joints, weights and directions are the stump hand's, in the same order."""
     own = template_to_build(hand.v_template)[:, 0] < ARM_FROM_MM
     same = np.flatnonzero(beyond_mm < ARM_FROM_MM)
-    np.testing.assert_array_equal(armed.v_template[same], hand.v_template[own])
+    np.testing.assert_allclose(armed.v_template[same], hand.v_template[own], rtol=0, atol=1e-15)
     np.testing.assert_allclose(armed.joints, hand.joints, rtol=0, atol=1e-6)
     np.testing.assert_allclose(armed.lbs_weights[same], hand.lbs_weights[own], atol=1e-12)
-    short_of_the_border = np.flatnonzero(beyond_mm < ARM_FROM_MM - 10)
-    np.testing.assert_allclose(
-        armed.shapedirs[short_of_the_border], hand.shapedirs[own][: len(short_of_the_border)], atol=1e-5
-    ) if len(short_of_the_border) == len(same) else None
+    np.testing.assert_allclose(armed.shapedirs[same], hand.shapedirs[own], atol=1e-5)
 
 
 def test_an_arm_has_an_adults_measures(armed, beyond_mm):
@@ -83,7 +80,7 @@ def test_an_arm_is_closed_and_no_tube(armed):
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.euler_number == 2
-    section = mesh.section([1, 0, 0], [0.095 + 0.12, 0, 0]).vertices - [0, 0, 0]
+    section = mesh.section([1, 0, 0], [0.095 + 0.12, 0, 0]).vertices
     palmar, dorsal = -section[:, 1].min(), section[:, 1].max()
     assert palmar > 1.1 * dorsal  # the flexors
     lowest = section[section[:, 1].argmin()]
@@ -93,7 +90,9 @@ def test_an_arm_is_closed_and_no_tube(armed):
 def test_the_surface_changes_beyond_the_wrist_only():
     rays, rng = build_rays(), np.random.default_rng(0)
     points = rng.uniform((-ARM_FROM_MM, -60, -50), (190, 35, 100), (2000, 3))
-    np.testing.assert_array_equal(signed_distance(rays, points, forearm_mm=FOREARM_MM), signed_distance(rays, points))
+    stump, arm = signed_distance(rays, points), signed_distance(rays, points, forearm_mm=FOREARM_MM)
+    near = np.abs(stump) < 4
+    np.testing.assert_array_equal(arm[near], stump[near])
 
 
 def test_weights_of_the_arm(armed, beyond_mm):
@@ -124,21 +123,19 @@ def test_a_bent_wrist_keeps_its_volume(armed, beyond_mm, turn_deg):
 def test_posed_at_random_as_a_slow_reference(armed, side):
     """The hand as if it had no forearm, and the forearm's share turned about joint 0 before the root turns."""
     rng = np.random.default_rng(3)
-    for _ in range(5):
+    for _ in range(3):
         beta = rng.normal(size=10)
         pose = HandPose(rng.normal(size=(16, 3)) * 0.5, beta, rng.normal(size=3), side, rng.normal(size=3) * 0.5)
         model = armed.for_side(side)
-        straight = posed_vertices(armed, replace(pose, forearm=np.zeros(3)))
-        wrist = model.J_regressor[0] @ (model.v_template + model.shapedirs @ beta)
+        expected = posed_vertices(armed, replace(pose, forearm=np.zeros(3)))
+        shaped = model.v_template + model.shapedirs @ beta
+        wrist = model.J_regressor[0] @ shaped
         root, turn = (Rotation.from_rotvec(value).as_matrix() for value in (pose.theta[0], pose.forearm))
         features = Rotation.from_rotvec(pose.theta[1:]).as_matrix() - np.eye(3)
-        shaped = model.v_template + model.shapedirs @ beta + model.posedirs @ features.ravel()
-        for vertex in rng.integers(len(straight), size=60):
-            offset = root @ (turn - np.eye(3)) @ (shaped[vertex] - wrist)
-            straight[vertex] += armed.arm_weights[vertex] * offset
-            got = posed_vertices(armed, pose)[vertex] if vertex % 20 == 0 else None
-            if got is not None:
-                np.testing.assert_allclose(got, straight[vertex], atol=1e-12)
+        shaped = shaped + model.posedirs @ features.ravel()
+        for vertex in range(len(expected)):
+            expected[vertex] += armed.arm_weights[vertex] * (root @ (turn - np.eye(3)) @ (shaped[vertex] - wrist))
+        np.testing.assert_allclose(posed_vertices(armed, pose), expected, atol=1e-12)
 
 
 def test_the_mirrored_pose_is_the_other_hand(armed):
