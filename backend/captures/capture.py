@@ -4,7 +4,7 @@ A capture is a folder with
 - `transforms.json`: provenance, and for each image its file, K (px), cam2world (OpenCV axes, m), size, camera index,
   pose index, split and, if it has one, the file of its mask;
 - in version 2, the lights of the images too (`lights`), whose skies are files;
-- `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side;
+- `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side, and if any is turned, forearm [P, 3] rad;
 - images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or scene-linear OpenEXR with premultiplied alpha;
   or images without alpha and for each a mask, a grey image of the same size that is white on the hand.
 
@@ -182,7 +182,10 @@ def save_capture_index(capture: Capture) -> None:
     The caller writes the images.
     """
     write_skies(capture.folder, capture.lights)
-    arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in ("theta", "beta", "transl")}
+    names = ["theta", "beta", "transl"]
+    if any(pose.forearm.any() for pose in capture.poses):
+        names.append("forearm")
+    arrays = {name: np.stack([getattr(pose, name) for pose in capture.poses]) for name in names}
     arrays["side"] = np.array([pose.side for pose in capture.poses])
     with replacing(capture.folder / "poses.npz") as temporary:
         temporary.write_bytes(npz_bytes(arrays))
@@ -278,20 +281,28 @@ def _read_poses(path: Path) -> tuple[HandPose, ...]:
     try:
         arrays = read_npz(path)
         columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
+        columns.append(arrays.get("forearm", np.zeros((len(columns[0]), 3))))
         rows = list(zip(*columns, strict=True))
     except (LiveHandError, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
     return read_all(path, ((read_pose, index, *row) for index, row in enumerate(rows)))
 
 
-def read_pose(index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object) -> HandPose:
+def read_pose(
+    index: int,
+    theta: np.ndarray,
+    beta: np.ndarray,
+    transl: np.ndarray,
+    side: object,
+    forearm: np.ndarray | None = None,
+) -> HandPose:
     """The pose of a file's row.
 
     Raises:
         LiveHandError: with the row's index and its fault.
     """
     try:
-        return HandPose(theta, beta, transl, _side(str(side)))
+        return HandPose(theta, beta, transl, _side(str(side)), np.zeros(3) if forearm is None else forearm)
     except (LiveHandError, TypeError) as error:
         raise LiveHandError(f"pose {index}: {error}") from error
 

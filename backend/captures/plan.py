@@ -15,7 +15,7 @@ from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..hand.bones import rest_flexion_deg
 from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
-from ..hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, UPRIGHT, HandModel
+from ..hand.model import MIRROR_AXIS_ANGLE, UPRIGHT, HandModel
 from ..hand.model_file import load_default_hand
 from ..hand.penetration import HandParts, relieved_angles
 from ..hand.pose_samples import sample_poses_deg
@@ -32,11 +32,15 @@ DISTANCE_M = 0.75
 WHOLE_HAND_M = 0.25  # height of the field of view at the hand: holds the whole hand in any pose
 CLOSE_UP_M = (0.08, 0.15)
 CLOSE_UP_JITTER_M = 0.03
-# Of views of a hand with its forearm: height, and how far below the knuckles they look.
-WITH_ARM_M, WITH_ARM_LOWER_M = 0.45, 0.09
+# Of a hand with a forearm: height of the field of view, and how far its middle lies below the middle knuckle.
+NEAR_ARM_M, WHOLE_ARM_M, WRIST_CLOSE_UP_M = (0.31, 0.03), (0.43, 0.085), (0.15, 0.1)
 TILT_DEG = 25.0
 YAW_DEG = 55.0
+# Of the wrist: flexion to the palm, deviation to the little finger, twist of the forearm.
+WRIST_LIMITS_DEG = np.array([(-60.0, 60.0), (-20.0, 30.0), (-30.0, 30.0)])
+NEARLY_STRAIGHT_DEG = 6.0
 _KNUCKLES = (1, 4, 7, 10)
+_ARM_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class CapturePlan:
         seed: of every random choice.
         poses: number of poses; every 11th, from the 6th, is held out.
         cameras: number of cameras; every 5th, from the 4th, is held out; every 2nd is a close-up, of 0.15 to 0.3 mm a
-            pixel at the usual size; every 10th, from the 5th, shows the forearm too, if the hand has one.
+            pixel at the usual size; if the hand has a forearm, they show it too.
         cameras_per_pose: number of training cameras that see each pose, drawn anew for each.
         person: whose hand it is; a hand model of one's own keeps its own shape and look.
         size_px: (width, height) of an image.
@@ -75,6 +79,9 @@ class CapturePlan:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
         poses = _sample_poses(rng, self.poses, model, np.array(self.person.beta))
+        if model.has_arm:
+            turns = sample_forearms(np.random.default_rng((self.seed, _ARM_SEED)), self.poses)
+            poses = tuple(map(_with_forearm, poses, turns))
         size = _relative_size(model)
         views = _spread_views(self, _sample_cameras(rng, self, size, model.has_arm))
         lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
@@ -107,7 +114,24 @@ def _sample_poses(rng: np.random.Generator, count: int, model: HandModel, beta: 
         middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
         poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), beta, transl, "right"))
-    return tuple(poses if model.side == "right" else map(_mirrored, poses))
+    return tuple(poses if model.side == "right" else (pose.mirrored() for pose in poses))
+
+
+def sample_forearms(rng: np.random.Generator, count: int) -> np.ndarray:
+    """[count, 3] `HandPose.forearm` of right hands within `WRIST_LIMITS_DEG`; every other one is nearly straight."""
+    turns = []
+    for index in range(count):
+        drawn = rng.normal(0, NEARLY_STRAIGHT_DEG, 3) if index % 2 else rng.uniform(*WRIST_LIMITS_DEG.T)
+        flexion, deviation, twist = np.deg2rad(np.clip(drawn, *WRIST_LIMITS_DEG.T))
+        # The template's fingers point to -X, its back to +Y: flexion takes the arm's end to -Y, deviation to -Z.
+        bend = axis_angle_to_matrix(np.array([0, deviation, 0])) @ axis_angle_to_matrix(np.array([0, 0, -flexion]))
+        turns.append(matrix_to_axis_angle(bend @ axis_angle_to_matrix(np.array([twist, 0, 0]))))
+    return np.array(turns).reshape(count, 3)
+
+
+def _with_forearm(pose: HandPose, forearm: np.ndarray) -> HandPose:
+    """The pose with the turn of a right hand's forearm."""
+    return replace(pose, forearm=forearm if pose.side == "right" else forearm * MIRROR_AXIS_ANGLE)
 
 
 def _rest_deg(right: HandModel) -> np.ndarray:
@@ -119,16 +143,16 @@ def _rest_deg(right: HandModel) -> np.ndarray:
     return np.stack([rest_flexion_deg(right), abduction], -1)
 
 
-def _mirrored(pose: HandPose) -> HandPose:
-    return HandPose(pose.theta * MIRROR_AXIS_ANGLE, pose.beta, pose.transl * MIRROR_POINT, "left")
-
-
 def _relative_size(model: HandModel) -> float:
-    """The hand's reach from its middle knuckle, relative to the built-in hand's."""
-    reach, builtin = (
-        float(np.linalg.norm(hand.v_template - hand.joints[4], axis=1).max()) for hand in (model, load_default_hand())
-    )
+    """The hand's reach from its middle knuckle, relative to the built-in hand's; a forearm does not count."""
+    reach, builtin = (_reach(hand, model.has_arm) for hand in (model, load_default_hand()))
     return reach / builtin
+
+
+def _reach(hand: HandModel, short_of_wrist: bool) -> float:
+    right = hand.for_side("right")
+    counts = right.v_template[:, 0] < (right.joints[0, 0] if short_of_wrist else np.inf)
+    return float(np.linalg.norm(right.v_template[counts] - right.joints[4], axis=1).max())
 
 
 def _random_tilt(rng: np.random.Generator) -> np.ndarray:
@@ -136,16 +160,21 @@ def _random_tilt(rng: np.random.Generator) -> np.ndarray:
 
 
 def _sample_cameras(rng: np.random.Generator, plan: CapturePlan, size: float, has_arm: bool) -> list[Camera]:
-    """Cameras all around a hand of this relative size."""
+    """Cameras all around a hand of this relative size; every second one is a close-up.
+
+    With a forearm, every third close-up is of the wrist, and the others show the near half of the arm, or all of it.
+    """
     width, height = plan.size_px
     cameras = []
     for index, direction in enumerate(_camera_directions(rng, plan)):
-        field_of_view_m, target = WHOLE_HAND_M, np.zeros(3)
+        field_of_view_m, below_m, target = WHOLE_HAND_M, 0.0, np.zeros(3)
         if index % 2 == 1:
             field_of_view_m, target = rng.uniform(*CLOSE_UP_M), rng.normal(0, CLOSE_UP_JITTER_M, 3)
-        elif has_arm and index % 10 == 4:
-            field_of_view_m, target = WITH_ARM_M, np.array([0, 0, -WITH_ARM_LOWER_M])
-        target = size * target
+            if has_arm and index % 6 == 5:
+                field_of_view_m, below_m = WRIST_CLOSE_UP_M
+        elif has_arm:
+            field_of_view_m, below_m = WHOLE_ARM_M if index % 10 == 4 else NEAR_ARM_M
+        target = size * (target - np.array([0, 0, below_m]))
         focal_px = max(plan.size_px) * DISTANCE_M / (size * field_of_view_m)
         K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1.0]])
         up = np.array([0, 0, 1.0]) if abs(direction[2]) < 0.9 else np.array([0, 1.0, 0])

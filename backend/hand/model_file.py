@@ -26,9 +26,18 @@ ARM_KEY = "arm_weights"
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
+BUILTIN_HANDS = ("hand_default", "hand_with_arm")
+"""The names of the hands that ship."""
+
+
 def builtin_hand_path(name: str) -> Path:
-    """The file of a hand that ships, by its name: `hand_default` or `hand_with_arm`."""
+    """The file of one of `BUILTIN_HANDS`."""
     return Path(str(resources.files(str(__package__)) / f"{name}.npz"))
+
+
+def is_builtin_hand(path: Path | str) -> bool:
+    """Whether this is the name of a hand that ships, and not a file."""
+    return str(path) in BUILTIN_HANDS and not is_file(Path(path))
 
 
 def default_hand_path() -> Path:
@@ -45,13 +54,13 @@ def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     """Read a `.npz` with MANO keys or one of MANO's own `.pkl` files.
 
     Args:
-        path: the file.
+        path: the file, or one of `BUILTIN_HANDS`.
         side: of the hand; None means left if the file's name contains `left`, else right.
 
     Raises:
         LiveHandError: the file or an array is missing or malformed, or a pickle holds anything but a MANO hand.
     """
-    path = Path(path)
+    path = builtin_hand_path(str(path)) if is_builtin_hand(path) else Path(path)
     arrays = _read_arrays(path)
     missing = [key for key in REQUIRED_KEYS if key not in arrays]
     if missing:

@@ -12,7 +12,7 @@ import torch
 from ..captures.capture import Capture, save_capture_index
 from ..files.npz_file import npz_bytes
 from ..hand.model import HandModel
-from ..hand.model_file import load_hand_model
+from ..hand.model_file import ARM_KEY, load_hand_model
 from ..nerf.avatar import Avatar
 from ..runtime.atomic_file import replacing
 from .parts import Correction
@@ -90,6 +90,7 @@ def _refined_hand(refinement: Refinement, hand: HandModel, folder: Path) -> Hand
         "posedirs": hand.posedirs,
         "vt": hand.vt,
         "ft": hand.ft,
+        **({ARM_KEY: hand.arm_weights} if hand.has_arm else {}),
     }
     path = folder / HAND_FILE.format(side=hand.side)
     with replacing(path) as temporary:

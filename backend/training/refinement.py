@@ -68,11 +68,15 @@ class RefinementConfig:
 
 
 class CorrectedPoses(NamedTuple):
-    """Poses with their corrections applied: theta [*b, 16, 3] rad, beta [*b, 10], transl [*b, 3] m."""
+    """Poses with their corrections applied: theta [*b, 16, 3] rad, beta [*b, 10], transl [*b, 3] m.
+
+    `forearm` [*b, 3] rad stays as it is given.
+    """
 
     theta: Tensor
     beta: Tensor
     transl: Tensor
+    forearm: Tensor
 
 
 class Corrections(NamedTuple):
@@ -166,7 +170,7 @@ class Refinement(nn.Module):
         """All refined poses; held-out ones have the shared shape and their own angles and translation."""
         corrected, _ = self._posed(self._given, self._current())
         rows = zip(*(values.double().cpu().numpy() for values in corrected), strict=True)
-        return tuple(HandPose(theta, beta, transl, self._side) for theta, beta, transl in rows)
+        return tuple(HandPose(theta, beta, transl, self._side, forearm) for theta, beta, transl, forearm in rows)
 
     @torch.no_grad()
     def template(self) -> Float[Tensor, "V 3"]:
@@ -179,6 +183,7 @@ class Refinement(nn.Module):
             given.theta + config.theta_deviation_rad * corrections.theta,
             given.beta + config.beta_deviation * corrections.beta,
             given.transl + config.transl_deviation_m * corrections.transl,
+            given.forearm,
         )
         skin = self._skin._replace(v_template=self._displaced(corrections.surface))
         return corrected, pose_hand(skin, *corrected).vertices
@@ -218,5 +223,5 @@ class Refinement(nn.Module):
 def _given_poses(poses: tuple[HandPose, ...], is_trained: Bool[Tensor, " P"]) -> CorrectedPoses:
     """The capture's poses, all with the mean shape of the training poses."""
     arrays = (np.stack([getattr(pose, name) for pose in poses]) for name in CorrectedPoses._fields)
-    theta, beta, transl = (torch.as_tensor(a, dtype=torch.float32, device=is_trained.device) for a in arrays)
-    return CorrectedPoses(theta, beta[is_trained].mean(0).expand(len(beta), -1), transl)
+    given = CorrectedPoses(*(torch.as_tensor(a, dtype=torch.float32, device=is_trained.device) for a in arrays))
+    return given._replace(beta=given.beta[is_trained].mean(0).expand(len(given.beta), -1))

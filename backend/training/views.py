@@ -123,9 +123,9 @@ class TrainingViews:
                 raise LiveHandError(
                     f"a capture's poses must all be of the {self.hand.side} hand, got a {pose.side} one"
                 )
-            arrays = (pose.theta, pose.beta, pose.transl)
-            theta, beta, transl = (torch.as_tensor(a, dtype=torch.float32, device=self.device) for a in arrays)
-            mesh = posed_mesh(self.topology, pose_hand(skin, theta, beta, transl).vertices)
+            arrays = (pose.theta, pose.beta, pose.transl, pose.forearm)
+            theta, *others = (torch.as_tensor(a, dtype=torch.float32, device=self.device) for a in arrays)
+            mesh = posed_mesh(self.topology, pose_hand(skin, theta, *others).vertices)
             bones = torch.as_tensor(bone_frames(self.hand, pose), dtype=torch.float32, device=self.device)
             conditions = self._conditions(theta, mesh)
             posed.append((mesh, conditions._replace(bones=bones, bone_weights=self._skinning.lbs_weights)))

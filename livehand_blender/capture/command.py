@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from ...backend.captures.capture import Split
 from ...backend.captures.person import PERSONS, find_person
 from ...backend.captures.plan import CapturePlan
+from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError
 from ...backend.runtime.command import parse_size_px
 
@@ -26,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     plan = CapturePlan()
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="the capture's folder")
     parser.add_argument(
-        "--hand", type=Path, help="your own hand model, from livehand make-hand (default: the built-in hand)"
+        "--hand",
+        type=Path,
+        help="your own hand model, from livehand make-hand, or hand_with_arm, the built-in one with a forearm "
+        "(default: the built-in hand)",
     )
     parser.add_argument(
         "--look",
@@ -85,13 +89,13 @@ def run(args: argparse.Namespace) -> dict:
 
     plan = _plan(args)
     provenance = {"made_by": "livehand capture", "plan": plan.facts()}
-    own = _own_hand(args)
-    if own is None:
-        capture = render_capture(args.output, plan, provenance, args.threads)
-    else:
-        look_sha256 = hashlib.sha256(own.look.read_bytes()).hexdigest() if own.look else None
-        provenance |= {"hand": own.model.name, "look_sha256": look_sha256}
-        capture = render_capture(args.output, plan, provenance, args.threads, own)
+    hand = _hand(args)
+    if isinstance(hand, HandModel):
+        provenance |= {"hand": hand.name}
+    elif hand:
+        look_sha256 = hashlib.sha256(hand.look.read_bytes()).hexdigest() if hand.look else None
+        provenance |= {"hand": hand.model.name, "look_sha256": look_sha256}
+    capture = render_capture(args.output, plan, provenance, args.threads, hand)
     splits = [split for split in get_args(Split) if capture.is_lit or split != "novel_light"]
     counts = {split: len(capture.of_split(split)) for split in splits}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
@@ -103,16 +107,16 @@ def _plan(args: argparse.Namespace) -> CapturePlan:
     return CapturePlan(**settings)
 
 
-def _own_hand(args: argparse.Namespace) -> DressedHand | None:
-    """The hand of --hand and --look; None for the built-in hand."""
-    from ...backend.hand.model_file import load_hand_model
+def _hand(args: argparse.Namespace) -> DressedHand | HandModel | None:
+    """The hand of --hand and --look, or the model of a built-in one; None for the default hand."""
+    from ...backend.hand.model_file import is_builtin_hand, load_hand_model
     from .look import look_path
     from .render import DressedHand
 
-    if args.hand is None:
+    if args.hand is None or is_builtin_hand(args.hand):
         if args.look is not None:
             raise LiveHandError("--look belongs to a hand of your own; pass that hand with --hand")
-        return None
+        return load_hand_model(args.hand) if args.hand else None
     look = args.look or look_path(args.hand)
     if args.look and not look.is_file():
         raise LiveHandError(f"no look at {look}; pass the .blend that livehand make-hand wrote")

@@ -14,7 +14,7 @@ from ...backend.batch.frame_file import is_finished
 from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
 from ...backend.captures.person import Person
 from ...backend.captures.plan import CapturePlan
-from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
+from ...backend.hand.builtin.detailed_surface import detailed_surface
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError
@@ -46,7 +46,11 @@ class Surface(Protocol):
 
 
 def render_capture(
-    folder: Path, plan: CapturePlan, provenance: dict, threads: int | None = None, own: DressedHand | None = None
+    folder: Path,
+    plan: CapturePlan,
+    provenance: dict,
+    threads: int | None = None,
+    hand: DressedHand | HandModel | None = None,
 ) -> Capture:
     """Render the planned views into the folder, skipping images that are already complete.
 
@@ -55,12 +59,13 @@ def render_capture(
         plan: its poses, cameras and splits.
         provenance: written to its index.
         threads: of Cycles; None: all.
-        own: the hand; None: the built-in hand.
+        hand: your own, or the model of a built-in hand; None: the default one.
 
     Raises:
         LiveHandError: the folder holds another capture, or cannot be written.
     """
-    model = own.model if own else load_default_hand()
+    subject = hand or load_default_hand()
+    model = _model_of(subject)
     capture = plan.make(folder, model, provenance)
     _begin_or_resume(capture)
     missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
@@ -68,7 +73,7 @@ def render_capture(
         images = {_image_key(view) for view in missing}
         missing = [view for view in capture.views if _image_key(view) in images]
     if missing:
-        render_views(capture, missing, plan, own or detailed_surface(model), threads)
+        render_views(capture, missing, plan, subject, threads)
     return capture
 
 
@@ -76,7 +81,7 @@ def render_views(
     capture: Capture,
     views: list[CaptureView],
     plan: CapturePlan,
-    subject: DressedHand | DetailedSurface,
+    subject: DressedHand | HandModel,
     threads: int | None,
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
@@ -87,8 +92,7 @@ def render_views(
         if isinstance(subject, DressedHand)
         else _builtin_surface(subject, plan.person, capture.folder / "skin")
     )
-    hand = subject.model if isinstance(subject, DressedHand) else load_default_hand()
-    lit = LitImages(scene, capture, hand) if capture.is_lit else None
+    lit = LitImages(scene, capture, _model_of(subject)) if capture.is_lit else None
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
         for pose_index, of_pose in groupby(views, lambda view: view.pose_index):
             surface.set_pose(capture.poses[pose_index])
@@ -111,8 +115,12 @@ def _own_surface(own: DressedHand, tone: SkinTone) -> Surface:
     return OwnSurface.of_look(own.model, own.look) if own.look else OwnSurface.plain(own.model, tone)
 
 
-def _builtin_surface(detail: DetailedSurface, person: Person, maps_folder: Path) -> Surface:
-    surface, tone = SkinSurface.create(load_default_hand(), detail, person.veins_mm), SkinTone.of(person)
+def _model_of(subject: DressedHand | HandModel) -> HandModel:
+    return subject.model if isinstance(subject, DressedHand) else subject
+
+
+def _builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> Surface:
+    surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone))
     return surface

@@ -19,6 +19,7 @@ from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (
     "palm", "nailrim", "naily", "lunula", "tfold", "foldd", "foldp", "ridge", "red", "tip", "vein", "crease", "knuck",
+    "arm",
 )  # fmt: skip
 UV_LAYER = "uv"
 EDGE = "DISTANCE_TO_EDGE"
@@ -27,6 +28,7 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
+_INNER_ARM_PALM = 0.36  # of the mask `palm` on the forearm, which has no ridges
 MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
 
@@ -35,6 +37,7 @@ class SkinTone:
     """The colours of a skin, linear Rec.709, and how strongly its folds and freckles show."""
 
     dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
+    forearm: tuple[float, float, float] = (0.440, 0.236, 0.150)
     palm: tuple[float, float, float] = (0.769, 0.542, 0.463)
     warm_patch: tuple[float, float, float] = (0.64, 0.31, 0.22)
     pale_patch: tuple[float, float, float] = (0.74, 0.485, 0.375)
@@ -70,6 +73,7 @@ _LIGHT = SkinTone()
 # Dark back and light palm; creases are more visible than veins and redness.
 _DEEP = SkinTone(
     dorsal=(0.118, 0.042, 0.019),
+    forearm=(0.113, 0.040, 0.018),
     palm=(0.493, 0.248, 0.141),
     warm_patch=(0.126, 0.040, 0.017),
     pale_patch=(0.155, 0.063, 0.031),
@@ -150,8 +154,9 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
 
 
 def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """From back to palm, with warm and pale patches, redness at tips and knuckles, veins, freckles and pores."""
-    colour = graph.mix(masks["palm"], tone.dorsal, tone.palm)
+    """From back to palm and forearm: patches, redness at tips and knuckles, veins, freckles and pores."""
+    outer = graph.mix(masks["arm"], tone.dorsal, tone.forearm)
+    colour = graph.mix(masks["palm"], outer, tone.palm)
     on_back = graph.one_minus(graph.product(masks["palm"], 0.55))
     colour = graph.mix(graph.product(graph.smooth(noises.low, 0.35, 0.65, 0, 0.42), on_back), colour, tone.warm_patch)
     colour = graph.mix(graph.product(graph.smooth(noises.mid, 0.46, 0.66, 0, 0.40), on_back), colour, tone.pale_patch)
@@ -229,7 +234,8 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.12)), graph.one_minus(masks["palm"]))
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
-    on_palm = graph.product(ridges, masks["palm"], 0.012)
+    on_palm = graph.product(ridges, graph.smooth(masks["palm"], _INNER_ARM_PALM, 1.0, 0, 1), 0.012)
+    on_back = graph.product(on_back, graph.remap(masks["arm"], 0, 1, 1, 0.6))
     return graph.total(on_back, on_palm, graph.product(masks["vein"], 0.1), graph.product(noises.mid, 0.35))
 
 

@@ -15,7 +15,7 @@ from ...backend.geometry.torch_rotation import axis_angle_to_matrix
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface
 from ...backend.hand.builtin.frames import template_to_build
-from ...backend.hand.lbs import SkinTensors, joint_transforms
+from ...backend.hand.lbs import SkinTensors, forearm_offsets, joint_transforms
 from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
 from .skin import MASKS, UV_LAYER
@@ -67,12 +67,14 @@ class SkinSurface:
         rotations = axis_angle_to_matrix(torch.as_tensor(pose.theta, dtype=torch.float64))
         features = (rotations[1:].numpy() - np.eye(3)).reshape(-1)
         offsets = self.model.posedirs @ features + self.model.shapedirs @ pose.beta
-        v_posed = (
-            self.detail.vertices_m + self.detail.relief_m(pose.theta, self.veins_mm) + self.detail.subdivision @ offsets
-        )
+        relief = self.detail.relief_m(pose.theta, self.veins_mm, pose.forearm)
+        v_posed = self.detail.vertices_m + relief + self.detail.subdivision @ offsets
         joints = self.model.J_regressor @ (self.model.v_template + self.model.shapedirs @ pose.beta)
         transforms = joint_transforms(rotations, torch.as_tensor(joints), self._skin.parents).numpy()
         blended = np.einsum("vj,jab->vab", self.detail.lbs_weights, transforms[:, :3])
+        if pose.forearm.any():
+            of_wrist = (torch.as_tensor(array) for array in (transforms[0, :3], pose.forearm, joints[0]))
+            blended += forearm_offsets(torch.as_tensor(self.detail.arm_weights), *of_wrist).numpy()
         return np.einsum("vab,vb->va", blended[..., :3], v_posed) + blended[..., 3] + pose.transl
 
     def _flex(self, theta: np.ndarray) -> np.ndarray:

@@ -6,7 +6,9 @@ details. Weights, atlas and every linear field of the template carry over throug
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -14,12 +16,13 @@ from ...records.errors import LiveHandError
 from ..gestures import FingerAxes
 from ..model import HandModel
 from .dependencies import needs
+from .forearm import FOREARM_MM, STUMP_MM
 from .frames import build_to_template, swap_distal, template_to_build
 from .loop import neighbour_mean, subdivide
 from .meshes import vertex_normals
 from .pose_forms import PoseForm, pose_forms
 from .projection import project_to_surface
-from .rays import Ray, build_rays
+from .rays import build_rays
 from .sdf import signed_distance
 from .skin_masks import skin_masks
 
@@ -42,6 +45,7 @@ class DetailedSurface:
         subdivision: sparse [N, V], rows sum to 1; maps fields of the template (shapedirs, posedirs) to the N
             vertices, which are `subdivision @ v_template` moved onto the surface.
         lbs_weights: [N, 16], rows sum to 1.
+        arm_weights: [N] as in `HandModel`.
         uv: [M, 3, 2] per face corner, in the model's atlas.
         masks: [N] each; see `skin_masks.py`.
         flex_axis: [16, 3] unit flexion axes of the joints, template frame; zero for the wrist.
@@ -53,18 +57,21 @@ class DetailedSurface:
     faces: np.ndarray
     subdivision: sparse.csr_array
     lbs_weights: np.ndarray
+    arm_weights: np.ndarray
     uv: np.ndarray
     masks: dict[str, np.ndarray]
     flex_axis: np.ndarray
     normals: np.ndarray
     forms: tuple[PoseForm, ...]
 
-    def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0) -> np.ndarray:
+    def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0, forearm: np.ndarray | None = None) -> np.ndarray:
         """[N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
 
-        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one.
+        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one. `forearm` as in `HandPose`.
         """
         flexion_deg = np.rad2deg((theta * self.flex_axis).sum(1))
+        if forearm is not None:
+            flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
         height_mm = veins_mm * (0.75 + 0.5 * clenched) * self.masks["vein"]
         for form in self.forms:
@@ -73,23 +80,26 @@ class DetailedSurface:
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
-    """The built-in hand with its creases, folds and nails; about 20 s at three levels on two cores.
+    """A built-in hand with its creases, folds and nails; about 20 s at three levels on two cores.
 
     Raises:
-        LiveHandError: the model is not the built-in right hand, or scipy is missing.
+        LiveHandError: the model is not a built-in right hand, or scipy is missing.
     """
     rays = build_rays()
     coarse = template_to_build(model.v_template)
-    _check_builtin(model, rays, coarse)
+    forearm_mm = FOREARM_MM if model.has_arm else STUMP_MM
+    project = partial(project_to_surface, rays, forearm_mm=forearm_mm)
+    _check_builtin(model, signed_distance(rays, swap_distal(coarse), with_details=False, forearm_mm=forearm_mm))
     fine = subdivide(model.f, model.vt[model.ft], len(coarse), levels)
-    relaxed = _relaxed_on_surface(rays, fine.matrix @ coarse, fine.faces)
-    vertices = project_to_surface(rays, relaxed, with_details=True, steps=3, damping=0.8)
+    relaxed = _relaxed_on_surface(project, fine.matrix @ coarse, fine.faces)
+    vertices = project(relaxed, with_details=True, steps=3, damping=0.8)
     normals = vertex_normals(vertices, fine.faces)
     return DetailedSurface(
         vertices_m=build_to_template(vertices),
         faces=fine.faces,
         subdivision=fine.matrix,
         lbs_weights=fine.matrix @ model.lbs_weights,
+        arm_weights=fine.matrix @ model.arm_weights,
         uv=fine.uv,
         masks=skin_masks(rays, vertices, normals),
         flex_axis=FingerAxes.of_default_hand().flexion,
@@ -98,21 +108,19 @@ def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:
     )
 
 
-def _relaxed_on_surface(rays: dict[str, Ray], vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _relaxed_on_surface(project: Callable[..., np.ndarray], vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Space the vertices evenly: smoothing shrinks the mesh, and projection onto the surface undoes that."""
     mean = neighbour_mean(faces, len(vertices))
-    vertices = project_to_surface(rays, vertices, with_details=False, steps=2)
+    vertices = project(vertices, with_details=False, steps=2)
     for _ in range(_RELAXATIONS):
         for _ in range(4):
             vertices = 0.5 * vertices + 0.5 * (mean @ vertices)
-        vertices = project_to_surface(rays, vertices, with_details=False, steps=1)
+        vertices = project(vertices, with_details=False, steps=1)
     return vertices
 
 
-def _check_builtin(model: HandModel, rays: dict[str, Ray], coarse: np.ndarray) -> None:
-    distance = np.abs(signed_distance(rays, swap_distal(coarse), with_details=False))
-    if model.side != "right" or np.median(distance) > _ON_SURFACE:
+def _check_builtin(model: HandModel, distance: np.ndarray) -> None:
+    if model.side != "right" or np.median(np.abs(distance)) > _ON_SURFACE:
         raise LiveHandError(
-            f"the hand must be the built-in right one, got the {model.side} hand {model.name!r}; "
-            "pass load_default_hand()"
+            f"the hand must be a built-in right one, got the {model.side} hand {model.name!r}; pass load_default_hand()"
         )

@@ -18,8 +18,8 @@ FOREARM_MM = 175.0
 ARM_FROM_MM = 10.0
 """Where its surface begins to differ from the stump's, beyond the wrist joint."""
 
-# Sections, tuned by eye within an adult's measures: position along d; centre in r; half breadth; centre in h; half depth
-# dorsal and palmar; exponent. The flexors lie on the palmar and ulnar side.
+# Sections, tuned by eye within an adult's measures: position along d; centre in r; half breadth; centre in h; half
+# depth dorsal and palmar; exponent. The flexors lie on the palmar and ulnar side.
 _SECTIONS = np.array(
     [
         (-200, -2.5, 43.0, -3.5, 33.0, 40.0, 2.15),
@@ -37,6 +37,8 @@ _BLEND_MM = 18.0  # over which the palm's sweep gives way
 _BRACHIORADIALIS = (np.array([-66.0, -4.0, 21.0]), np.array([-228.0, 3.0, 34.0]))
 _EXTENSORS = (np.array([-70.0, 14.0, 6.0]), np.array([-224.0, 21.0, 8.0]))
 _ULNA = (np.array([-22.0, 9.5, -15.5]), np.array([-205.0, 15.0, -31.0]))
+_DEEPEST_MM = 10.0  # under a muscle's surface; on its axis, a first-order distance is far too large for the round end
+_SIDE_MM = 9.0  # to both sides of the centre, over which the dorsal depth becomes the palmar one
 _BEND_MM = 25.0  # to both sides of the wrist joint
 _ATLAS_SCALE, _ATLAS_BLEND_MM = 0.5, 60.0
 _CUT_ROUNDING, _END_ROUNDING = 5.0, 40.0  # mm
@@ -75,13 +77,14 @@ def squeezed_for_atlas(vertices: np.ndarray) -> np.ndarray:
 def _forearm_distance(points: np.ndarray) -> np.ndarray:
     d, h, r = points.T
     place = np.clip(d, _SECTIONS[0, 0], _SECTIONS[-1, 0])
-    centre_r, breadth, centre_h, dorsal, palmar, exponent = PchipInterpolator(_SECTIONS[:, 0], _SECTIONS[:, 1:])(
-        place
-    ).T
+    section = PchipInterpolator(_SECTIONS[:, 0], _SECTIONS[:, 1:])(place)
+    centre_r, breadth, centre_h, dorsal, palmar, exponent = section.T
     height = h - centre_h
-    depth = np.where(height > 0, dorsal, palmar)
+    depth = dorsal + (palmar - dorsal) * smoothstep(height, _SIDE_MM, -_SIDE_MM)
     distance = superellipsoid(((r - centre_r) / breadth, height / depth), (breadth, depth), exponent)
     up = np.array([0.0, 1.0, 0.0])
-    distance = smooth_min(distance, ellipsoid(points, _BRACHIORADIALIS, up, 15.0, 17.0), 12.0)
-    distance = smooth_min(distance, ellipsoid(points, _EXTENSORS, up, 18.0, 11.0), 10.0)
+    brachioradialis = ellipsoid(points, _BRACHIORADIALIS, up, 15.0, 17.0)
+    extensors = ellipsoid(points, _EXTENSORS, up, 18.0, 11.0)
+    distance = smooth_min(distance, np.maximum(brachioradialis, -_DEEPEST_MM), 12.0)
+    distance = smooth_min(distance, np.maximum(extensors, -_DEEPEST_MM), 10.0)
     return smooth_min(distance, capsule(points, *_ULNA, 5.5, 8.0), 10.0)

@@ -81,12 +81,8 @@ def _border_of_grid(ring: np.ndarray) -> np.ndarray:
     """[n + 1, n + 1, ...] whose border holds the 4 n entries of the ring in turn, and zeros inside."""
     n = len(ring) // 4
     grid = np.zeros((n + 1, n + 1, *ring.shape[1:]), ring.dtype)
-    grid[0, :n], grid[:n, n], grid[n, :0:-1], grid[:0:-1, 0] = (
-        ring[:n],
-        ring[n : 2 * n],
-        ring[2 * n : 3 * n],
-        ring[3 * n :],
-    )
+    sides = ring.reshape(4, n, *ring.shape[1:])
+    grid[0, :n], grid[:n, n], grid[n, :0:-1], grid[:0:-1, 0] = sides
     return grid
 
 

@@ -39,7 +39,7 @@ _NO_PARENT = 4294967295  # of the root in MANO's files
 
 
 def build_hand(quads: QuadMesh, forearm: bool = False) -> dict[str, np.ndarray]:
-    """The arrays of a hand's file for a template with these quads, with a forearm or without; MANO's names and units."""
+    """The arrays of a hand's file for a template with these quads, with or without a forearm; MANO's names, units."""
     rays = build_rays()
     frames = joint_frames(rays)
     vertices, faces = quads.vertices, split_quads(quads)

@@ -22,7 +22,7 @@ class PoseForm:
     """A form of one joint.
 
     Attributes:
-        joint: in 1..15.
+        joint: in 0..15; 0 is the wrist, bent by the forearm.
         start_deg: flexion from the rest pose at which it begins to show; negative where extension raises it.
         full_deg: flexion at which it has its full height.
         height_mm: [N] along the vertex normals.
@@ -82,7 +82,7 @@ def pose_forms(rays: dict[str, Ray], points: np.ndarray) -> tuple[PoseForm, ...]
     for order, digit in enumerate(DIGITS):
         view = _DigitView.of(order, rays[digit], points)
         forms += _thumb_forms(view) if view.ray.is_thumb else _finger_forms(view)
-    return tuple(forms)
+    return (*forms, PoseForm(0, -15, 55, _flexor_tendons(points)))
 
 
 def _finger_forms(view: _DigitView) -> list[PoseForm]:
@@ -103,6 +103,15 @@ def _thumb_forms(view: _DigitView) -> list[PoseForm]:
         PoseForm(mcp, 10, 55, _bent_joint(view, view.ray.joints_along[1], 0.8)),
         PoseForm(ip, 10, 75, _bent_joint(view, view.ray.joints_along[2], 0.8)),
     ]
+
+
+def _flexor_tendons(points: np.ndarray) -> np.ndarray:
+    """The two that stand out at the palmar side of a bent wrist, and the hollow between them."""
+    d, h, r = points.T
+    length = smoothstep(d, 8, -8) * smoothstep(d, -105, -45) * smoothstep(-h, 7, 14)
+    apart, middle = np.interp(d, [-90, 0], [3.0, 4.6]), np.interp(d, [-90, 0], [1.0, 3.5])
+    lateral = np.abs(r - middle)
+    return length * (1.7 * bump(lateral - apart, 1.5) - 0.5 * bump(lateral, 1.6) - 0.5 * bump(lateral - 11, 3.0))
 
 
 def _knuckle(view: _DigitView) -> np.ndarray:

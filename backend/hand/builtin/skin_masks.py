@@ -2,7 +2,8 @@
 
 All are [N], in [0, 1] unless stated otherwise:
 
-- `palm`: palmar side; `tip`: fingertips; `red`: redness; `vein`, `crease`, `knuck`: veins, creases, knuckles.
+- `palm`: palmar side; `arm`: the forearm, growing from the wrist; `tip`: fingertips; `red`: redness; `vein`, `crease`,
+  `knuck`: veins, creases, knuckles.
 - `nail`: the plate; `nailrim`: 1 on its outline, less inside, at most 3; `naily`: coordinate along it, 0 at its root
   and 1 at its free end, which exceeds this range outside the nail; `lunula`: its half-moon.
 - `jid`: the joint of the nearest fold, 0 for none; `tfold`: signed mm along the digit from that joint, more at the
@@ -19,13 +20,13 @@ import numpy as np
 from .anatomy import DIGITS, FINGERS
 from .details import nail_coordinates
 from .frames import swap_distal
-from .palm_lines import CREASES, VEINS, line_mask
+from .palm_lines import CREASES, INNER_VEINS, VEINS, line_mask
 from .rays import Ray, RayCoordinates, Section
 from .smooth import bump, smoothstep
 
 MASK_NAMES = (
     "palm", "nail", "nailrim", "naily", "lunula", "tfold", "foldd", "foldp", "ridge", "red", "tip", "vein", "crease",
-    "knuck", "jid",
+    "knuck", "arm", "jid",
 )  # fmt: skip
 
 Masks = dict[str, np.ndarray]
@@ -37,6 +38,8 @@ _HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
 _LUNULA = {"thumb": 1.0, "index": 0.6, "middle": 0.55, "ring": 0.35, "pinky": 0.15}
 _RIM_FAR = 3.0
 _FOREARM_PALM = 0.35  # share of the palm in the skin beyond the wrist
+_INNER_VEIN = 0.55  # strength, of those on the back
+_ARM_MM = (24.0, 90.0)  # beyond the wrist
 _PAD_FROM_TIP = 10.0  # mm: centre of a fingertip's pad
 _PADS = (np.array([82, -14, 0]), np.array([12, 12, 38]), 0.6)
 
@@ -63,6 +66,7 @@ def skin_masks(rays: dict[str, Ray], vertices: np.ndarray, normals: np.ndarray) 
     masks = {name: np.zeros(len(points)) for name in MASK_NAMES}
     hand = _FOREARM_PALM + (1 - _FOREARM_PALM) * smoothstep(points[:, 0], -26, 4)
     masks["palm"] = hand * (1 - smoothstep(normals[:, 1], -0.35, 0.35))
+    masks["arm"] = smoothstep(-points[:, 0], *_ARM_MM)
     masks["nailrim"][:] = _RIM_FAR
     masks["ridge"] = np.hypot(points[:, 0] - 40, points[:, 2] - 45)
     for order, digit in enumerate(DIGITS):
@@ -171,6 +175,8 @@ def _add_lines(masks: Masks, points: np.ndarray, normals: np.ndarray, at: dict[s
     faces_up = smoothstep(normals[:, 1], 0.15, 0.5)
     for line in VEINS:
         _raise_to(masks, "vein", is_off_fingers, faces_up * line_mask(line, points))
+    for line in INNER_VEINS:
+        _raise_to(masks, "vein", is_off_fingers, _INNER_VEIN * faces_down * line_mask(line, points))
 
 
 def _add_redness(masks: Masks, points: np.ndarray) -> None:
