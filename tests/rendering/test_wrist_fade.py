@@ -115,6 +115,19 @@ def test_what_is_behind_shows_through_the_fade(hand):
     assert np.abs(whole.rgb - expected)[middle].mean() < 0.03
 
 
+def test_a_view_without_the_end_and_one_from_within_are_no_trouble(hand):
+    shot = shot_of(hand, HandPose.rest("right"))
+    frame, _ = frame_of(shot, hand)
+    moved = np.eye(4)
+    moved[:3, 3] = (-10.0, 0, 0)
+    beside = replace(shot, camera=replace(shot.camera, cam2world=moved @ shot.camera.cam2world))
+    np.testing.assert_array_equal(faded(frame, beside, hand).alpha, frame.alpha)
+    inside = shot.camera.cam2world.copy()
+    inside[:3, 3] = hand.v_template[hand.v_template[:, 0].argmax()] - [0.001, 0, 0]
+    within = replace(shot, camera=replace(shot.camera, cam2world=inside))
+    assert np.isfinite(faded(frame, within, hand).alpha).all()
+
+
 def test_without_a_fade_the_frame_is_the_same_and_a_task_fades_it_otherwise(hand):
     shot = shot_of(hand, HandPose.rest("right"), 0.0)
     frame, _ = frame_of(shot, hand)
