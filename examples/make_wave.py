@@ -111,7 +111,7 @@ def animate_hand(armature: bpy.types.Object) -> None:
     knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
     hand = RiggedHand.of(armature)
     keyframe_theta(hand, np.array(thetas), FRAMES)
-    keyframe_transl(hand, np.tile(-knuckles, (len(FRAMES), 1)), FRAMES)
+    keyframe_transl(hand, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
 
 
 def finger_angles_deg(frame: float) -> np.ndarray:
