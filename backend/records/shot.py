@@ -75,18 +75,23 @@ class Shot:
         camera: the view.
         light: what falls on the hand; None: the light of the avatar's capture. Avatars that are not relightable keep
             their capture's light whatever this is.
+        wrist_fade_m: length along the hand at rest over which the frame turns transparent towards the cut end of arm or
+            wrist; 0: it ends opaque.
     """
 
     pose: HandPose
     vertices: np.ndarray
     camera: Camera
     light: Light | None = None
+    wrist_fade_m: float = 0.0
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
             raise LiveHandError(f"vertices must be [V, 3] m, got {list(np.shape(self.vertices))}")
         if not np.isfinite(self.vertices).all():
             raise LiveHandError("the posed hand must be finite, got NaN or infinity in its vertices")
+        if not (np.isfinite(self.wrist_fade_m) and self.wrist_fade_m >= 0):
+            raise LiveHandError(f"the wrist's fade must be a length of 0 or more, got {self.wrist_fade_m} m")
 
     def with_camera(self, camera: Camera) -> Shot:
         """The same hand from another view."""

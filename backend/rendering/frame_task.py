@@ -82,8 +82,13 @@ class HandTask:
     shot: Shot
 
     def run(self, should_stop: Callable[[], bool]) -> Frame:
-        """Render the hand; raises what the renderer raises."""
-        return self.renderer.render(self.shot, should_stop)
+        """Render the hand and fade its end; raises what the renderer raises."""
+        frame = self.renderer.render(self.shot, should_stop)
+        if self.shot.wrist_fade_m == 0:
+            return frame
+        from .wrist_fade import faded  # torch, which may be missing until a hand is rendered
+
+        return faded(frame, self.shot, self.renderer.hand)
 
     def is_same_as(self, other: HandTask) -> bool:
         """Whether both give the same frame: one renderer, and shots that are equal to the last bit."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -46,22 +47,27 @@ def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) 
     if motion is None:
         motion = np.zeros((len(shot.vertices), 4))
     hand = hand.for_side(shot.pose.side)
-    view = camera_tensors(shot.camera, "cpu")
     vertices, faces = torch.as_tensor(shot.vertices, dtype=torch.float32), torch.as_tensor(hand.f)
-    hits = rasterise(*project(view, vertices), faces, view.size_px)
-    pixel, hit = _nearest_fronts(hits)
-    depth, face = hits.depth[hit], hits.face[hit]
-    points = ray_origin(view) + depth[:, None] * ray_directions(view, pixel)
-    weights = _barycentric(points, vertices[faces[face]])
-    normals = _blend(weights, vertex_normals(vertices, faces)[faces[face]])
-    uv = _blend(weights, torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)[face])
+    seen, size_px = _SeenSurface.of(shot, vertices, faces), shot.camera.size_px
+    corners = faces[seen.face]
+    normals = _blend(seen.weights, vertex_normals(vertices, faces)[corners])
+    uv = _blend(seen.weights, torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)[seen.face])
     return SurfaceMaps(
-        _image(depth[:, None], pixel, view.size_px, DEPTH_BACKGROUND)[..., 0],
-        _image(torch.nn.functional.normalize(normals, dim=-1), pixel, view.size_px),
-        _image(torch.cat([uv, torch.ones(len(uv), 1)], 1), pixel, view.size_px),
-        _image(points, pixel, view.size_px),
-        _image(_blend(weights, torch.as_tensor(motion, dtype=torch.float32)[faces[face]]), pixel, view.size_px),
+        _image(seen.depth[:, None], seen.pixel, size_px, DEPTH_BACKGROUND)[..., 0],
+        _image(torch.nn.functional.normalize(normals, dim=-1), seen.pixel, size_px),
+        _image(torch.cat([uv, torch.ones(len(uv), 1)], 1), seen.pixel, size_px),
+        _image(seen.points, seen.pixel, size_px),
+        _image(_blend(seen.weights, torch.as_tensor(motion, dtype=torch.float32)[corners]), seen.pixel, size_px),
     )
+
+
+def vertex_map(shot: Shot, hand: HandModel, values: np.ndarray) -> np.ndarray:
+    """[H, W] values [V] of the vertices at pixel centres, on the mesh's nearest front face; NaN beside the mesh."""
+    vertices = torch.as_tensor(shot.vertices, dtype=torch.float32)
+    faces = torch.as_tensor(hand.for_side(shot.pose.side).f)
+    seen = _SeenSurface.of(shot, vertices, faces)
+    of_corners = torch.as_tensor(values, dtype=torch.float32)[faces[seen.face]][..., None]
+    return _image(_blend(seen.weights, of_corners), seen.pixel, shot.camera.size_px, np.nan)[..., 0]
 
 
 def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
@@ -73,6 +79,25 @@ def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
         merged = (np.where(is_nearer[..., None], theirs, ours) for ours, theirs in pairs)
         first = SurfaceMaps(np.minimum(first.depth, other.depth), *merged)
     return first
+
+
+class _SeenSurface(NamedTuple):
+    """What K pixels see of a mesh: indices of pixel and face, depth in m, points [K, 3] in the world, barycentric."""
+
+    pixel: torch.Tensor
+    face: torch.Tensor
+    depth: torch.Tensor
+    points: torch.Tensor
+    weights: torch.Tensor
+
+    @classmethod
+    def of(cls, shot: Shot, vertices: torch.Tensor, faces: torch.Tensor) -> _SeenSurface:
+        view = camera_tensors(shot.camera, "cpu")
+        hits = rasterise(*project(view, vertices), faces, view.size_px)
+        pixel, hit = _nearest_fronts(hits)
+        depth, face = hits.depth[hit], hits.face[hit]
+        points = ray_origin(view) + depth[:, None] * ray_directions(view, pixel)
+        return cls(pixel, face, depth, points, _barycentric(points, vertices[faces[face]]))
 
 
 def _nearest_fronts(hits: Fragments) -> tuple[torch.Tensor, torch.Tensor]:

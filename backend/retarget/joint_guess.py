@@ -18,6 +18,8 @@ from .source_skeleton import JointMap, SourceSkeleton, joints_without_bones, sho
 
 _LAYERS = ("def", "", "org")  # Rigify's deform bones first: they follow all controls and constraints
 
+# From the wrist to where a forearm's bone begins, relative to the distance to the middle of all finger joints.
+_SHORTEST_FOREARM, _LONGEST_FOREARM = 0.3, 4.0
 _SHORTEST_TIP, _LONGEST_TIP = 0.1, 2.5  # of a finger's last bone, relative to the one before
 
 
@@ -29,11 +31,13 @@ class JointGuess:
         side: of the hand.
         bones: 16 names in MANO's order, None if no bone was found.
         tips: five names or None, in MANO's order of fingers.
+        forearm: the forearm's name, or None.
     """
 
     side: Side
     bones: tuple[str | None, ...]
     tips: tuple[str | None, ...]
+    forearm: str | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -57,7 +61,7 @@ class JointGuess:
                 "named like fingers, and none has five chains of bones below it; choose another armature or file, or "
                 "name the bones yourself"
             )
-        return JointMap(self.side, self.bones, self.tips)
+        return JointMap(self.side, self.bones, self.tips, self.forearm)
 
 
 def guess_joints(skeleton: SourceSkeleton, side: Side | None = None, is_told: bool = False) -> JointGuess:
@@ -217,7 +221,23 @@ def _guess_of(skeleton: SourceSkeleton, wrist: int | None, fingers: Sequence[Fin
     bones = [wrist, *(bone for finger in fingers for bone in finger.joints)]
     names = tuple(None if bone is None else skeleton.names[bone] for bone in bones)
     ends = [finger.tip if _ends_finger(skeleton, finger) else None for finger in fingers]
-    return JointGuess(side, names, tuple(None if tip is None else skeleton.names[tip] for tip in ends))
+    tips = tuple(None if tip is None else skeleton.names[tip] for tip in ends)
+    return JointGuess(side, names, tips, _forearm(skeleton, wrist, [bone for bone in bones[1:] if bone is not None]))
+
+
+def _forearm(skeleton: SourceSkeleton, wrist: int | None, fingers: list[int]) -> str | None:
+    """The nearest bone above the wrist that begins as far behind it as a forearm's or its twisting part's."""
+    if wrist is None or not fingers:
+        return None
+    hand = skeleton.heads[fingers].mean(0) - skeleton.heads[wrist]
+    length = np.linalg.norm(hand)
+    for bone in skeleton.ancestors(wrist):
+        behind = skeleton.heads[wrist] - skeleton.heads[bone]
+        distance = np.linalg.norm(behind)
+        if distance > _SHORTEST_FOREARM * length:
+            is_forearm = distance < _LONGEST_FOREARM * length and behind @ hand > 0
+            return skeleton.names[bone] if is_forearm else None
+    return None
 
 
 def _ends_finger(skeleton: SourceSkeleton, finger: FingerBones) -> bool:

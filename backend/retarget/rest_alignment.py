@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, rotation_between
+from ..hand.bones import rest_forearm
 from ..hand.model import MIRROR_POINT, PARENTS, HandModel
 from ..motion.landmarks.skeleton import HandSkeleton
 from ..records.errors import LiveHandError
@@ -32,6 +33,18 @@ _MIN_STRAIGHTNESS = 0.6
 _SMALLEST_M = 1e-6
 
 
+class AlignedForearm(NamedTuple):
+    """A hand model's forearm at rest, aligned with that of another rig at rest.
+
+    Attributes:
+        rotation: [3, 3] from the template's frame to the world: the hand's, turned the shortest way.
+        frame: [3, 3] in the world, of the rig's bone.
+    """
+
+    rotation: np.ndarray
+    frame: np.ndarray
+
+
 @dataclass(frozen=True)
 class RestAlignment:
     """A hand model at rest, aligned with another rig at rest.
@@ -43,6 +56,7 @@ class RestAlignment:
         wrist: [3] m, position of the hand model's wrist in the world then.
         frames: [16, 3, 3] at rest, in the world, of the bones that the joints move with.
         heads: [16, 3] m, of the rig's bones; NaN for joints without one.
+        forearm: of both; None if the model or the rig has none.
     """
 
     model: HandModel
@@ -51,6 +65,7 @@ class RestAlignment:
     wrist: np.ndarray
     frames: np.ndarray
     heads: np.ndarray
+    forearm: AlignedForearm | None = None
 
     @property
     def joints(self) -> np.ndarray:
@@ -94,7 +109,22 @@ def align(
     shape = shape or _same_shape(model, rig_nodes) or fit_shape(model, rig_nodes)
     rotations, wrist = place_hand(HandAtRest.of(model, shape), rig_nodes, source_ends(skeleton, joint_map))
     drivers = [skeleton.index(bone) for bone in joint_map.drivers]
-    return RestAlignment(model, shape, rotations, wrist, skeleton.frames[drivers], rig_nodes[_JOINTS])
+    forearm = _forearm(skeleton, joint_map, model, rotations[0])
+    return RestAlignment(model, shape, rotations, wrist, skeleton.frames[drivers], rig_nodes[_JOINTS], forearm)
+
+
+def _forearm(
+    skeleton: SourceSkeleton, joint_map: JointMap, model: HandModel, palm: np.ndarray
+) -> AlignedForearm | None:
+    """The forearms, the hand being turned by palm [3, 3]."""
+    if joint_map.forearm is None or not model.has_arm:
+        return None
+    elbow = _head(skeleton, joint_map.forearm) - _head(skeleton, joint_map.bones[0])
+    if np.linalg.norm(elbow) < _SMALLEST_M:
+        raise LiveHandError(f"the forearm '{joint_map.forearm}' must begin apart from the wrist; choose another bone")
+    turned = palm @ -rest_forearm(model).frame[:, 1]
+    rotation = _shortest_rotation(turned, unit(elbow)) @ palm
+    return AlignedForearm(rotation, skeleton.frames[skeleton.index(joint_map.forearm)])
 
 
 def completed_joints(alignment: RestAlignment) -> np.ndarray:

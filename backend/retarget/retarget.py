@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..geometry.rotation import matrix_to_axis_angle
 from ..motion.motion import HandMotion
 from ..motion.spaces import rest_wrists
 from ..records.errors import LiveHandError
@@ -33,6 +34,7 @@ class SourceMotion:
         side: which hand.
         nodes: [T, 21, 3] m as `source_nodes` returns them; None if unknown.
         ends: [T, 5, 3] m as `source_ends` returns them; None if unknown.
+        forearms: [T, 3, 3] posed frames of the forearm's bone; None if the rig has none.
 
     Raises:
         LiveHandError: shapes disagree, or a number is not finite.
@@ -44,6 +46,7 @@ class SourceMotion:
     side: Side
     nodes: np.ndarray | None = None
     ends: np.ndarray | None = None
+    forearms: np.ndarray | None = None
 
     def __post_init__(self):
         count = len(self.wrists)
@@ -52,7 +55,8 @@ class SourceMotion:
                 f"frames must be [T, 16, 3, 3] and wrists [T, 3], got {list(self.frames.shape)} and "
                 f"{list(self.wrists.shape)}"
             )
-        if not (np.isfinite(self.frames).all() and np.isfinite(self.wrists).all()):
+        forearms = np.zeros(0) if self.forearms is None else self.forearms
+        if not all(np.isfinite(values).all() for values in (self.frames, self.wrists, forearms)):
             raise LiveHandError("the other rig's pose must be finite, got NaN or infinity; repair its animation")
 
     def scaled(self, factor: float) -> SourceMotion:
@@ -95,4 +99,16 @@ def _with_tips(nodes: np.ndarray, ends: np.ndarray) -> np.ndarray:
 def _motion(source: SourceMotion, alignment: RestAlignment, rotations: np.ndarray, wrists: np.ndarray) -> HandMotion:
     beta = alignment.shape.beta
     transl = wrists - rest_wrists(alignment.model, beta)
-    return HandMotion(local_theta(rotations), beta, transl, source.fps, source.side)
+    forearm = _forearms(source, alignment, rotations[:, 0])
+    return HandMotion(local_theta(rotations), beta, transl, source.fps, source.side, forearm)
+
+
+def _forearms(source: SourceMotion, alignment: RestAlignment, hands: np.ndarray) -> np.ndarray:
+    """[T, 3] axis-angle, rad, of the forearm against the hand, which is turned by hands [T, 3, 3] in the world.
+
+    Without a forearm, [3] zeros.
+    """
+    if source.forearms is None or alignment.forearm is None:
+        return np.zeros(3)
+    arms = source.forearms @ alignment.forearm.frame.T @ alignment.forearm.rotation
+    return matrix_to_axis_angle(hands.swapaxes(1, 2) @ arms)

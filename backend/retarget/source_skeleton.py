@@ -64,11 +64,13 @@ class JointMap:
             lacks, but for the wrist and the knuckles of at least two fingers: it stays at rest.
         tips: five names of bones that begin at the fingertips, in MANO's order of fingers (index, middle, pinky, ring,
             thumb); None if the rig has none.
+        forearm: the bone that a forearm turns with; None if the rig has none.
     """
 
     side: Side
     bones: tuple[str | None, ...]
     tips: tuple[str | None, ...] = field(default=(None,) * 5)
+    forearm: str | None = None
 
     def __post_init__(self):
         if len(self.bones) != len(JOINT_NAMES) or len(self.tips) != 5:
@@ -80,10 +82,15 @@ class JointMap:
                 "the wrist and the first joints of two fingers beside the thumb must have a bone; none is chosen for "
                 f"{', '.join(self.missing)}"
             )
-        used = [bone for bone in (*self.bones, *self.tips) if bone]
+        used = self.named
         twice = sorted({bone for bone in used if used.count(bone) > 1})
         if twice:
             raise LiveHandError(f"a bone must be one joint only; chosen more than once: {', '.join(twice)}")
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """All bones that the map names."""
+        return tuple(bone for bone in (*self.bones, *self.tips, self.forearm) if bone)
 
     @property
     def missing(self) -> tuple[str, ...]:

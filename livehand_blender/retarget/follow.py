@@ -1,10 +1,12 @@
 """Our hand follows another armature live by constraints, without handlers or Python; the armature may be linked.
 
-Three sets of hidden bones, one bone per joint, outside the hand's own hierarchy:
+Three sets of hidden bones, one bone per joint and for a forearm, outside the hand's own hierarchy:
 
 - `SRC-` copies the other bone's rotation in the world (for the wrist, its location too).
 - `FIT-` is its child. Its rest frame holds the difference between both rest poses, so it is oriented like our joint.
 - `FOL-` have the hierarchy of our joints and copy `FIT-`'s rotation, so that their local rotations are ours.
+
+A forearm turns with the rig's, or else with its wrist; its `SRC-` is where the wrist's `FIT-` is, so it ends there.
 
 The hand's bones copy those before finger controls, limits and fingertip IK, which still work on top.
 `livehand.follow` is the influence.
@@ -22,12 +24,12 @@ import numpy as np
 from ...backend.hand.bones import bone_name
 from ...backend.hand.model import PARENTS
 from ...backend.records.errors import LiveHandError
-from ...backend.records.side import Side
 from ...backend.retarget.doubts import motion_doubts
 from ...backend.retarget.natural_range import rest_pose, unnatural_joints
 from ...backend.retarget.rest_alignment import RestAlignment, align
 from ...backend.retarget.retarget import retarget
 from ..rig.armature import rest_frames
+from ..rig.carrier import Carrier
 from ..rig.drivers import drive_by_sliders
 from ..rig.hand import RiggedHand
 from ..rig.pose import read_pose, write_theta, write_transl
@@ -63,7 +65,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     if fits_shape:
         set_shape(context, hand, alignment.shape)
     _add_bones(context, hand, alignment)
-    _constrain(hand, source)
+    _constrain(hand, source, alignment)
     hand.properties.follow = 1.0
     hand.armature.update_tag()
     return doubt
@@ -85,7 +87,7 @@ def _doubt(context: bpy.types.Context, source: SourceRig, alignment: RestAlignme
 
 def is_following(armature: bpy.types.Object) -> bool:
     """Whether a hand's armature follows another armature."""
-    return _name(_FOLLOWING, 0, armature.livehand.side) in armature.data.bones
+    return _name(_FOLLOWING, bone_name(0, armature.livehand.side)) in armature.data.bones
 
 
 def stop_following(context: bpy.types.Context, hand: RiggedHand, keeps_pose: bool = True) -> None:
@@ -103,7 +105,7 @@ def stop_following(context: bpy.types.Context, hand: RiggedHand, keeps_pose: boo
     pose = read_pose(hand, context.evaluated_depsgraph_get())
     _remove(context, hand)
     if keeps_pose:
-        write_theta(hand, pose.theta)
+        write_theta(hand, pose.theta, pose.forearm)
         write_transl(hand, pose.transl)
     hand.armature.update_tag()
 
@@ -121,33 +123,47 @@ def check_editable(context: bpy.types.Context, hand: RiggedHand) -> None:
         raise LiveHandError(f"{armature.name} must be visible in the view layer to get new bones; show it first")
 
 
-def _name(role: str, joint: int, side: Side) -> str:
-    return f"{role}-{bone_name(joint, side)}"
+def _name(role: str, bone: str) -> str:
+    return f"{role}-{bone}"
 
 
-def _names(side: Side) -> list[str]:
-    return [_name(role, joint, side) for role in (_SOURCE, _FITTED, _FOLLOWING) for joint in range(16)]
+def _names(hand: RiggedHand) -> list[str]:
+    return [_name(role, bone.name) for role in (_SOURCE, _FITTED, _FOLLOWING) for bone in hand.bones]
 
 
 def _add_bones(context: bpy.types.Context, hand: RiggedHand, alignment: RestAlignment) -> None:
     side, armature = hand.side, hand.armature
+    names = [bone.name for bone in hand.bones[:16]]
     frames = rest_frames(armature, side)
     heads = np.array([hand.bone(joint).bone.head_local for joint in range(16)], np.float64)
     # Rest frames of our joints relative to the source's bones.
     fitted = alignment.frames.swapaxes(1, 2) @ alignment.rotations @ frames
     wrist_m = alignment.frames[0].T @ (alignment.wrist - alignment.heads[0]) / np.mean(armature.matrix_world.to_scale())
+    arm = Carrier.of(hand) if hand.forearm is not None else None
     with _edit_bones(context, armature) as bones:
-        for joint in range(16):
-            _add_bone(bones, _name(_SOURCE, joint, side), None, heads[joint], np.eye(3))
+        if arm is not None:
+            _add_forearm(bones, arm, heads[0], alignment)
+        for joint, name in enumerate(names):
+            _add_bone(bones, _name(_SOURCE, name), None, heads[joint], np.eye(3))
             head = heads[joint] + (wrist_m if joint == 0 else 0)
-            _add_bone(bones, _name(_FITTED, joint, side), _name(_SOURCE, joint, side), head, fitted[joint])
-            parent = _name(_FOLLOWING, PARENTS[joint], side) if joint else None
-            _add_bone(bones, _name(_FOLLOWING, joint, side), parent, heads[joint], frames[joint])
+            _add_bone(bones, _name(_FITTED, name), _name(_SOURCE, name), head, fitted[joint])
+            above = names[PARENTS[joint]] if joint else arm and arm.bone.name
+            parent = above and _name(_FOLLOWING, above)
+            _add_bone(bones, _name(_FOLLOWING, name), parent, heads[joint], frames[joint])
     hidden = armature.data.collections_all.get("Mechanism") or armature.data.collections.new("Mechanism")
-    for name in _names(side):
+    for name in _names(hand):
         armature.data.bones[name].use_deform = False
         hidden.assign(armature.data.bones[name])
         armature.pose.bones[name].rotation_mode = "QUATERNION"
+
+
+def _add_forearm(bones, arm: Carrier, wrist: np.ndarray, alignment: RestAlignment) -> None:
+    """Add the forearm's bones: the head of `FIT-` is where the forearm begins that ends at `SRC-`, the wrist [3]."""
+    rotation, frame = alignment.forearm or (alignment.rotations[0], alignment.frames[0])
+    turn, name = frame.T @ rotation, arm.bone.name
+    _add_bone(bones, _name(_SOURCE, name), None, wrist, np.eye(3))
+    _add_bone(bones, _name(_FITTED, name), _name(_SOURCE, name), wrist - turn @ arm.reach, turn @ arm.frame)
+    _add_bone(bones, _name(_FOLLOWING, name), None, wrist - arm.reach, arm.frame)
 
 
 @contextlib.contextmanager
@@ -181,17 +197,21 @@ def _add_bone(bones, name: str, parent: str | None, head: np.ndarray, frame: np.
     bone.parent = bones[parent] if parent else None
 
 
-def _constrain(hand: RiggedHand, source: SourceRig) -> None:
-    side, armature = hand.side, hand.armature
-    bones = armature.pose.bones
-    for joint, name in enumerate(source.joint_map.drivers):
-        following = _name(_FOLLOWING, joint, side)
-        _copy(bones[_name(_SOURCE, joint, side)], "COPY_ROTATION", source.armature, name, "WORLD")
-        _copy(bones[following], "COPY_ROTATION", armature, _name(_FITTED, joint, side), "POSE")
-        _follow_first(hand, joint, _copy(hand.bone(joint), "COPY_ROTATION", armature, following, "LOCAL"), FOLLOW)
-    _copy(bones[_name(_SOURCE, 0, side)], "COPY_LOCATION", source.armature, source.joint_map.drivers[0], "WORLD")
-    constraint = _copy(hand.bone(0), "COPY_LOCATION", armature, _name(_FITTED, 0, side), "POSE")
-    _follow_first(hand, 0, constraint, FOLLOW_PLACE)
+def _constrain(hand: RiggedHand, source: SourceRig, alignment: RestAlignment) -> None:
+    armature, bones = hand.armature, hand.armature.pose.bones
+    wrist, drivers = hand.bone(0).name, source.joint_map.drivers
+    of_arm = source.joint_map.forearm if alignment.forearm else drivers[0]
+    for bone, driver in zip(hand.bones, (*drivers, of_arm), strict=False):
+        following = _name(_FOLLOWING, bone.name)
+        _copy(bones[_name(_SOURCE, bone.name)], "COPY_ROTATION", source.armature, driver, "WORLD")
+        _copy(bones[following], "COPY_ROTATION", armature, _name(_FITTED, bone.name), "POSE")
+        _follow_first(hand, bone, _copy(bone, "COPY_ROTATION", armature, following, "LOCAL"), FOLLOW)
+    _copy(bones[_name(_SOURCE, wrist)], "COPY_LOCATION", source.armature, drivers[0], "WORLD")
+    carrier = Carrier.of(hand).bone
+    if carrier.name != wrist:
+        _copy(bones[_name(_SOURCE, carrier.name)], "COPY_LOCATION", armature, _name(_FITTED, wrist), "POSE")
+    constraint = _copy(carrier, "COPY_LOCATION", armature, _name(_FITTED, carrier.name), "POSE")
+    _follow_first(hand, carrier, constraint, FOLLOW_PLACE)
 
 
 def _copy(
@@ -203,22 +223,22 @@ def _copy(
     return constraint
 
 
-def _follow_first(hand: RiggedHand, joint: int, constraint: bpy.types.Constraint, name: str) -> None:
-    """Put a joint's new constraint before all others, with `follow` as its influence."""
+def _follow_first(hand: RiggedHand, bone: bpy.types.PoseBone, constraint: bpy.types.Constraint, name: str) -> None:
+    """Put a bone's new constraint before all others, with `follow` as its influence."""
     constraint.name = name
-    constraints = hand.bone(joint).constraints
+    constraints = bone.constraints
     constraints.move(len(constraints) - 1, 0)
     drive_by_sliders(constraint, "influence", -1, {"follow": 1.0}, hand.armature)
 
 
 def _remove(context: bpy.types.Context, hand: RiggedHand) -> None:
-    for joint in range(16):
-        constraints = hand.bone(joint).constraints
+    for bone in hand.bones:
+        constraints = bone.constraints
         for name in (FOLLOW, FOLLOW_PLACE):
             if name in constraints:
                 constraints[name].driver_remove("influence")
                 constraints.remove(constraints[name])
     with _edit_bones(context, hand.armature) as bones:
-        for name in _names(hand.side):
+        for name in _names(hand):
             if name in bones:
                 bones.remove(bones[name])

@@ -70,7 +70,7 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
         LiveHandError: a bone is missing, or a pose is not finite.
     """
     scene = context.scene
-    rotations, nodes, ends = [], [], []
+    rotations, nodes, ends, forearms = [], [], [], []
     with current_frame_restored(scene):
         for frame in frames:
             scene.frame_set(frame)
@@ -79,9 +79,12 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
             rotations.append(posed.frames[[posed.index(name) for name in source.joint_map.drivers]])
             nodes.append(source_nodes(posed, source.joint_map))
             ends.append(source_ends(posed, source.joint_map))
+            if source.joint_map.forearm:
+                forearms.append(posed.frames[posed.index(source.joint_map.forearm)])
     places = np.array(nodes)
     rate, side = frame_rate(scene), source.joint_map.side
-    return SourceMotion(np.array(rotations), places[:, 0], rate, side, places, np.array(ends))
+    arms = np.array(forearms) if forearms else None
+    return SourceMotion(np.array(rotations), places[:, 0], rate, side, places, np.array(ends), arms)
 
 
 def posed_skeleton(evaluated: bpy.types.Object, joint_map: JointMap) -> SourceSkeleton:
@@ -90,7 +93,7 @@ def posed_skeleton(evaluated: bpy.types.Object, joint_map: JointMap) -> SourceSk
     Raises:
         LiveHandError: a bone is missing.
     """
-    names = tuple(name for name in (*joint_map.bones, *joint_map.tips) if name)
+    names = joint_map.named
     bones = [_pose_bone(evaluated, name) for name in names]
     world = np.array(evaluated.matrix_world, np.float64)
     posed = world @ np.array([bone.matrix for bone in bones], np.float64)

@@ -57,7 +57,7 @@ def keyframe_theta(
 def keyframe_transl(hand: RiggedHand, transls: np.ndarray, frames: Sequence[float] | np.ndarray) -> None:
     """Key the location of the bone that carries the hand with transls [T, 3], m in armature space, at frames [T].
 
-    A forearm's location depends on its rotation: key that first, by `keyframe_theta`.
+    A forearm's location depends on its rotation: key that first, by `keyframe_theta`, in the same frames.
 
     Raises:
         LiveHandError: as `keyframe_theta`.

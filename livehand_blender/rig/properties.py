@@ -115,6 +115,12 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         soft_min=-0.1,
         soft_max=0.1,
     )
+    wrist_fade: _Float(
+        name="Wrist Fade",
+        description="Millimeters over which the hand turns transparent towards the cut end of its arm or wrist",
+        min=0.0,
+        soft_max=100.0,
+    )
 
 
 class LIVEHAND_PG_scene(bpy.types.PropertyGroup):

@@ -49,6 +49,11 @@ LIVEHAND_PG_other_rig.__annotations__ |= {
     joint: StringProperty(name=joint.capitalize(), description="The bone that starts at this joint", override=_OVERRIDE)
     for joint in JOINT_NAMES
 }
+LIVEHAND_PG_other_rig.__annotations__["forearm"] = StringProperty(
+    name="Forearm",
+    description="The bone of the forearm, if there is one; a hand with an arm follows it",
+    override=_OVERRIDE,
+)
 LIVEHAND_PG_other_rig.__annotations__ |= {
     tip_property(finger): StringProperty(
         name=f"{finger.capitalize()} Tip",

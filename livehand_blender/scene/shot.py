@@ -34,7 +34,7 @@ def read_shot(
             f"the mesh of '{hand.name}' must keep its hand model's {vertex_count} vertices, it has "
             f"{len(vertices)} after modifiers; hide those that add or remove vertices (Subdivision, Mask) from renders"
         )
-    return Shot(seen_pose(hand, depsgraph), vertices, camera, light)
+    return Shot(seen_pose(hand, depsgraph), vertices, camera, light, seen_wrist_fade_m(hand, depsgraph))
 
 
 def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
@@ -45,6 +45,11 @@ def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
     """
     pose = read_hand_pose(hand.armature, depsgraph)
     return pose.mirrored() if hand.is_mirrored else pose
+
+
+def seen_wrist_fade_m(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> float:
+    """How long the hand's fade is, on the hand at rest."""
+    return 0.001 * hand.armature.evaluated_get(depsgraph).livehand.wrist_fade
 
 
 def seen_vertices(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

@@ -70,7 +70,7 @@ class LIVEHAND_PT_match_plate(HandTab, bpy.types.Panel):
         self.layout.use_property_split = True
         armature = polled_hand(context)
         column = self.layout.column()
-        for name in ("exposure", "gain", "bias"):
+        for name in ("exposure", "gain", "bias", "wrist_fade"):
             column.prop(armature.livehand, name)
 
 

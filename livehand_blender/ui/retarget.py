@@ -58,6 +58,7 @@ class LIVEHAND_OT_guess_bones(_OnRig, bpy.types.Operator):
             setattr(rig, joint, bone or "")
         for finger, bone in zip(MANO_FINGERS, guess.tips, strict=True):
             setattr(rig, tip_property(finger), bone or "")
+        rig.forearm = guess.forearm or ""
         if doubt := _doubt(skeleton, guess, polled_hand(context)):
             self.report({"WARNING"}, f"Check the bones of the {guess.side} hand: {doubt}")
         else:
@@ -171,7 +172,10 @@ class LIVEHAND_PT_other_rig_bones(HandTab, bpy.types.Panel):
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         rig = polled_hand(context).livehand.other_rig
-        groups = [["wrist"], *([*(f"{name}{k}" for k in (1, 2, 3)), tip_property(name)] for name in SHOWN_FINGERS)]
+        groups = [
+            ["forearm", "wrist"],
+            *([*(f"{name}{k}" for k in (1, 2, 3)), tip_property(name)] for name in SHOWN_FINGERS),
+        ]
         for names in groups:
             column = self.layout.column(align=True)
             for name in names:
@@ -210,4 +214,4 @@ def _source(hand: RiggedHand) -> SourceRig:
     rig = hand.properties.other_rig
     bones = tuple(getattr(rig, joint) or None for joint in JOINT_NAMES)
     tips = tuple(getattr(rig, tip_property(finger)) or None for finger in MANO_FINGERS)
-    return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips))
+    return SourceRig(rig.armature, JointMap(_side(hand.properties), bones, tips, rig.forearm or None))

@@ -2,7 +2,6 @@
 
 import runpy
 import signal
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import ARM_KEY, default_hand_path, load_default_hand, load_hand_model
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.build import add_hand
 
@@ -45,18 +44,27 @@ def model(request):
 
 
 @pytest.fixture(scope="session")
-def armed_model(model):
-    """The built-in hand whose stump turns as a forearm, with a wrist joint that moves with beta."""
-    outwards = model.v_template[:, 0] - model.joints[0, 0]
-    share = np.clip((outwards if model.side == "right" else -outwards) / 0.02 + 0.5, 0, 1)
-    shapes = np.random.default_rng(0).normal(size=model.shapedirs.shape) * 1e-3
-    arm_weights = model.lbs_weights[:, 0] * share**2 * (3 - 2 * share)
-    return replace(model, shapedirs=model.shapedirs + shapes, arm_weights=arm_weights)
+def armed_path(tmp_path_factory):
+    """A file of the built-in hand whose stump turns as a forearm, with a wrist joint that moves with beta."""
+    plain = load_default_hand()
+    share = np.clip((plain.v_template[:, 0] - plain.joints[0, 0]) / 0.02 + 0.5, 0, 1)
+    shapes = np.random.default_rng(0).normal(size=plain.shapedirs.shape) * 1e-3
+    with np.load(default_hand_path()) as file:
+        arrays = dict(file) | {"shapedirs": plain.shapedirs + shapes}
+    arrays[ARM_KEY] = plain.lbs_weights[:, 0] * share**2 * (3 - 2 * share)
+    path = tmp_path_factory.mktemp("armed") / "armed.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.fixture(scope="session")
+def armed_model(model, armed_path):
+    return load_hand_model(armed_path).for_side(model.side)
 
 
 @pytest.fixture
-def armed_hand(armed_model):
-    return add_hand(bpy.context, armed_model)
+def armed_hand(armed_model, armed_path):
+    return add_hand(bpy.context, armed_model, str(armed_path))
 
 
 @pytest.fixture

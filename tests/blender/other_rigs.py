@@ -64,7 +64,7 @@ class OtherHand:
     @property
     def joint_map(self) -> JointMap:
         """The true joint map."""
-        return JointMap(self.side, JOINTS, TIPS)
+        return JointMap(self.side, JOINTS, TIPS, FOREARM)
 
     def pose_like(self, theta: np.ndarray, cupped_deg: float = 0.0) -> None:
         """Rotate the bones as theta [16, 3] (of this side) rotates ours; cup the little finger's metacarpal.

@@ -195,7 +195,7 @@ def test_a_hand_can_be_matched_to_a_plate():
     assert not panels.LIVEHAND_PT_match_plate.poll(bpy.context)
     add_hand(bpy.context, load_default_hand())
     assert panels.LIVEHAND_PT_match_plate.poll(bpy.context)
-    assert draw(panels.LIVEHAND_PT_match_plate) == ["exposure", "gain", "bias"]
+    assert draw(panels.LIVEHAND_PT_match_plate) == ["exposure", "gain", "bias", "wrist_fade"]
 
 
 def test_the_compositor_offers_both_set_ups():

@@ -51,6 +51,7 @@ def test_a_hand_follows_either_side(character, model):
     found = guess_joints(skeleton, model.side).joint_map()
     assert found.bones == names(model.side)
     assert found.missing == ()
+    assert found.forearm == f"lowerarm02.{model.side[0].upper()}"
     alignment = align(skeleton, found, model)
     assert rest_doubts(alignment) is None
     error_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale

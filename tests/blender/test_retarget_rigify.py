@@ -6,7 +6,8 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.bones import bone_name
+from livehand.backend.geometry.rotation import axis_angle_to_matrix
+from livehand.backend.hand.bones import bone_name, forearm_name
 from livehand.backend.retarget.doubts import rest_doubts
 from livehand.backend.retarget.joint_guess import guess_joints
 from livehand.backend.retarget.rest_alignment import align
@@ -15,6 +16,7 @@ from livehand.livehand_blender.retarget.skeleton import read_skeleton
 from livehand.livehand_blender.retarget.source import SourceRig
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rig.pose import read_hand_pose
 
 # The human metarig's arms and hands, and the rig generated from them; the face would take a minute. In a process of its
 # own, because Rigify cannot be enabled twice, and one in which it stays enabled hangs at exit.
@@ -58,6 +60,7 @@ def test_a_hand_follows_rigify(rigify_file, model, kind):
     assert found.bones[:2] == (f"{prefix}hand.{initial}", f"{prefix}f_index.01.{initial}")
     assert found.bones[13:] == tuple(f"{prefix}thumb.0{k}.{initial}" for k in (1, 2, 3))
     assert found.missing == ()
+    assert found.forearm == (f"DEF-forearm.{initial}.001" if kind == "generated" else f"forearm.{initial}")
     alignment = align(skeleton, found, model)
     assert rest_doubts(alignment) is None
     error_mm = 1e3 * np.linalg.norm(alignment.joints - alignment.heads, axis=1) / alignment.shape.scale
@@ -76,6 +79,28 @@ def test_a_hand_follows_rigify(rigify_file, model, kind):
             theirs = _along(evaluated[0], found.bones[joint], found.bones[joint + 1])
             ours = _along(evaluated[1], bone_name(joint, model.side), bone_name(joint + 1, model.side))
             assert theirs @ ours > 1 - 1e-4
+
+
+@pytest.mark.parametrize("kind", ["metarig", "generated"])
+def test_an_arm_follows_rigifys(rigify_file, armed_model, armed_path, kind):
+    """The elbow bends with the forearm's bone, of which the generated rig has two."""
+    bpy.ops.wm.open_mainfile(filepath=str(rigify_file))
+    rig, initial = bpy.data.objects[kind], armed_model.side[0].upper()
+    found = guess_joints(read_skeleton(rig), armed_model.side).joint_map()
+    hand = add_hand(bpy.context, armed_model, str(armed_path))
+    follow(bpy.context, RiggedHand.of(hand), SourceRig(rig, found))
+    own = (bone_name(0, armed_model.side), forearm_name(armed_model.side))
+    before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).forearm
+    bone = rig.pose.bones[f"hand.{initial}" if kind == "metarig" else f"hand_ik.{initial}"]
+    bone.rotation_mode = "XYZ"
+    bone.rotation_euler.x = 0.5
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    theirs, ours = (thing.evaluated_get(depsgraph) for thing in (rig, hand))
+    assert _along(theirs, found.bones[0], found.forearm) @ _along(ours, *own) > 1 - 1e-6
+    bent = read_hand_pose(hand, depsgraph).forearm
+    turned = axis_angle_to_matrix(before).T @ axis_angle_to_matrix(bent)
+    assert np.arccos((np.trace(turned) - 1) / 2) == pytest.approx(0.5, abs=0.01)
 
 
 def _along(armature, start, end):

@@ -120,7 +120,7 @@ def test_what_the_panel_shows(chosen):
         return layout.drawn
 
     assert "livehand.stop_following" not in drawn(LIVEHAND_PT_other_rig)
-    assert len(set(drawn(LIVEHAND_PT_other_rig_bones))) == 21
+    assert len(set(drawn(LIVEHAND_PT_other_rig_bones))) == 22
     bpy.ops.livehand.guess_bones()
     bpy.ops.livehand.follow_rig()
     assert {"livehand.stop_following", "follow"} <= set(drawn(LIVEHAND_PT_other_rig))

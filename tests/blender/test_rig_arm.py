@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import bone_name, forearm_name, rest_forearm
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import hand_channels, key_hand, keyframe_theta, keyframe_transl
@@ -169,6 +171,26 @@ def test_a_mirrored_pose_has_the_mirrored_forearm(armed_hand, armed_model, arm_p
     mirror_pose(RiggedHand.of(armed_hand), RiggedHand.of(other), depsgraph, turns_wrist=False)
     np.testing.assert_allclose(read(other).theta[0], 0, atol=1e-6)
     np.testing.assert_allclose(read(other).forearm, (0.1, 0.2, 0.3), atol=1e-5)
+
+
+def test_mirrored_turns_are_blenders_flipped_pose(armed_path):
+    """Paste Pose Flipped turns (w, x, y, z) into (w, x, -y, -z), and a location (x, y, z) into (-x, y, z)."""
+    model, rng = load_hand_model(armed_path), np.random.default_rng(3)
+    hands = [RiggedHand.of(add_hand(bpy.context, model.for_side(side))) for side in ("right", "left")]
+    pose = HandPose(rng.normal(size=(16, 3)), np.zeros(10), rng.normal(size=3), forearm=rng.normal(size=3))
+    for hand, own in zip(hands, (pose, pose.mirrored()), strict=True):
+        write_hand_pose(hand, own)
+    for bone, other in zip(hands[0].bones, hands[1].bones, strict=True):
+        turned = np.array(bone.rotation_quaternion) * [1, 1, -1, -1]
+        np.testing.assert_allclose(other.rotation_quaternion, turned, atol=1e-5)
+    np.testing.assert_allclose(hands[1].forearm.location, np.multiply(hands[0].forearm.location, (-1, 1, 1)), atol=1e-5)
+
+
+def test_resetting_returns_the_forearm_to_rest(armed_hand, armed_model, arm_pose):
+    write_hand_pose(RiggedHand.of(armed_hand), replace(arm_pose(6, armed_model.side), beta=np.zeros(10)))
+    assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
+    for bone in RiggedHand.of(armed_hand).bones:
+        np.testing.assert_allclose(bone.matrix_basis, np.eye(4), atol=1e-6)
 
 
 def test_the_wrist_stops_at_its_range_only_with_limited_joints(armed_hand, armed_model):

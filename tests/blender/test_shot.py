@@ -80,3 +80,12 @@ def test_nan_in_the_pose_is_an_error(armature):
     bpy.context.view_layer.update()
     with pytest.raises(LiveHandError, match="must be finite, got NaN"):
         shot_now(armature)
+
+
+def test_the_wrists_fade_is_of_the_shot_in_metres_and_can_be_keyed(armature):
+    assert shot_now(armature).wrist_fade_m == 0
+    for frame, fade_mm in ((1, 10), (3, 30)):
+        armature.livehand.wrist_fade = fade_mm
+        armature.keyframe_insert("livehand.wrist_fade", frame=frame)
+    bpy.context.scene.frame_set(2)
+    assert shot_now(armature).wrist_fade_m == pytest.approx(0.02, abs=1e-6)

@@ -14,7 +14,7 @@ from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
 from ...scene.light import SceneLight, read_hand_lights
 from ...scene.seen_hands import Place, SeenHand, visible_hands
-from ...scene.shot import seen_pose, seen_vertices
+from ...scene.shot import seen_pose, seen_vertices, seen_wrist_fade_m
 from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
@@ -33,12 +33,13 @@ class ViewportHand:
     pose: HandPose
     vertices: np.ndarray
     light: SceneLight | None = None
+    wrist_fade_m: float = 0.0
 
     def task(self, session: Session, camera: Camera) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
-        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light))
+        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m))
 
 
 def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[ViewportHand, ...]:
@@ -60,6 +61,7 @@ def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsg
             seen_pose(hand, depsgraph),
             seen_vertices(hand, depsgraph),
             lights.get(hand.name),
+            seen_wrist_fade_m(hand, depsgraph),
         )
         for hand in shown
     )

@@ -1,0 +1,99 @@
+"""A hand's frame that turns transparent towards the cut end of its arm or wrist, to be set over another arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..geometry.tolerances import NEAR_M
+from ..hand.bones import rest_bones, rest_forearm
+from ..hand.model import HandModel
+from ..records.depth_profile import DepthProfile, four_depths
+from ..records.frame import DEPTH_BACKGROUND, Frame
+from ..records.shot import Shot
+from .surface_maps import vertex_map
+
+_SOLID_ALPHA = 0.5
+# Around the end's mesh; the surface lies at most 3 mm above it, and an arm is 5 cm wide.
+_MARGIN_PX, _MARGIN_SHARE = 8, 0.15
+
+
+def faded(frame: Frame, shot: Shot, hand: HandModel) -> Frame:
+    """The frame with the shot's fade; without one, the same frame.
+
+    Args:
+        frame: of the shot.
+        shot: its `wrist_fade_m` is how far along the arm of the hand at rest the frame is not opaque.
+        hand: the model, of either side.
+    """
+    if shot.wrist_fade_m == 0 or not frame.alpha.any():
+        return frame
+    share = _opaque_share(frame, shot, hand.for_side(shot.pose.side))
+    alpha = frame.alpha * share
+    depth = np.where(alpha < _SOLID_ALPHA, np.float32(DEPTH_BACKGROUND), frame.depth)
+    profile = _faded_profile(frame.profile or DepthProfile.of_depth(frame.depth, DEPTH_BACKGROUND), share)
+    return replace(frame, rgb=frame.rgb * share[..., None], alpha=alpha, depth=depth, profile=profile)
+
+
+def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
+    """[H, W] what remains of each pixel of the frame; only the window that shows the end is looked at."""
+    of_vertices = distance_from_end_m(model)
+    of_faces = of_vertices[model.f]
+    rows, columns = _window(shot, model.f[of_faces.min(1) < shot.wrist_fade_m])
+    size_px = (columns.stop - columns.start, rows.stop - rows.start)
+    share = np.ones(frame.alpha.shape, np.float32)
+    if min(size_px) <= 0:
+        return share
+    cropped = shot.with_camera(shot.camera.cropped(columns.start, rows.start, size_px))
+    of_rays = np.repeat(np.repeat(four_depths(frame.alpha).any(-1), 2, 0), 2, 1)
+    distance_m = _spread(vertex_map(cropped, model, of_vertices), of_rays[rows, columns])
+    x = np.clip(distance_m / shot.wrist_fade_m, 0, 1)
+    share[rows, columns] = x * x * (3 - 2 * x)
+    return share
+
+
+def _window(shot: Shot, faces: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of the image that show faces [F, 3] and what little of the hand lies beside them."""
+    width, height = shot.camera.size_px
+    pixels, depth_m = shot.camera.project(shot.vertices[np.unique(faces)])
+    if (depth_m <= NEAR_M).any():
+        return slice(0, height), slice(0, width)
+    low, high = pixels.min(0), pixels.max(0)
+    margin = _MARGIN_PX + _MARGIN_SHARE * (high - low).max()
+    start = np.floor(np.clip(low - margin, 0, (width, height))).astype(int).tolist()
+    stop = np.ceil(np.clip(high + margin, 0, (width, height))).astype(int).tolist()
+    return slice(start[1], stop[1]), slice(start[0], stop[0])
+
+
+def distance_from_end_m(model: HandModel) -> np.ndarray:
+    """[V] m of the mean shape at rest from the plane across the arm, or the wrist's bone, that its end touches."""
+    elbow = -(rest_forearm(model).frame if model.has_arm else rest_bones(model).frames[0])[:, 1]
+    along = model.v_template @ elbow
+    return along.max() - along
+
+
+def _spread(distance_m: np.ndarray, is_needed: np.ndarray) -> np.ndarray:
+    """[H, W] with the mean of the known neighbours in needed pixels beside the mesh, outwards pixel by pixel.
+
+    Pixels that are not needed, or that no mesh is near, are infinitely far.
+    """
+    filled = distance_m.copy()
+    while (is_open := np.isnan(filled) & is_needed).any():
+        padded = np.pad(filled, 1, constant_values=np.nan)
+        height, width = filled.shape
+        around = [padded[y : y + height, x : x + width][is_open] for y in range(3) for x in range(3)]
+        known = np.isfinite(around)
+        if not known.any():
+            break
+        means = np.where(known, around, 0).sum(0) / np.maximum(known.sum(0), 1)
+        filled[is_open] = np.where(known.any(0), means, np.nan)
+    return np.nan_to_num(filled, nan=np.inf)
+
+
+def _faded_profile(profile: DepthProfile, share: np.ndarray) -> DepthProfile:
+    """The opacity of each ray, times the mean share [H, W] of its 2 x 2 pixels."""
+    has_ray = profile.row >= 0
+    of_ray = np.ones(len(profile.weights), np.float32)
+    of_ray[profile.row[has_ray]] = four_depths(share).mean(-1)[has_ray]
+    return replace(profile, weights=profile.weights * of_ray[:, None])
