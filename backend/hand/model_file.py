@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import fields, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -38,6 +39,12 @@ def builtin_hand_path(name: str) -> Path:
 def is_builtin_hand(path: Path | str) -> bool:
     """Whether this is the name of a hand that ships, and not a file."""
     return str(path) in BUILTIN_HANDS and not is_file(Path(path))
+
+
+@cache
+def builtin_hashes() -> frozenset[str]:
+    """The sha256 of the hands that ship, which share their joints and axes."""
+    return frozenset(hashlib.sha256(builtin_hand_path(name).read_bytes()).hexdigest() for name in BUILTIN_HANDS)
 
 
 def default_hand_path() -> Path:

@@ -17,7 +17,8 @@ from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model import HandModel
+from livehand.backend.hand.model_file import load_default_hand, load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
@@ -111,6 +112,34 @@ def test_the_surface_follows_the_hand(coarse_surface, right_hand, made):
     assert near.max() < 0.008
     still = HandPose.rest()
     np.testing.assert_allclose(surface.posed_vertices(still), coarse_surface.vertices_m, atol=1e-9)
+
+
+def test_the_surface_follows_the_forearm():
+    model = load_hand_model("hand_with_arm")
+    capture_scene()
+    surface = SkinSurface.create(model, detailed_surface(model, levels=0), veins_mm=0.0)
+    for turn in (np.zeros(3), np.array([0.3, 0.2, 0.8]), np.array([-0.4, 0, -0.9])):
+        pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.array([0.1, 0, 0.2]), "right", turn)
+        surface.set_pose(pose)
+        posed, template = surface.posed_vertices(pose), posed_vertices(model, pose)
+        arm = model.arm_weights > 0.99
+        assert np.linalg.norm(template[:, None] - posed[None, arm], axis=-1).min(0).max() < 0.004
+    flexed = surface.detail.relief_m(np.zeros((16, 3)), 0.0, np.array([0, 0, -0.9]))
+    raised = np.linalg.norm(flexed, axis=1) > 3e-4
+    assert raised.any()
+    assert surface.detail.normals[raised, 1].max() < 0.2  # tendons on the palmar side
+    assert np.abs(surface.detail.relief_m(np.zeros((16, 3)), 0.0, np.zeros(3))).max() == 0
+
+
+def test_a_built_in_hand_is_captured_by_its_name():
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    chosen = command._hand(parser.parse_args(["-o", "x", "--hand", "hand_with_arm"]))
+    assert isinstance(chosen, HandModel)
+    assert chosen.has_arm
+    assert command._hand(parser.parse_args(["-o", "x"])) is None
+    with pytest.raises(LiveHandError, match="--look"):
+        command._hand(parser.parse_args(["-o", "x", "--hand", "hand_with_arm", "--look", "x.blend"]))
 
 
 def test_shape_and_translation_move_the_surface(coarse_surface, right_hand):

@@ -1,6 +1,7 @@
 """Capture folders: there and back, and every fault named with its file."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,25 @@ def test_round_trip_is_exact(capture):
         )
         np.testing.assert_array_equal(one.camera.K, other.camera.K)
         np.testing.assert_array_equal(one.camera.cam2world, other.camera.cam2world)
+
+
+def test_turned_forearms_are_kept_and_may_be_missing(capture):
+    """Files without any read as straight ones, and straight ones are written as before."""
+    with np.load(capture.folder / "poses.npz") as arrays:
+        assert "forearm" not in arrays
+    assert not any(pose.forearm.any() for pose in load_capture(capture.folder).poses)
+    turned = tuple(replace(pose, forearm=np.array([0.1, -0.2, 0.7 + k])) for k, pose in enumerate(capture.poses))
+    save_capture_index(replace(capture, poses=turned))
+    for one, other in zip(load_capture(capture.folder).poses, turned, strict=True):
+        np.testing.assert_array_equal(one.forearm, other.forearm)
+
+
+@pytest.mark.parametrize("forearm", [np.zeros((1, 3)), np.zeros((2, 4)), np.full((2, 3), np.nan)])
+def test_malformed_forearms_are_named(capture, forearm):
+    with np.load(capture.folder / "poses.npz") as arrays:
+        np.savez(capture.folder / "poses.npz", **{**arrays, "forearm": forearm})
+    with pytest.raises(LiveHandError, match="forearm"):
+        load_capture(capture.folder)
 
 
 def test_splits_keep_their_order(capture):

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from livehand.backend.captures.capture import index_document
-from livehand.backend.captures.plan import CapturePlan
+from livehand.backend.captures.plan import NEARLY_STRAIGHT_DEG, WRIST_LIMITS_DEG, CapturePlan, sample_forearms
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model import UPRIGHT
+from livehand.backend.hand.model_file import load_hand_model
+from livehand.backend.records.shot import HandPose
+from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.slow
 
@@ -121,3 +124,51 @@ def test_cameras_stand_all_around_and_see_the_hand(made, hand):
         assert depth.min() > 0.4
     assert min(inside) > 0.25
     assert np.mean(inside) > 0.7
+
+
+@pytest.fixture(scope="module")
+def armed():
+    return load_hand_model("hand_with_arm")
+
+
+def test_forearms_turn_within_human_limits_and_half_are_nearly_straight():
+    turns = sample_forearms(np.random.default_rng(0), 400)
+    deviation, flexion, twist = np.rad2deg(Rotation.from_rotvec(turns).as_euler("YZX")).T
+    angles = np.stack([-flexion, deviation, twist], 1)
+    assert (angles >= WRIST_LIMITS_DEG[:, 0] - 1e-9).all()
+    assert (angles <= WRIST_LIMITS_DEG[:, 1] + 1e-9).all()
+    assert np.abs(angles[::2]).max(0) == pytest.approx([60, 30, 30], abs=1.0)
+    assert np.sqrt((angles[1::2] ** 2).mean(0)) == pytest.approx([NEARLY_STRAIGHT_DEG] * 3, rel=0.2)
+
+
+def test_a_flexed_wrist_takes_the_arm_to_the_palm_and_an_ulnar_one_to_the_little_finger(armed):
+    end = armed.v_template[:, 0].argmax()
+    rest = posed_vertices(armed, HandPose.rest())[end]
+    turned = [posed_vertices(armed, replace(HandPose.rest(), forearm=turn))[end] for turn in np.diag([0, 0.5, -0.5])]
+    assert turned[2][1] < rest[1] - 0.05
+    assert turned[1][2] < rest[2] - 0.05
+
+
+def test_the_same_plan_moves_a_hand_with_an_arm_alike(made, armed):
+    capture = SMALL.make(made.folder, armed, {})
+    for one, other in zip(capture.poses, made.poses, strict=True):
+        np.testing.assert_allclose(one.theta, other.theta, atol=1e-9)
+        np.testing.assert_allclose(one.transl, other.transl, atol=1e-9)
+        assert one.forearm.any()
+        assert not other.forearm.any()
+    left = SMALL.make(made.folder, armed.for_side("left"), {})
+    np.testing.assert_allclose(left.poses[3].forearm, capture.poses[3].mirrored().forearm)
+
+
+def test_most_views_show_the_near_half_of_the_arm(made, armed):
+    capture = CapturePlan(cameras=12, size_px=(334, 512)).make(made.folder, armed, {})
+    beyond = armed.v_template[:, 0] - armed.joints[0, 0]
+    straight = [index for index in range(99) if index % 2]
+    seen = {"near": [], "all": []}
+    for view in (view for view in capture.views if view.pose_index in straight):
+        pixels, _ = view.camera.project(posed_vertices(armed, capture.poses[view.pose_index]))
+        inside = ((pixels >= 0) & (pixels < (334, 512))).all(1)
+        seen["near"].append(inside[(beyond > 0) & (beyond < 0.06)].mean())
+        seen["all"].append(inside[beyond > 0.1].mean())
+    assert np.mean(np.array(seen["near"]) > 0.9) > 0.5
+    assert 0.05 < np.mean(np.array(seen["all"]) > 0.9) < 0.5

@@ -22,7 +22,7 @@ BEND_MM = 25.0
 
 @pytest.fixture(scope="module")
 def armed():
-    return load_hand_model(builtin_hand_path("hand_with_arm"))
+    return load_hand_model("hand_with_arm")
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def test_the_atlas_gives_the_arm_half_the_hands_scale(armed, beyond_mm):
     on_hand, on_arm = (beyond_mm[armed.f] < 0).all(1), (beyond_mm[armed.f] > 75).all(1)
     scale = [np.sqrt(in_atlas[part].sum() / area[part].sum()) for part in (on_hand, on_arm)]
     assert scale[1] / scale[0] == pytest.approx(0.5, abs=0.05)
-    assert in_atlas[on_hand].sum() > 0.7 * in_atlas.sum()
+    assert in_atlas[on_hand].sum() > 0.65 * in_atlas.sum()
 
 
 def test_squeezing_for_the_atlas_keeps_the_hand_and_halves_the_end():

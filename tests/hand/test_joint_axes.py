@@ -9,12 +9,18 @@ from livehand.backend.hand.bones import rest_bones
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.joint_axes import euler_rad, finger_axes, joint_frames
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.backend.hand.model_file import load_hand_model
 
 
 def test_the_built_in_hands_frames_are_its_anatomical_axes(hand):
     axes, own = FingerAxes.of_default_hand(), finger_axes(hand)
     for name in ("flexion", "dorsal", "bone"):
         np.testing.assert_array_equal(getattr(own, name)[1:], getattr(axes, name)[1:])
+
+
+def test_the_hand_with_an_arm_has_the_same_frames(hand):
+    """So a gesture is the same pose of both."""
+    np.testing.assert_array_equal(joint_frames(load_hand_model("hand_with_arm"))[1:], joint_frames(hand)[1:])
 
 
 def test_another_hands_frames_are_its_bones(hand):

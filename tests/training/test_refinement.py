@@ -12,6 +12,7 @@ from livehand.backend.captures.capture import Capture, CaptureView, load_capture
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
@@ -285,3 +286,17 @@ def test_noise_has_the_requested_size_and_is_measured(capture, hand):
     assert measured.transl_mm == pytest.approx(2.0, rel=0.2)
     shifted = tuple(replace(pose, transl=pose.transl + 0.01) for pose in many.poses)
     assert pose_error(shifted, many.poses, range(5), hand).vertex_mm < 1e-6  # an error shared by all poses
+
+
+def test_forearms_are_posed_and_kept(capture):
+    armed = load_hand_model("hand_with_arm")
+    turn = np.array([0.1, 0.2, -0.7])
+    bent = replace(
+        capture, hand_sha256=armed.sha256, poses=tuple(replace(pose, forearm=turn) for pose in capture.poses)
+    )
+    views = TrainingViews(bent, bent.of_split("train"), armed, PRESETS["default"].sampler, CPU, 0)
+    refinement = Refinement(bent, armed, ALL, CPU)
+    expected = posed_vertices(armed, bent.poses[0])
+    np.testing.assert_allclose(views.get(0, 0).mesh.vertices, expected, atol=1e-6)
+    np.testing.assert_allclose(refinement.pose(0)[1].detach(), expected, atol=1e-6)
+    np.testing.assert_allclose(refinement.poses()[1].forearm, turn, atol=1e-7)

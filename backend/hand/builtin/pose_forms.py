@@ -82,7 +82,7 @@ def pose_forms(rays: dict[str, Ray], points: np.ndarray) -> tuple[PoseForm, ...]
     for order, digit in enumerate(DIGITS):
         view = _DigitView.of(order, rays[digit], points)
         forms += _thumb_forms(view) if view.ray.is_thumb else _finger_forms(view)
-    return (*forms, PoseForm(0, -15, 55, _flexor_tendons(points)))
+    return (*forms, PoseForm(0, 5, 50, _flexor_tendons(points)))
 
 
 def _finger_forms(view: _DigitView) -> list[PoseForm]:
