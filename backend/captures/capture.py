@@ -284,9 +284,7 @@ def _read_poses(path: Path) -> tuple[HandPose, ...]:
         columns.append(arrays.get("forearm", np.zeros((len(columns[0]), 3))))
         rows = list(zip(*columns, strict=True))
     except (LiveHandError, KeyError, ValueError, TypeError) as error:
-        raise LiveHandError(
-            f"{path} must hold theta, beta, transl, side of every pose, or forearm too ({error})"
-        ) from error
+        raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
     return read_all(path, ((read_pose, index, *row) for index, row in enumerate(rows)))
 
 
