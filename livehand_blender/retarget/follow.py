@@ -200,7 +200,7 @@ def _add_bone(bones, name: str, parent: str | None, head: np.ndarray, frame: np.
 def _constrain(hand: RiggedHand, source: SourceRig, alignment: RestAlignment) -> None:
     armature, bones = hand.armature, hand.armature.pose.bones
     wrist, drivers = hand.bone(0).name, source.joint_map.drivers
-    of_arm = source.joint_map.forearm if alignment.forearm else drivers[0]
+    of_arm = (alignment.forearm and source.joint_map.forearm) or drivers[0]
     for bone, driver in zip(hand.bones, (*drivers, of_arm), strict=False):
         following = _name(_FOLLOWING, bone.name)
         _copy(bones[_name(_SOURCE, bone.name)], "COPY_ROTATION", source.armature, driver, "WORLD")
