@@ -15,6 +15,7 @@ import numpy as np
 from ...backend.records.light import Lamp
 from .colour import in_rec709
 from .light_linking import LinkRule
+from .node_values import used_nodes
 
 LOGGER = logging.getLogger(__name__)
 
@@ -138,7 +139,7 @@ def _strength(thing: bpy.types.Object) -> np.ndarray:
 
 def _emission(thing: bpy.types.Object) -> np.ndarray:
     """[3] the factor of the lamp's own nodes: an emission of one colour and strength; others count as 1."""
-    tree = thing.data.node_tree if thing.data.use_nodes else None
+    tree = used_nodes(thing.data)
     output = tree and tree.get_output_node("CYCLES")
     if not output or not output.inputs["Surface"].is_linked:
         return np.zeros(3) if output else np.ones(3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 from hashlib import sha256
 from typing import Any
@@ -34,6 +35,13 @@ _IGNORED = {
     "warning_propagation",
 }
 _MAX_DEPTH = 4
+
+
+def used_nodes(owner: bpy.types.Light | bpy.types.World) -> bpy.types.NodeTree | None:
+    """The nodes that shade it; None if it has none, or they are switched off."""
+    with warnings.catch_warnings():  # in later versions nodes are always on, and the switch warns that it will go
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return owner.node_tree if getattr(owner, "use_nodes", True) else None
 
 
 def tree_values(tree: bpy.types.NodeTree) -> list[Any]:

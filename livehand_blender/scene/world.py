@@ -9,6 +9,7 @@ import numpy as np
 
 from ...backend.records.light import Lamp, Sky
 from .colour import in_rec709
+from .node_values import used_nodes
 from .world_map import RenderedWorld, rendered_world
 
 _SKY_SIZE = (32, 64)
@@ -82,10 +83,10 @@ def _is_visible(world: bpy.types.World) -> bool:
 
 def _plain_radiance(world: bpy.types.World) -> np.ndarray | None:
     """[3] the radiance of a world of one colour; None for any other."""
-    has_nodes = bpy.app.version >= (5, 0, 0) or world.use_nodes  # later versions always have nodes, and warn
-    if not (has_nodes and world.node_tree):
+    tree = used_nodes(world)
+    if tree is None:
         return in_rec709(np.array(world.color, np.float64))
-    output = world.node_tree.get_output_node("CYCLES")
+    output = tree.get_output_node("CYCLES")
     if output is None or not output.inputs["Surface"].is_linked:
         return np.zeros(3)
     link = output.inputs["Surface"].links[0]

@@ -66,7 +66,8 @@ def _quaternion(rotation):
 
 def _white():
     material = bpy.data.materials.new("white")
-    material.use_nodes = True
+    if material.node_tree is None:
+        material.use_nodes = True
     tree = material.node_tree
     tree.nodes.remove(tree.nodes["Principled BSDF"])
     diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
