@@ -17,7 +17,6 @@ from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
 from ..hand.model import MIRROR_AXIS_ANGLE, UPRIGHT, HandModel
 from ..hand.model_file import load_default_hand
-from ..hand.penetration import HandParts, relieved_angles
 from ..hand.pose_samples import sample_poses_deg
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
@@ -104,6 +103,8 @@ class CapturePlan:
 
 def _sample_poses(rng: np.random.Generator, count: int, model: HandModel, beta: np.ndarray) -> tuple[HandPose, ...]:
     """Poses whose middle knuckle lies near the world's origin."""
+    from ..hand.penetration import HandParts, relieved_angles  # needs torch, which the command's help does not
+
     right = model.for_side("right")
     axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
     parts, poses = HandParts(right), []

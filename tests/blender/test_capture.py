@@ -358,7 +358,7 @@ def test_the_command_passes_its_arguments_to_the_plan(monkeypatch, tmp_path):
     command.add_arguments(parser)
     seen = {}
 
-    def fake(folder, plan, provenance, threads):
+    def fake(folder, plan, provenance, threads, hand=None):
         seen.update(folder=folder, plan=plan, provenance=provenance, threads=threads)
         return plan.make(folder, load_default_hand(), provenance)
 
@@ -379,7 +379,7 @@ def test_the_command_passes_its_lights_on(monkeypatch, tmp_path):
     command.add_arguments(parser)
     seen = []
 
-    def fake(folder, plan, provenance, threads):
+    def fake(folder, plan, provenance, threads, hand=None):
         seen.append(provenance["plan"])
         return plan.make(folder, load_default_hand(), provenance)
 

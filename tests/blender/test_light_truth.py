@@ -55,7 +55,7 @@ def model():
 def plan_of_one(model, tmp_path_factory):
     """A pose and a camera that sees the whole hand."""
     capture = CapturePlan(size_px=SIZE).make(tmp_path_factory.mktemp("truth"), model, {})
-    view = next(view for view in capture.views if view.pose_index == 7 and view.camera_index % 3 != 2)
+    view = next(view for view in capture.views if view.pose_index == 7 and view.camera_index % 2 == 0)
     return capture.poses[7], view.camera
 
 

