@@ -44,6 +44,7 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHa
     look[MODEL_KEY] = sha256
     scene = bpy.data.scenes.new("Hand")  # so that the hand is visible when the file is opened
     scene.collection.objects.link(look)
+    scene.view_layers[0].update()  # Blender 5.2 crashes when it writes a scene that was never seen
     images = images_of(look.data.materials)
     missing = {image for image in images if is_missing(image)}
     try:
