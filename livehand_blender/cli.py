@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -88,6 +89,8 @@ def _in_blender(run: Run) -> Run:
             raise LiveHandError(
                 'this command needs Blender as a Python module; install it with: pip install "livehand[bpy]"'
             )
+        with blender_silenced():  # Blender 5.2 says where OCIO points
+            importlib.import_module("bpy")
         return run(args)
 
     return run_in_blender

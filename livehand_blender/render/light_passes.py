@@ -36,7 +36,8 @@ from .render_result import read_scene
 _SAMPLES = 4
 # Pixels around the hand's box in which it may be at times near the frame.
 _MARGIN_PX = 8
-_PASSES = ("DiffDir", "DiffInd", "DiffCol")
+# Cycles' passes by their names before Blender 5.2, and since.
+_PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color"}
 _HANDLERS = ("render_init", "render_pre", "render_post", "render_complete", "render_cancel", "render_stats")
 
 
@@ -67,7 +68,8 @@ class Measurement:
         """Keep Cycles' passes."""
         for view in self.views:
             passes = read_scene(result, layer, view, self.region.size_px)
-            self.maps[view] = {name: passes[name] for name in ("Combined", *_PASSES)}
+            light = {name: passes[name if name in passes else new] for name, new in _PASSES.items()}
+            self.maps[view] = {"Combined": passes["Combined"], **light}
 
 
 def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:

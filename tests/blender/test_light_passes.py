@@ -13,6 +13,9 @@ from mathutils import Vector
 
 SUN = Vector((0.3, -0.2, 1.0)).normalized()
 
+# Cycles' passes in the version that runs.
+DIRECT, INDIRECT = ("Diffuse Direct", "Diffuse Indirect") if bpy.app.version >= (5, 1, 0) else ("DiffDir", "DiffInd")
+
 
 @pytest.fixture
 def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
@@ -121,7 +124,7 @@ def light_on_floor(scene, tmp_path, read_exr, use_multilayer_exr):
     scene.render.filepath = str(tmp_path / "floor.exr")
     bpy.ops.render.render(write_still=True)
     channels = read_exr(tmp_path / "floor.exr")
-    return np.stack([channels[f"{layer.name}.DiffInd.{c}"] for c in "RGB"], -1)
+    return np.stack([channels[f"{layer.name}.{INDIRECT}.{c}"] for c in "RGB"], -1)
 
 
 def test_skin_bleeds_on_the_scene(
@@ -162,7 +165,7 @@ def test_the_hand_shades_the_scene_away_from_the_sun(lit_scene, fake_session, tm
     use_multilayer_exr(lit_scene)
     lit_scene.render.filepath = str(tmp_path / "floor.exr")
     bpy.ops.render.render(write_still=True)
-    light = read_exr(tmp_path / "floor.exr")[f"{layer.name}.DiffDir.R"]
+    light = read_exr(tmp_path / "floor.exr")[f"{layer.name}.{DIRECT}.R"]
     shot = fake_session.made[-1].shots[-1]
     away = np.array(SUN) * ((shot.vertices[:, 2:] - z) / SUN.z)
     columns, rows = shot.camera.project(shot.vertices - away)[0].astype(int).T
