@@ -15,7 +15,7 @@ from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..hand.bones import rest_flexion_deg
 from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
-from ..hand.model import MIRROR_AXIS_ANGLE, UPRIGHT, HandModel
+from ..hand.model import UPRIGHT, HandModel
 from ..hand.model_file import load_default_hand
 from ..hand.pose_samples import sample_poses_deg
 from ..records.camera import Camera, look_at
@@ -77,10 +77,10 @@ class CapturePlan:
     def make(self, folder: Path, model: HandModel, provenance: dict) -> Capture:
         """The capture's index."""
         rng = np.random.default_rng(self.seed)
-        poses = _sample_poses(rng, self.poses, model, np.array(self.person.beta))
+        forearms = np.zeros((self.poses, 3))
         if model.has_arm:
-            turns = sample_forearms(np.random.default_rng((self.seed, _ARM_SEED)), self.poses)
-            poses = tuple(map(_with_forearm, poses, turns))
+            forearms = sample_forearms(np.random.default_rng((self.seed, _ARM_SEED)), self.poses)
+        poses = _sample_poses(rng, forearms, model, np.array(self.person.beta))
         size = _relative_size(model)
         views = _spread_views(self, _sample_cameras(rng, self, size, model.has_arm))
         lit = LitViews(views, ()) if self.lights == "dome" else light_views(views, self.seed, size)
@@ -101,20 +101,22 @@ class CapturePlan:
         return index % 5 == 3
 
 
-def _sample_poses(rng: np.random.Generator, count: int, model: HandModel, beta: np.ndarray) -> tuple[HandPose, ...]:
-    """Poses whose middle knuckle lies near the world's origin."""
+def _sample_poses(
+    rng: np.random.Generator, forearms: np.ndarray, model: HandModel, beta: np.ndarray
+) -> tuple[HandPose, ...]:
+    """Poses with these turns [P, 3] of a right hand's forearm, whose middle knuckle lies near the world's origin."""
     from ..hand.penetration import HandParts, relieved_angles  # needs torch, which the command's help does not
 
     right = model.for_side("right")
     axes, offset = finger_axes(right), _rest_deg(load_default_hand()) - _rest_deg(right)
     parts, poses = HandParts(right), []
-    for angles in sample_poses_deg(rng, count):
+    for angles, forearm in zip(sample_poses_deg(rng, len(forearms)), forearms, strict=True):
         angles[:, :2] += offset  # gestures are relative to the built-in hand's rest pose
         angles = relieved_angles(parts, right, angles, axes)
         root = axis_angle_to_matrix(np.array([0, 0, np.deg2rad(rng.normal(0, YAW_DEG))])) @ _random_tilt(rng) @ UPRIGHT
         middle = right.joints[0] + root @ (right.joints[4] - right.joints[0])
         transl = -middle + rng.normal(0, 0.006, 3)
-        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), beta, transl, "right"))
+        poses.append(HandPose(theta_of(angles, axes, matrix_to_axis_angle(root)), beta, transl, "right", forearm))
     return tuple(poses if model.side == "right" else (pose.mirrored() for pose in poses))
 
 
@@ -128,11 +130,6 @@ def sample_forearms(rng: np.random.Generator, count: int) -> np.ndarray:
         bend = axis_angle_to_matrix(np.array([0, deviation, 0])) @ axis_angle_to_matrix(np.array([0, 0, -flexion]))
         turns.append(matrix_to_axis_angle(bend @ axis_angle_to_matrix(np.array([twist, 0, 0]))))
     return np.array(turns).reshape(count, 3)
-
-
-def _with_forearm(pose: HandPose, forearm: np.ndarray) -> HandPose:
-    """The pose with the turn of a right hand's forearm."""
-    return replace(pose, forearm=forearm if pose.side == "right" else forearm * MIRROR_AXIS_ANGLE)
 
 
 def _rest_deg(right: HandModel) -> np.ndarray:

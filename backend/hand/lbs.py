@@ -83,11 +83,10 @@ def forearm_offsets(
         forearm: as in `HandPose`.
         rest_wrist: joint 0 of the shaped hand at rest.
     """
-    turn = axis_angle_to_matrix(forearm)
-    about_wrist = torch.cat([turn, (rest_wrist - (turn @ rest_wrist[..., None])[..., 0])[..., None]], -1)
-    rotation = wrist[..., :3] @ about_wrist
-    moved = torch.cat([rotation[..., :3], rotation[..., 3:] + wrist[..., 3:]], -1)
-    return arm_weights[:, None, None] * (moved - wrist)[..., None, :, :]
+    turned = axis_angle_to_matrix(forearm)
+    by = turned - torch.eye(3, dtype=turned.dtype, device=turned.device)
+    about_wrist = torch.cat([by, -(by @ rest_wrist[..., None])], -1)
+    return arm_weights[:, None, None] * (wrist[..., :3] @ about_wrist)[..., None, :, :]
 
 
 def posed_vertices(model: HandModel, pose: HandPose) -> np.ndarray:

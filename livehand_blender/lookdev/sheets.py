@@ -135,11 +135,10 @@ def _disc(at: Aim, model: HandModel, joint: int, offset_mm: tuple, radius_mm: fl
     """[H, W] the pixels around a place of the posed hand."""
     frames = bone_frames(model, at.pose)
     place = frames[joint, :3, 3] + frames[joint, :3, :3] @ (np.array(offset_mm) * (-1, 1, 1)) / 1000
-    in_camera = np.linalg.inv(at.camera.cam2world) @ [*place, 1]
-    x, y = (at.camera.K @ in_camera[:3])[:2] / in_camera[2]
+    ((x, y),), (depth_m,) = at.camera.project(place[None])
     width, height = at.camera.size_px
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    radius_px = radius_mm / 1000 * at.camera.K[0, 0] / in_camera[2]
+    radius_px = radius_mm / 1000 * at.camera.K[0, 0] / depth_m
     return np.hypot(columns - x, rows - y) <= radius_px
 
 
