@@ -48,13 +48,12 @@ def put_skin_in(scene: bpy.types.Scene, folder: Path) -> bpy.types.Object:
     surface = SkinSurface.create(model, detailed_surface(model))
     scene.render.engine = "CYCLES"
     bpy.ops.object.select_all(action="DESELECT")  # selected objects would be baked
-    samples = scene.cycles.samples
     maps = bake_skin(surface.object, folder / "skin", tone)
     surface.object.data.materials.append(baked_material(maps, tone))
     surface.set_pose(pose)
     surface.object.matrix_world = place
     hand.mesh.hide_render = True
-    scene.cycles.samples, scene.cycles.use_denoising = samples, True  # baking has changed them
+    scene.cycles.use_denoising = True
     return surface.object
 
 

@@ -53,6 +53,8 @@ CLOSED_FIST = replace(
     thumb=((33, -16, 8), (42, 0, 0), (50, 0, 0)),
 )
 EASED_GESTURES = GESTURES | {"fist": CLOSED_FIST}
+# The forearm turns by this share of the wrist's rotation; the wrist bends by the rest.
+FOREARM_SHARE = 0.4
 # Delay of each finger relative to the wrist: hands close from the little finger, and the thumb is last.
 DELAY_FRAMES = {"pinky": -0.4, "ring": 0.0, "middle": 0.2, "index": 0.4, "thumb": 1.6}
 
@@ -104,14 +106,17 @@ def build_wave() -> bpy.types.Scene:
 
 
 def animate_hand(armature: bpy.types.Object) -> None:
-    """Key every bone on every frame, and the wrist's location so that the knuckles start at the world's origin."""
+    """Key every bone on every frame, and the place of the wrist so that the knuckles start at the world's origin."""
     joints = load_default_hand().joints
     axes = FingerAxes.of_default_hand()
-    thetas = [theta_of(finger_angles_deg(frame), axes, matrix_to_axis_angle(wrist_rotation(frame))) for frame in FRAMES]
+    wrists = np.array([wrist_rotation(frame) for frame in FRAMES])
+    arms = np.array([wrist_rotation(frame, FOREARM_SHARE) for frame in FRAMES])
+    roots = matrix_to_axis_angle(wrists)
+    thetas = [theta_of(finger_angles_deg(frame), axes, root) for frame, root in zip(FRAMES, roots, strict=True)]
     knuckles = joints[0] + UPRIGHT @ (joints[4] - joints[0])
     hand = RiggedHand.of(armature)
-    keyframe_theta(hand, np.array(thetas), FRAMES)
-    keyframe_transl(hand, np.array([-knuckles, -knuckles]), (FRAMES[0], FRAMES[-1]))
+    keyframe_theta(hand, np.array(thetas), FRAMES, forearms=matrix_to_axis_angle(wrists.swapaxes(1, 2) @ arms))
+    keyframe_transl(hand, np.tile(-knuckles, (len(FRAMES), 1)), FRAMES)
 
 
 def finger_angles_deg(frame: float) -> np.ndarray:
@@ -124,9 +129,9 @@ def finger_angles_deg(frame: float) -> np.ndarray:
     return angles
 
 
-def wrist_rotation(frame: float) -> np.ndarray:
-    """[3, 3] from the template to the world."""
-    nod, lean, screw = np.deg2rad(eased(frame, np.array([key.wrist_deg for key in MOTION])))
+def wrist_rotation(frame: float, share: float = 1.0) -> np.ndarray:
+    """[3, 3] from the template to the world, by this share of the keys' angles."""
+    nod, lean, screw = share * np.deg2rad(eased(frame, np.array([key.wrist_deg for key in MOTION])))
     x, y, z = np.eye(3)
     return axis_angle_to_matrix(screw * z) @ axis_angle_to_matrix(lean * y) @ axis_angle_to_matrix(nod * x) @ UPRIGHT
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .blender_command import BlenderCommand
+from .motion import live as live_hands
 from .render import engine, memory
 from .render.viewport import rendered_views
 from .rig import properties
@@ -14,6 +15,7 @@ from .ui import (
     compositing,
     hand_model,
     ik_grab,
+    live,
     motion,
     motion_files,
     operators,
@@ -41,6 +43,7 @@ CLASSES = (
     *avatars.CLASSES,
     *picker.CLASSES,
     *motion.CLASSES,
+    *live.CLASSES,
     *video.CLASSES,
     *retarget.CLASSES,
     *hand_model.CLASSES,
@@ -63,6 +66,7 @@ def register() -> None:
     whole_hands.watch_objects()
     hand_selection.watch_selection()
     ik_grab.watch_targets()
+    live_hands.watch_files()
     pose_library.add_keys()
     main_thread.start()
     BlenderCommand.register()
@@ -74,6 +78,7 @@ def unregister() -> None:
     BlenderCommand.unregister()
     main_thread.stop()
     pose_library.remove_keys()
+    live_hands.stop_watching()
     ik_grab.stop_watching()
     hand_selection.stop_watching()
     whole_hands.stop_watching()

@@ -18,6 +18,7 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.poses import POSES
 from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.nerf.conditions import FrameConditions
 from livehand.backend.nerf.rays import camera_tensors
@@ -72,11 +73,12 @@ def hand():
 
 @pytest.fixture(scope="session")
 def posed(hand):
-    """A function (gesture, side="right") -> PosedHand; a left hand wears the right one's look."""
+    """A function (gesture or library pose, side="right") -> PosedHand; a left hand wears the right one's look."""
 
     @cache
     def pose(gesture, side="right"):
-        theta = theta_of(GESTURES[gesture].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
+        angles = (GESTURES.get(gesture) or POSES[gesture].gesture).angles_deg()
+        theta = theta_of(angles, FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
         theta = torch.as_tensor(theta, dtype=torch.float32)
         vertices = pose_hand(SkinTensors.of(hand), theta, torch.zeros(10), torch.zeros(3)).vertices
         if side == "left":

@@ -186,6 +186,7 @@ def cycles(graph):
     return found
 
 
+@pytest.mark.slow
 def test_imports_point_one_way():
     assert faults(ROOT) == []
 
@@ -204,6 +205,7 @@ def test_systems_are_told_apart_in_one_room():
     assert {f"{SYSTEM_ROOM}.{name}" for name in ("atomic_file", "process_identity", "signals")} <= asking
 
 
+@pytest.mark.slow
 def test_no_class_name_exists_twice():
     places = {}
     for name, path in modules(ROOT).items():

@@ -17,6 +17,7 @@ HEADER_KEY = "livehand"
 THUMBNAIL_KEY = "portrait"
 """The name of the thumbnail's tensor since format version 1."""
 
+_BETAS = 10
 # The hardest split first.
 _SPLITS = {
     "test": "unseen poses and cameras",
@@ -38,6 +39,7 @@ class AvatarMetadata:
         licence: of the avatar, or empty.
         figures: metrics on held-out views as lines of text; empty if it was not evaluated.
         made_from: the capture it was trained on as a line of text, or empty.
+        beta: [10] shape of the person it was trained on, or None if the file does not tell.
         thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None if the file has none.
     """
 
@@ -48,6 +50,7 @@ class AvatarMetadata:
     licence: str
     figures: tuple[str, ...]
     made_from: str
+    beta: tuple[float, ...] | None
     thumbnail: np.ndarray | None
 
 
@@ -68,6 +71,7 @@ def read_metadata(path: Path) -> AvatarMetadata:
             licence=str(provenance.get("licence", "")),
             figures=_figures(header["metrics"]),
             made_from=_made_from(provenance.get("capture", {})),
+            beta=_beta(provenance.get("capture", {})),
             thumbnail=thumbnail,
         )
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -116,3 +120,13 @@ def _made_from(capture: dict[str, Any]) -> str:
         return made_by
     poses = plan.get("first_poses") or plan["poses"]
     return f"{made_by}: {poses} poses, {'x'.join(map(str, plan['size_px']))} px"
+
+
+def _beta(capture: dict[str, Any]) -> tuple[float, ...] | None:
+    person = (capture.get("plan") or {}).get("person") or {}
+    if person.get("beta") is None:
+        return None
+    beta = tuple(float(value) for value in person["beta"])
+    if len(beta) != _BETAS or not np.isfinite(beta).all():
+        raise ValueError(f"a person's beta {beta}")
+    return beta

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from ..hand.model import HandModel
-from ..hand.model_file import load_default_hand, load_hand_model
+from ..hand.model_file import load_hand_model
 from ..records.errors import LiveHandError
 from ..rendering.frame_queue import FrameQueue
 from ..rendering.frame_task import HandRenderer
 from ..runtime.thread_limits import allow_cpu_for_mps, limit_spinning
 from ..runtime.torch_libraries import load_torch_libraries
-from .library import shipped_avatar_path
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,11 @@ class Device:
 
 
 Item = TypeVar("Item")
-RendererFactory = Callable[[Path | None, HandModel, Device], HandRenderer]
+RendererFactory = Callable[[Path, HandModel, Device], HandRenderer]
 
 
-def load_renderer(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
-    """Load the renderer of an avatar; None is the first shipped avatar.
+def load_renderer(avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:
+    """Load the renderer of an avatar.
 
     Raises:
         LiveHandError: the avatar is unreadable or of another hand.
@@ -72,20 +71,19 @@ class Session:
         self._hands: dict[tuple, HandModel] = {}
         self._renderers: dict[tuple, HandRenderer] = {}
 
-    def hand(self, path: Path | None) -> HandModel:
-        """The hand model in `path`, which serves both sides; None is the built-in hand."""
-        key = _file_key(path)
-        return _cached(self._hands, key, lambda: load_default_hand() if path is None else load_hand_model(path))
+    def hand(self, path: Path) -> HandModel:
+        """The hand model in a file, which serves both sides."""
+        return _cached(self._hands, _file_key(path), lambda: load_hand_model(path))
 
-    def renderer(self, avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
-        """The renderer of an avatar (None: the first shipped one) on a hand of this session."""
+    def renderer(self, avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:
+        """The renderer of an avatar on a hand of this session."""
         key = (*_file_key(avatar_path), hand.sha256, device)
         return _cached(self._renderers, key, lambda: self._make_renderer(avatar_path, hand, device))
 
     def avatar_path(self, renderer: HandRenderer) -> Path:
         """The avatar file of a renderer of this session."""
         (key,) = (key for key, known in self._renderers.items() if known is renderer)
-        return key[0] or shipped_avatar_path()
+        return key[0]
 
     @contextlib.contextmanager
     def queueing(self) -> Iterator[FrameQueue]:
@@ -102,14 +100,12 @@ class Session:
         self._hands.clear()
 
 
-def _file_key(path: Path | None) -> tuple:
+def _file_key(path: Path) -> tuple:
     """(path, modification time, size), so that a file that was overwritten is loaded again.
 
     Raises:
         LiveHandError: there is no such file.
     """
-    if path is None:
-        return (None, 0, 0)
     try:
         stat = path.stat()
     except OSError as error:

@@ -42,7 +42,8 @@ def render_thumbnail(renderer: Renderer) -> np.ndarray:
     theta[0] = matrix_to_axis_angle(upright(renderer.hand.side))
     pose = HandPose(theta, np.zeros(10), np.zeros(3), renderer.hand.side)
     vertices = posed_vertices(renderer.hand, pose)
-    camera = fitting_camera(vertices, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)
+    framed = vertices[renderer.hand.for_side(pose.side).framed_vertices]
+    camera = fitting_camera(framed, _TOWARDS_CAMERA, (SIDE_PX * _SUPERSAMPLING, SIDE_PX * _SUPERSAMPLING), _FILL)
     frame = renderer.render(Shot(pose, vertices, camera, studio_light()))
     small = Frame(_averaged(frame.rgb), _averaged(frame.alpha), _averaged(frame.depth))
     return (straight_srgb(small) * 255).round().astype(np.uint8)

@@ -11,18 +11,18 @@ from ..runtime.command import Command
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("avatar", type=Path, help=".safetensors file to update")
-    parser.add_argument("--hand", type=Path, help="hand model of the avatar (default: the built-in hand)")
+    parser.add_argument("--hand", type=Path, help="hand model of the avatar (default: its built-in one)")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), default="auto")
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..hand.model_file import load_hand_of
     from ..rendering.renderer import Renderer
     from .file import load_avatar, save_avatar
     from .thumbnail import render_thumbnail
 
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     avatar = load_avatar(args.avatar)
+    hand = load_hand_of(avatar.hand_sha256, args.hand)
     save_avatar(replace(avatar, thumbnail=render_thumbnail(Renderer(avatar, hand, args.device))), args.avatar)
     return {"avatar": str(args.avatar), "summary": f"{args.avatar}: thumbnail rendered"}
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..avatars.library import AVATAR_HELP, avatar_path
 from ..records.errors import LiveHandError
 from ..runtime.command import Command, parse_size_px, say
+from ..runtime.figure import check_plot_name, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,14 +53,14 @@ def run(
     from .cases import load_configurations
     from .machine import describe, set_threads
     from .measure import Bench
-    from .plot import new_figure
+    from .plot import growth_figure
 
     plan = plan_of(args)
     set_threads(args.threads)
     machine = describe(torch_device(args.device))  # its load is that of before
     figure = (
-        new_figure() if args.plot else None
-    )  # before minutes of measurements: new_figure raises where matplotlib is missing
+        growth_figure() if args.plot else None
+    )  # before minutes of measurements: growth_figure raises where matplotlib is missing
     device, hand = torch_device(args.device), load_default_hand()
     configurations = load_configurations(hand, device, args.avatar, args.paper_avatar)
     bench = Bench(configurations, hand, device, make_cycles(args) if make_cycles else None)
@@ -82,8 +83,8 @@ def plan_of(args: argparse.Namespace) -> BenchmarkPlan:
             raise LiveHandError(f"--{name.replace('_', '-')} must be {least} or more, got {value}")
     if args.coverage is not None and not 0 < args.coverage <= 1:
         raise LiveHandError(f"--coverage must be a share of the image above 0 and up to 1, got {args.coverage}")
-    if args.plot and args.plot.suffix.lower() != ".png":
-        raise LiveHandError(f"--plot must name a .png file, got {args.plot.name}")
+    if args.plot:
+        check_plot_name(args.plot)
     return BenchmarkPlan(
         args.sizes,
         args.paper_sizes,
@@ -132,7 +133,7 @@ def _result(machine: dict[str, Any], peaks: Peaks, sizes: list[SizeResult], grow
 def _growth(bench: Bench, plan: BenchmarkPlan, sizes: list[SizeResult], figure: Figure, path: Path) -> dict[str, Any]:
     """Measure the curves and plot them; returns them as JSON."""
     from .growth import grow_with_coverage, grow_with_hands
-    from .plot import draw_growth, save_plot
+    from .plot import draw_growth
     from .report import growth_document
 
     size_px = _REFERENCE_PX if _REFERENCE_PX in plan.sizes_px else plan.sizes_px[0]
@@ -140,7 +141,7 @@ def _growth(bench: Bench, plan: BenchmarkPlan, sizes: list[SizeResult], figure: 
     coverage = grow_with_coverage(bench, plan, size_px)
     hands = grow_with_hands(bench, plan, size_px)
     draw_growth(figure, coverage, sizes, hands, _size_name(size_px))
-    save_plot(figure, path)
+    save_figure(figure, path)
     curves = {"coverage": growth_document(coverage, "coverage"), "hands": growth_document(hands, "hands")}
     return {"growth": curves | {"size": _size_name(size_px)}, "plot": str(path)}
 

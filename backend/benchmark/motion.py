@@ -37,7 +37,8 @@ _ORBIT = np.array(
 )
 _FIELD_OF_VIEW_M = 0.272  # height of the image at this distance:
 _FIELD_DISTANCE_M = 0.75
-_COVERAGE_FRAMES = 8  # of the loop, over which the natural coverage is averaged
+_COVERAGE_FRAMES = 8  # of the loop, over which the coverage is averaged
+_ZOOM_STEPS = 4
 
 
 class MotionFrame(NamedTuple):
@@ -63,7 +64,7 @@ class MovingHand:
 
     def frames(self, count: int) -> list[MotionFrame]:
         """`count` frames, evenly over the loop."""
-        zoom = 1.0 if self.coverage is None else sqrt(self.coverage / self._natural_coverage)
+        zoom = 1.0 if self.coverage is None else self._zoom(self.coverage)
         return [self._frame(k / count, zoom) for k in range(count)]
 
     def shot(self, frame: MotionFrame) -> Shot:
@@ -85,9 +86,13 @@ class MovingHand:
     def _axes(self) -> FingerAxes:
         return FingerAxes.of_default_hand()
 
-    @cached_property
-    def _natural_coverage(self) -> float:
-        return float(np.mean([self.covered(self._frame(k / _COVERAGE_FRAMES, 1.0)) for k in range(_COVERAGE_FRAMES)]))
+    def _zoom(self, coverage: float) -> float:
+        """The enlargement with that mean coverage. An arm leaves the picture as it grows, so one step does not do."""
+        zoom = 1.0
+        for _ in range(_ZOOM_STEPS):
+            frames = (self._frame(k / _COVERAGE_FRAMES, zoom) for k in range(_COVERAGE_FRAMES))
+            zoom *= sqrt(coverage / np.mean([self.covered(frame) for frame in frames]))
+        return float(zoom)
 
     def _frame(self, phase: float, zoom: float) -> MotionFrame:
         angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])

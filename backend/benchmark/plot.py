@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..records.errors import LiveHandError
+from ..runtime.figure import new_figure
 from .growth import GrowthPoint
 from .measure import SizeResult
 from .rounds import frame_spread
@@ -18,17 +17,9 @@ if TYPE_CHECKING:
 _SIZE_IN = (13.2, 3.6)
 
 
-def new_figure() -> Figure:
-    """An empty figure.
-
-    Raises:
-        LiveHandError: matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise LiveHandError(f"--plot needs matplotlib ({error}); install it with: pip install matplotlib") from error
-    return Figure(_SIZE_IN, layout="constrained")
+def growth_figure() -> Figure:
+    """An empty figure. Raises LiveHandError if matplotlib is not installed."""
+    return new_figure(*_SIZE_IN)
 
 
 def draw_growth(
@@ -48,19 +39,6 @@ def draw_growth(
     for axes, (title, x_label, points) in zip(figure.subplots(1, len(panels)), panels, strict=True):
         axes.set(title=title, xlabel=x_label)
         _draw_curves(axes, points)
-
-
-def save_plot(figure: Figure, path: Path) -> None:
-    """Write the figure; its folder is created.
-
-    Raises:
-        LiveHandError: the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise LiveHandError(f"the plot {path} could not be written ({error}); choose another .png") from error
 
 
 def _draw_curves(axes: Axes, points: Sequence[GrowthPoint]) -> None:

@@ -280,29 +280,23 @@ def _read_lit_view(entry: dict | object, pose_count: int, light_count: int) -> C
 def _read_poses(path: Path) -> tuple[HandPose, ...]:
     try:
         arrays = read_npz(path)
-        columns = [arrays[name] for name in ("theta", "beta", "transl", "side")]
-        columns.append(arrays.get("forearm", np.zeros((len(columns[0]), 3))))
-        rows = list(zip(*columns, strict=True))
+        columns = ("theta", "beta", "transl", "side", *(["forearm"] if "forearm" in arrays else []))
+        rows = list(zip(*(arrays[name] for name in columns), strict=True))
     except (LiveHandError, KeyError, ValueError, TypeError) as error:
         raise LiveHandError(f"{path} must hold theta, beta, transl and side of every pose ({error})") from error
     return read_all(path, ((read_pose, index, *row) for index, row in enumerate(rows)))
 
 
 def read_pose(
-    index: int,
-    theta: np.ndarray,
-    beta: np.ndarray,
-    transl: np.ndarray,
-    side: object,
-    forearm: np.ndarray | None = None,
+    index: int, theta: np.ndarray, beta: np.ndarray, transl: np.ndarray, side: object, *forearm: np.ndarray
 ) -> HandPose:
-    """The pose of a file's row.
+    """The pose of a file's row, with or without a forearm.
 
     Raises:
         LiveHandError: with the row's index and its fault.
     """
     try:
-        return HandPose(theta, beta, transl, _side(str(side)), np.zeros(3) if forearm is None else forearm)
+        return HandPose(theta, beta, transl, _side(str(side)), *forearm)
     except (LiveHandError, TypeError) as error:
         raise LiveHandError(f"pose {index}: {error}") from error
 

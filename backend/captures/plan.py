@@ -16,7 +16,7 @@ from ..hand.bones import rest_flexion_deg
 from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
 from ..hand.model import UPRIGHT, HandModel
-from ..hand.model_file import load_default_hand
+from ..hand.model_file import WITH_ARM, WITHOUT_ARM, load_default_hand, load_hand_model
 from ..hand.pose_samples import sample_poses_deg
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
@@ -143,8 +143,8 @@ def _rest_deg(right: HandModel) -> np.ndarray:
 
 def _relative_size(model: HandModel) -> float:
     """The hand's reach from its middle knuckle, relative to the built-in hand's; a forearm does not count."""
-    reach, builtin = (_reach(hand, model.has_arm) for hand in (model, load_default_hand()))
-    return reach / builtin
+    builtin = load_hand_model(WITH_ARM if model.has_arm else WITHOUT_ARM)
+    return _reach(model, model.has_arm) / _reach(builtin, model.has_arm)
 
 
 def _reach(hand: HandModel, short_of_wrist: bool) -> float:

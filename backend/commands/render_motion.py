@@ -20,7 +20,7 @@ from ..batch.report import RunReport
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.model import HandModel, upright
-from ..hand.model_file import load_default_hand, load_hand_model
+from ..hand.model_file import load_hand_of
 from ..motion.files.import_options import ImportOptions, motion_and_warning, with_options
 from ..motion.files.open_files import open_motion_file
 from ..motion.landmarks.picture_camera import PictureCamera
@@ -87,14 +87,15 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..rendering.renderer import Renderer
     from ..rendering.studio_light import studio_light
 
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    avatar = load_avatar(args.avatar)
+    hand = load_hand_of(avatar.hand_sha256, args.hand)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
         motion = posed_upright(path, hand, options, args.hand)
     else:
         motion = read(path, hand)
     frames = frame_indices(motion, args.frames)
-    renderer = Renderer(load_avatar(args.avatar), hand, args.device or "auto", args.precision or "fp32")
+    renderer = Renderer(avatar, hand, args.device or "auto", args.precision or "fp32")
     args.output.mkdir(parents=True, exist_ok=True)
     camera = fitting_camera(sampled_vertices(motion, frames, hand), _FRONT, args.size or _SIZE_PX, _FILL)
     light, report = studio_light(), RunReport({path: args.output}, args.output, args.json)
@@ -157,11 +158,12 @@ def frame_indices(motion: HandMotion, frames: Sequence[int] | None) -> list[int]
 
 
 def sampled_vertices(motion: HandMotion, frames: list[int], hand: HandModel) -> np.ndarray:
-    """[N, 3] m: vertices of the hand in at most 200 evenly spaced frames, for framing the camera."""
+    """[N, 3] m: vertices of the hand without its arm, in at most 200 evenly spaced frames, for framing the camera."""
     from ..hand.lbs import posed_vertices
 
     step = -(-len(frames) // _FRAMES_FOR_CAMERA)
-    return np.concatenate([posed_vertices(hand, motion.pose(index)) for index in frames[:: max(1, step)]])
+    poses = (motion.pose(index) for index in frames[:: max(1, step)])
+    return np.concatenate([posed_vertices(hand, pose)[hand.framed_vertices] for pose in poses])
 
 
 def write_png(frame: Frame, path: Path) -> None:

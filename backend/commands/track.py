@@ -16,6 +16,8 @@ from ..motion.landmarks.take_fit import LONGEST_GAP_S, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import Side
 from ..runtime.command import Command, warn
+from ..runtime.figure import check_plot_name, new_figure, save_figure
+from .doubt_plot import PANEL_IN, draw_doubt
 
 if TYPE_CHECKING:
     from ..tracking.video import VideoFrame
@@ -31,6 +33,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--hands", type=int, choices=(1, 2), default=2, help="hands to look for (default: %(default)s)")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot the doubt over time (needs matplotlib)")
     parser.add_argument("--hand", type=Path, metavar="FILE", help="the hand model that is fitted (default: built-in)")
 
 
@@ -53,6 +56,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
     if args.output.suffix.lower() != ".npz":
         raise LiveHandError(f"a take must be written to a .npz file, got {args.output.name}")
+    if args.plot:
+        check_plot_name(args.plot)
+        new_figure(*PANEL_IN)  # before minutes of tracking: it raises where matplotlib is missing
     model = load_hand_model(args.hand) if args.hand else load_default_hand()
     video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
     found = track_frames(_shown(video.frames(), video.count), tracker)
@@ -61,6 +67,10 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     for side, hand in take.hands.items():
         fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
     write_take(take, args.output)
+    if args.plot:
+        figure = new_figure(PANEL_IN[0], PANEL_IN[1] * len(fits))
+        draw_doubt(figure, fits)
+        save_figure(figure, args.plot)
     lines = [_facts(side, fit) for side, fit in fits.items()]
     return {
         "take": str(args.output),

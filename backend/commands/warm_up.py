@@ -23,13 +23,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
-    from ..hand.model_file import load_default_hand
+    from ..hand.model_file import load_hand_of
     from ..rendering.backends import has_numba, kernel_cache
     from ..rendering.renderer import Renderer
 
     if not has_numba():
         return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}
-    began, hand, avatar = time.perf_counter(), load_default_hand(), load_avatar(args.avatar)
+    began, avatar = time.perf_counter(), load_avatar(args.avatar)
+    hand = load_hand_of(avatar.hand_sha256, None)
     for precision in ("bf16", "fp32"):
         renderer = Renderer(avatar, hand, "cpu", precision)
         for shot in _shots(hand):

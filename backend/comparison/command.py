@@ -64,7 +64,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--samples", type=parse_count, default=8, metavar="N", help="a ray, of avatars (default: %(default)s)")
     add("--inference-only", action="store_true", help="row hierarchical: take the networks of row paper, train nothing")
     add("--seed", type=int, default=0, help="of weights, order and samples (default: %(default)s)")
-    add("--hand", type=Path, help="hand model of the capture (default: the built-in hand)")
+    add("--hand", type=Path, help="hand model of the capture (default: the built-in one it shows)")
     add("--device", choices=("auto", "cpu", "cuda"), default="auto", help="default: %(default)s")
     add("--precision", choices=("fp32", "bf16"), default="bf16", help="of training (default: %(default)s)")
 
@@ -97,13 +97,13 @@ def _compared(
     args: argparse.Namespace, rows: list[Row], wanted: tuple[str, ...], budget: Budget, capture: Capture
 ) -> dict[str, Any]:
     from ..captures.check import check_capture
-    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..hand.model_file import load_hand_of
     from ..records.errors import LiveHandError
     from .run import Comparison
 
     if args.output is None:
         raise LiveHandError("a comparison needs a folder for its results; give it with -o DIR, or ask with --list")
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    hand = load_hand_of(capture.hand_sha256, args.hand)
     check_capture(capture, hand)
     machine, measures = _machine_and_measures(args)
     plan = _plan(args, rows, wanted, budget, machine)

@@ -29,7 +29,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--avatar", type=avatar_path, default=shipped_avatar_path(), metavar="NAME|FILE", help=AVATAR_HELP
     )
-    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: the built-in hand)")
+    parser.add_argument("--hand", type=Path, help="the avatar's hand model (default: its built-in one)")
     parser.add_argument(
         "--split",
         choices=("test", "novel_pose", "novel_camera", "novel_light", "train", *_SEVERAL),
@@ -78,15 +78,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
     from ..captures.capture import load_capture
-    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..hand.model_file import load_hand_of
     from ..rendering.renderer import Renderer
     from .evaluate import check_any, scored_views
     from .report import summary_tables
     from .sheets import SheetViews
     from .summary import by_light, by_split, summary
 
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
-    renderer = Renderer(load_avatar(args.avatar), hand, args.device, args.precision)
+    avatar = load_avatar(args.avatar)
+    hand = load_hand_of(avatar.hand_sha256, args.hand)
+    renderer = Renderer(avatar, hand, args.device, args.precision)
     capture = load_capture(args.capture)
     views = _views_of(capture, args.split, args.max_images)
     sheets = SheetViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))

@@ -1,7 +1,7 @@
 """Contrast by scale: how much the lightness of the hand's pixels varies in bands of wavelengths, in millimetres.
 
 A band is the difference of two Gaussian blurs, whose deviations are 1 / pi of its two wavelengths; its figure is the
-standard deviation of L* (CIE 1976, D65) in it. Pixels are those of the hand that lie 1 mm inside its outline; blurs
+standard deviation of L* (`cie_lab`) in it. Pixels are those of the hand that lie 1 mm inside its outline; blurs
 stay among them.
 """
 
@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..rendering.srgb import srgb_to_linear
+from .cie_lab import lightness
 from .neighbourhood import distance_px, masked_blur
 from .seen_surface import SeenSurface
 
@@ -25,7 +26,6 @@ SPAN = "l_span"
 TRUTH = "_truth"
 """Ends the keys of the truth's figures."""
 _SPAN_SHARES = 0.02, 0.98
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 _FEWEST = 16  # pixels; with fewer, nothing is measured
 
 
@@ -61,7 +61,7 @@ def contrast(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px
     inside = hand & (distance_px(~hand, math.inf) > MARGIN_MM / mm_per_px)
     if int(inside.sum()) < _FEWEST:
         return dict.fromkeys(CONTRAST_KEYS, math.nan)
-    l_star = lightness(image)
+    l_star = lightness(srgb_to_linear(image.clamp(0, 1)))
     sigmas_px = {mm: mm / math.pi / mm_per_px for mm in sorted({mm for band in BANDS_MM for mm in band})}
     blurred = {mm: masked_blur(l_star[None], inside.float(), sigma)[0][0] for mm, sigma in sigmas_px.items()}
     figures = {}
@@ -70,10 +70,3 @@ def contrast(image: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"], mm_per_px
         figures[band_key((fine, coarse))] = deviation if coarse >= 2 * mm_per_px else math.nan
     low, high = np.quantile(l_star[inside].numpy(), _SPAN_SHARES)
     return figures | {SPAN: float(high - low)}
-
-
-def lightness(image: Float[Tensor, "H W 3"]) -> Float[Tensor, "H W"]:
-    """L*, 0 to 100, of an sRGB-encoded image."""
-    y = srgb_to_linear(image.clamp(0, 1)) @ torch.tensor(_LUMINANCE)
-    f = torch.where(y > (6 / 29) ** 3, y.clamp(min=1e-9) ** (1 / 3), y / (3 * (6 / 29) ** 2) + 4 / 29)
-    return 116 * f - 16

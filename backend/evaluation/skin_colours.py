@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_RGB_TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 BACK = "back"
 """The place that others are compared with."""
 _LIGHTEST_DEEP_L = 45.0  # L* of the back, between the two tables
@@ -49,15 +48,13 @@ DEEP_SKIN = {
 }
 
 
-def lab(rgb: np.ndarray) -> np.ndarray:
-    """CIE Lab [..., 3] of linear Rec. 709 [..., 3], under D65 (CIE 15)."""
-    xyz = (rgb @ _RGB_TO_XYZ.T) / _RGB_TO_XYZ.sum(1)
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
-
-
 def colour_findings(places: Mapping[str, np.ndarray]) -> list[str]:
-    """What is unusual in the colours of places (Lab [3]); the back's lightness chooses the table."""
+    """What is unusual in the colours of places (Lab [3]); the back's lightness chooses the table.
+
+    Of a hand whose back is not known, nothing is.
+    """
+    if BACK not in places:
+        return []
     back = places[BACK]
     ranges = DEEP_SKIN if back[0] < _LIGHTEST_DEEP_L else LIGHT_SKIN
     found = []

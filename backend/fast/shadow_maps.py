@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..geometry.shadow_maps import PointShadows, ShadowScene, px_per_radius
+from ..geometry.shadow_maps import PointShadows, ShadowScene
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowCasters
 from .kernels.shadow import look_up_points
@@ -15,13 +15,12 @@ from .kernels.shadow import look_up_points
 
 def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> PointShadows:
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
-    scale = px_per_radius(scene.views, scene.map_px)
-    tensors = (*scene.views, scale, scene.vertices.T, scene.faces, scene.others.T)
+    tensors = (*scene.views, *scene.windows, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
     others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
-    shape, places = (len(scale), len(points)), points.T.contiguous().numpy()
+    shape, places = (len(scene.views.distance), len(points)), points.T.contiguous().numpy()
     shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
     threads = torch.get_num_threads()

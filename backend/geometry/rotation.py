@@ -12,10 +12,9 @@ def axis_angle_to_matrix(axis_angle: np.ndarray) -> np.ndarray:
     """Rotation matrices [..., 3, 3] (Rodrigues); smooth at zero."""
     axis_angle = np.asarray(axis_angle, np.float64)
     angle = np.linalg.norm(axis_angle, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(axis_angle, -1, 0)
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    cross = np.stack([np.stack(row, -1) for row in rows], -2)
+    cross = np.zeros((*axis_angle.shape, 3))
+    cross[..., (2, 0, 1), (1, 2, 0)] = axis_angle
+    cross[..., (1, 2, 0), (2, 0, 1)] = -axis_angle
     # np.sinc(x / pi) is sin(x) / x; (1 - cos x) / x^2 is half the square of the same at x / 2.
     return np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
 

@@ -27,6 +27,7 @@ _GRAZING_M = 0.001
 _CONTACT_M = 0.001
 # A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh.
 _LEAST_SQUARED = 0.1
+_LEAST_WINDOW = 0.05  # half of a map's width, radii
 
 
 class Bounds(NamedTuple):
@@ -74,6 +75,34 @@ class PointShadows(NamedTuple):
     depth_in_m: Tensor
 
 
+class MapWindows(NamedTuple):
+    """The part of each of K views that its map shows, in radii at the distance of the centre.
+
+    Attributes:
+        centre: [K, 2].
+        px_per_radius: [K, 2].
+    """
+
+    centre: Tensor
+    px_per_radius: Tensor
+
+    @classmethod
+    def around(cls, points: Float[Tensor, "P 3"], views: LightViews, map_px: int) -> MapWindows:
+        """The windows that just hold these points: whatever shadows them lies within, before or behind.
+
+        Maps so become as fine as what is seen of the mesh is small. A window's border of a pixel holds no point.
+        """
+        distance = views.distance[:, None]
+        reach = distance / (distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()  # of the unit sphere
+        if len(points) == 0:
+            return cls(torch.zeros_like(views.frames[:, 0, :2]), ((map_px / 2 - 1) / reach).expand(-1, 2))
+        across, depth = _across(points, views)
+        across = torch.where((depth > 0)[..., None], across, 0).clamp(-reach[..., None], reach[..., None])
+        least, most = across.amin(1), across.amax(1)
+        half = ((most - least) / 2).clamp(min=_LEAST_WINDOW)
+        return cls((least + most) / 2, (map_px / 2 - 1) / half)
+
+
 class ProjectedPoints(NamedTuple):
     """Points in K shadow maps: px [K, P, 2], depth [K, P] in radii."""
 
@@ -86,6 +115,7 @@ class ShadowScene(NamedTuple):
 
     Attributes:
         views: from the light.
+        windows: of the maps.
         vertices: [V, 3] of the mesh.
         faces: [F, 3] of the mesh.
         others: [3 T, 3] corners of other triangles.
@@ -96,6 +126,7 @@ class ShadowScene(NamedTuple):
     """
 
     views: LightViews
+    windows: MapWindows
     vertices: Tensor
     faces: Tensor
     others: Tensor
@@ -134,6 +165,7 @@ def point_shadows(
     vertices, others, local = ((at - bounds.centre) / bounds.radius for at in (mesh.vertices, occluders, points))
     scene = ShadowScene(
         views=views,
+        windows=MapWindows.around(local, views, map_px),
         vertices=vertices,
         faces=topology.faces,
         others=others.reshape(-1, 3),
@@ -146,25 +178,25 @@ def point_shadows(
     return PointShadows(shadows.lit, shadows.depth_in_m / in_template)
 
 
-def projected(points: Float[Tensor, "P 3"], views: LightViews, map_px: int) -> ProjectedPoints:
-    """Points in the maps, whose borders are a pixel outside the unit sphere."""
+def projected(points: Float[Tensor, "P 3"], scene: ShadowScene) -> ProjectedPoints:
+    """Points in the scene's maps."""
+    across, depth = _across(points, scene.views)
+    centre, px_per_radius = scene.windows
+    return ProjectedPoints((across - centre[:, None]) * px_per_radius[:, None] + scene.map_px / 2, depth)
+
+
+def _across(points: Float[Tensor, "P 3"], views: LightViews) -> tuple[Float[Tensor, "K P 2"], Float[Tensor, "K P"]]:
+    """Where the rays through points cross the plane of the centre, and the points' depths."""
     local = torch.einsum("kij,pj->kpi", views.frames, points)
     distance = views.distance[:, None]
     depth = distance - local[..., 2]
-    px = local[..., :2] * (distance / torch.where(depth.abs() > 1e-6, depth, 1e-6))[..., None]
-    return ProjectedPoints(px * px_per_radius(views, map_px)[:, None, None] + map_px / 2, depth)
-
-
-def px_per_radius(views: LightViews, map_px: int) -> Float[Tensor, " K"]:
-    """Pixels of a radius at the centre."""
-    reach = views.distance / (views.distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()
-    return (map_px / 2 - 1) / reach
+    return local[..., :2] * (distance / torch.where(depth.abs() > 1e-6, depth, 1e-6))[..., None], depth
 
 
 def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
     """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
     entry, blocker = _maps(scene)
-    points = projected(places, scene.views, scene.map_px)
+    points = projected(places, scene)
     position = points.px - 0.5
     is_inside = ((position >= 0) & (position < scene.map_px - 1)).all(-1) & (points.depth > 0)
     position = torch.where(is_inside[..., None], position, torch.zeros_like(position))
@@ -189,13 +221,13 @@ def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> Point
 def _maps(scene: ShadowScene) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
     """Per map pixel, the depth at which light enters the mesh (minus infinity: blocked before), and where it ends."""
     count = len(scene.views.distance)
-    fragments = _fragments(projected(scene.vertices, scene.views, scene.map_px), scene.faces, scene.map_px)
+    fragments = _fragments(projected(scene.vertices, scene), scene.faces, scene.map_px)
     size = count * scene.map_px**2
     entry = _nearest(fragments, fragments.is_front, size)
     leaving = _nearest(fragments, ~fragments.is_front, size)
     middle = torch.where(leaving.isfinite(), (entry + leaving) / 2, entry)
     corners = torch.arange(len(scene.others), device=entry.device).reshape(-1, 3)
-    others = _fragments(projected(scene.others, scene.views, scene.map_px), corners, scene.map_px)
+    others = _fragments(projected(scene.others, scene), corners, scene.map_px)
     other = _nearest(others, torch.ones_like(others.is_front), size) + scene.contact
     is_blocked = other < entry
     entry = torch.where(is_blocked, -torch.inf, entry)

@@ -21,6 +21,8 @@ PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 # right hand's thumb to the left (-X). Captures hold the hand in this way, which fixes the light of the avatars.
 UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
 
+_FRAMED_ARM_M = 0.03  # of an arm, from the wrist's joint on
+
 
 @dataclass(frozen=True)
 class HandModel:
@@ -67,6 +69,13 @@ class HandModel:
     def has_arm(self) -> bool:
         """Whether the surface goes on into a forearm that the wrist bends against."""
         return bool(self.arm_weights.any())
+
+    @property
+    def framed_vertices(self) -> np.ndarray:
+        """[V] which of them a picture of the hand is framed by: all but those of an arm beyond the wrist's crease."""
+        wrist, middle_finger = self.joints[0], self.joints[4]
+        elbow = (wrist - middle_finger) / np.linalg.norm(wrist - middle_finger)
+        return (self.arm_weights == 0) | ((self.v_template - wrist) @ elbow < _FRAMED_ARM_M)
 
     def for_side(self, side: Side) -> HandModel:
         """This hand if it has this side, else its exact mirror image in the plane x = 0."""

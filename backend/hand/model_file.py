@@ -6,6 +6,7 @@ An open surface is closed by caps, and a missing atlas is made. Errors name the 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import cache
 from importlib import resources
@@ -27,11 +28,14 @@ ARM_KEY = "arm_weights"
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
-BUILTIN_HANDS = ("hand_default", "hand_with_arm")
-"""The names of the hands that ship."""
+WITHOUT_ARM, WITH_ARM = "hand_without_arm", "hand_with_arm"
+BUILTIN_HANDS = (WITHOUT_ARM, WITH_ARM)
+"""The names of the hands that ship, which share their joints and axes."""
+DEFAULT_HAND: str = WITH_ARM
+"""The hand that new scenes, captures and commands get."""
 
 
-def builtin_hand_path(name: str) -> Path:
+def builtin_hand_path(name: str = DEFAULT_HAND) -> Path:
     """The file of one of `BUILTIN_HANDS`."""
     return Path(str(resources.files(str(__package__)) / f"{name}.npz"))
 
@@ -42,19 +46,28 @@ def is_builtin_hand(path: Path | str) -> bool:
 
 
 @cache
-def builtin_hashes() -> frozenset[str]:
-    """The sha256 of the hands that ship, which share their joints and axes."""
-    return frozenset(hashlib.sha256(builtin_hand_path(name).read_bytes()).hexdigest() for name in BUILTIN_HANDS)
+def builtin_hashes() -> Mapping[str, str]:
+    """The sha256 of each hand that ships -> its name."""
+    return {hashlib.sha256(builtin_hand_path(name).read_bytes()).hexdigest(): name for name in BUILTIN_HANDS}
 
 
-def default_hand_path() -> Path:
-    """The built-in hand's file."""
-    return builtin_hand_path("hand_default")
+def builtin_name(sha256: str) -> str:
+    """The name of the hand that ships with this sha256; of another hand's, the default hand's name."""
+    return builtin_hashes().get(sha256, DEFAULT_HAND)
 
 
 def load_default_hand() -> HandModel:
-    """The built-in right hand."""
-    return load_hand_model(default_hand_path())
+    """The right hand that new scenes get."""
+    return load_hand_model(builtin_hand_path())
+
+
+def load_hand_of(sha256: str, path: Path | None) -> HandModel:
+    """The hand model in a file; without one, the hand that ships with the sha256 that an avatar or a capture names.
+
+    Raises:
+        LiveHandError: as `load_hand_model`.
+    """
+    return load_hand_model(path or builtin_name(sha256))
 
 
 def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:

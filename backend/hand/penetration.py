@@ -15,6 +15,7 @@ import trimesh
 from scipy.spatial import KDTree
 
 from .gestures import FingerAxes, theta_of
+from .joint_limits import FREE, LIMITS
 from .lbs import SkinTensors, pose_hand
 from .model import HandModel
 
@@ -22,9 +23,9 @@ _NEIGHBOURS_M = 0.012  # vertices nearer to a part at rest belong to the fold be
 _TOUCH_M = 0.0005  # flesh yields a little where parts touch
 _STEPS, _DIFFERENCE_DEG = 24, 0.1
 _LARGEST_STEP_DEG = 4.0
-# Degrees by which flexion, abduction and twist of joints move as readily as each other; 0: not at all.
-_FINGER_EASE_DEG = ((8.0, 6.0, 0.0), (4.0, 0.0, 0.0), (8.0, 0.0, 0.0))
-_THUMB_EASE_DEG = ((10.0, 10.0, 8.0), (8.0, 0.0, 0.0), (8.0, 0.0, 0.0))
+# Degrees by which the free angles move as readily as each other.
+_FINGER_EASE_DEG = (8.0, 6.0, 4.0, 8.0)
+_THUMB_EASE_DEG = (10.0, 10.0, 8.0, 8.0, 8.0)
 _STIFFNESS_M = 0.0004  # of all angles together, against the depth of one vertex
 
 
@@ -109,32 +110,39 @@ class HandParts:
 def relieved_angles(parts: HandParts, model: HandModel, angles_deg: np.ndarray, axes: FingerAxes) -> np.ndarray:
     """Joint angles [15, 3] deg near those given, in which parts of the mean hand touch without passing through.
 
-    Gauss-Newton steps on the depths, held back by the change of angles; the fold at a digit's root does not count.
+    Gauss-Newton steps on the depths, held back by the change of angles; the fold at a digit's root does not count. The
+    best step is returned, which is never deeper than the angles given. Free angles stay within their limits, or as
+    far beyond them as they are given.
     """
-    ease = np.array([*_FINGER_EASE_DEG * 4, *_THUMB_EASE_DEG]).ravel()
-
+    given = angles_deg.ravel()[FREE]
+    limits = np.rad2deg(LIMITS)
+    lowest, highest = np.minimum(limits[:, 0], given) - given, np.maximum(limits[:, 1], given) - given
+    stiffness = np.diag(_STIFFNESS_M / np.array([*_FINGER_EASE_DEG * 4, *_THUMB_EASE_DEG]))
     skin = SkinTensors.of(model, dtype=torch.float64)
-    change, free = np.zeros(45), np.flatnonzero(ease)
 
-    def positions(flat: np.ndarray) -> np.ndarray:
+    def positions(changes: np.ndarray) -> np.ndarray:
+        flat = np.tile(angles_deg.ravel(), (len(changes), 1))
+        flat[:, FREE] += changes
         theta = theta_of(flat.reshape(-1, 15, 3), axes)
         none = torch.zeros(len(flat), 10, dtype=torch.float64)
         return pose_hand(skin, torch.as_tensor(theta), none, none[:, :3]).vertices.numpy()
 
+    change, best, least_m = np.zeros(len(FREE)), np.zeros(len(FREE)), np.inf
     for _ in range(_STEPS):
-        flat = angles_deg.ravel() + change
-        at = positions(flat[None])[0]
-        contacts = parts.contacts(at)
-        if contacts.deepest_m <= _TOUCH_M:
+        contacts = parts.contacts(positions(change[None])[0])
+        if contacts.deepest_m < least_m:
+            best, least_m = change, contacts.deepest_m
+        if least_m <= _TOUCH_M:
             break
-        moved = contacts.gaps_m(positions(flat + _DIFFERENCE_DEG * np.eye(45)[free]))
+        moved = contacts.gaps_m(positions(change + _DIFFERENCE_DEG * np.eye(len(FREE))))
         slope = (moved.T + contacts.depth_m[:, None]) / _DIFFERENCE_DEG  # [P, free] m per degree
-        stiffness = np.diag(_STIFFNESS_M / ease[free])
         rows = np.vstack([slope, stiffness])
-        wanted = np.concatenate([contacts.depth_m - _TOUCH_M / 2, -stiffness @ change[free]])
+        wanted = np.concatenate([contacts.depth_m - _TOUCH_M / 2, -stiffness @ change])
         step = np.linalg.lstsq(rows, wanted, rcond=None)[0]
-        change[free] += step * min(1.0, _LARGEST_STEP_DEG / np.abs(step).max())
-    return angles_deg + change.reshape(15, 3)
+        change = np.clip(change + step * min(1.0, _LARGEST_STEP_DEG / np.abs(step).max()), lowest, highest)
+    relieved = angles_deg.ravel().copy()
+    relieved[FREE] += best
+    return relieved.reshape(15, 3)
 
 
 def _lies_behind(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from .rays import HandInView, ray_directions, ray_origin
 from .relighting import SkinDepth
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX = 64, 256
+SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
 _PROBES = 256
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
@@ -97,9 +97,13 @@ def light_shadows(
 ) -> LightShadows:
     """The shadows of a light at points, by the hand itself and by occluders; `of_sky` as `sky_shadows` gives them."""
     at_probes, normals = probes(hand.mesh)
-    points, views = torch.cat([position, at_probes]), light.lamps.views(Bounds.of(hand.mesh))
-    of_lamps = backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, LAMP_MAP_PX)
-    (sky, probe_sky), (lamps, probe_lamps) = (split_points(one, len(position)) for one in (of_sky, of_lamps))
+    views = light.lamps.views(Bounds.of(hand.mesh))
+
+    def of_lamps(points: Tensor, map_px: int) -> PointShadows:  # apart: a map is as fine as its points are near
+        return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, map_px)
+
+    lamps, probe_lamps = of_lamps(position, LAMP_MAP_PX), of_lamps(at_probes, PROBE_MAP_PX)
+    sky, probe_sky = split_points(of_sky, len(position))
     return LightShadows(sky, lamps, *mean_diffuse(light, probe_sky, probe_lamps, at_probes, normals))
 
 

@@ -26,14 +26,31 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--avatar", nargs="+", default=["light"], metavar="AVATAR", help=f"one or more: {AVATAR_HELP}")
     parser.add_argument("--side-by-side", action="store_true", help="the original beside the avatars")
+    parser.add_argument(
+        "--shutter",
+        type=_parse_shutter,
+        default=0.5,
+        metavar="FRAMES",
+        help="how long the shutter is open, for motion blur; 0: sharp (default: %(default)s)",
+    )
     parser.add_argument("--fov", type=parse_fov, metavar="DEG", help="the camera's horizontal angle of view")
     parser.add_argument("--hand", type=Path, metavar="FILE", help="the avatars' hand model (default: built-in)")
     parser.add_argument("--device", default="auto", help="as in render (default: %(default)s)")
 
 
+def _parse_shutter(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"must be a share of a frame from 0 to 1, got {text!r}")
+    return value
+
+
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ..avatars.file import load_avatar
-    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..hand.model_file import load_hand_of
     from ..motion.landmarks.take_fit import fit_take
     from ..rendering.renderer import Renderer
     from ..tracking.takes import track_frames
@@ -45,8 +62,9 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
     if args.output.suffix and args.output.suffix.lower() not in _VIDEO_SUFFIXES:
         raise LiveHandError(f"the output must be a folder or a video ({', '.join(_VIDEO_SUFFIXES)}), got {args.output}")
-    model = load_hand_model(args.hand) if args.hand else load_default_hand()
-    renderers = [Renderer(load_avatar(avatar_path(name)), model, args.device) for name in args.avatar]
+    avatars = [load_avatar(avatar_path(name)) for name in args.avatar]
+    model = load_hand_of(avatars[0].hand_sha256, args.hand)
+    renderers = [Renderer(avatar, model, args.device) for avatar in avatars]
     video = open_video(args.video)
     found = track_frames(video.frames(), HandTracker(load_networks()))
     take = filmed_take(found, video.fps, args.fov, args.video)
@@ -55,7 +73,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         fit = fit_take(hand, take.times, take.camera, model, side, take.fps)
         hands.append(FilmedShots.of(fit, take.camera, model))
     look = measured_look(video.frames(), len(take.times), hands, renderers)
-    pictures = reenacted(video.frames(), hands, renderers, look, args.side_by_side)
+    pictures = reenacted(video.frames(), hands, renderers, look, args.side_by_side, args.shutter)
     count = _write(_shown(pictures, len(take.times)), args.output, take.times, video.fps)
     ground = "a clean plate" if look.plate is not None else "the footage itself, as its camera moves"
     return {

@@ -10,9 +10,10 @@ from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..motion.landmarks.take_fit import FilmCamera, TakeFit
 from ..motion.motion import HandMotion
+from ..motion.resampling import sampled_at
 from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.camera import Camera
-from ..records.shot import Shot
+from ..records.shot import HandPose, Shot
 from ..rendering.studio_light import studio_light
 
 
@@ -49,9 +50,15 @@ class FilmedShots:
         index = round((time_s - self.fit.start_s) * (self.fit.motion.fps or 30.0))
         return index if 0 <= index < len(self.motion) and self.fit.is_keyed[index] else None
 
-    def shot(self, index: int, scale: float = 1.0) -> Shot:
-        """One frame, at a share of the film's resolution."""
-        pose = self.motion.pose(index)
+    def pose(self, index: int | float) -> HandPose:
+        """The pose of one frame, or between two."""
+        if index == int(index):
+            return self.motion.pose(int(index))
+        return sampled_at(self.motion, np.array([index])).pose(0)
+
+    def shot(self, index: int | float, scale: float = 1.0) -> Shot:
+        """One frame, or an instant between two, at a share of the film's resolution."""
+        pose = self.pose(index)
         camera = self.camera if scale == 1 else self.camera.scaled(scale)
         return Shot(pose, posed_vertices(self.model, pose), camera, studio_light())
 

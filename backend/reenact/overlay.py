@@ -15,15 +15,20 @@ _LEAST_PIXELS = 12
 _SOLID = 0.95  # alpha
 
 
-def over(frame: Frame, ground: np.ndarray, gain: np.ndarray, fade: np.ndarray) -> np.ndarray:
-    """uint8 [H, W, 3] of a frame over uint8 [H, W, 3], the frame's light multiplied by gain [3], its alpha by fade."""
+def over(frame: Frame, ground: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """uint8 [H, W, 3] of a frame over uint8 [H, W, 3], the frame's light multiplied by gain [3]."""
     rows, columns = _box(frame.alpha > 0)
-    alpha = (frame.alpha * fade)[rows, columns, None]
-    hand = frame.rgb[rows, columns] * fade[rows, columns, None] * gain.astype(np.float32)
+    alpha = frame.alpha[rows, columns, None]
+    hand = frame.rgb[rows, columns] * gain.astype(np.float32)
     below = _linear(ground[rows, columns])
     picture = ground.copy()
     picture[rows, columns] = _encoded(hand + below * (1 - alpha))
     return picture
+
+
+def faded(frame: Frame, fade: np.ndarray) -> Frame:
+    """The frame's light and alpha multiplied by fade [H, W]."""
+    return Frame(frame.rgb * fade[..., None], frame.alpha * fade, frame.depth, is_lit=frame.is_lit)
 
 
 def wrist_fade(frame: Frame, camera: Camera, along: np.ndarray, reach_m: float) -> np.ndarray:

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageFilter
 
+from ..records.shot import Shot
 from ..rendering.renderer import Renderer
 from ..tracking.video import VideoFrame
 from .filmed_shots import FilmedShots
-from .overlay import colour_gain, over, smooth_gains, wrist_fade
+from .motion_blur import exposed
+from .overlay import colour_gain, over, smooth_gains
 from .plate import clean_plate
 
 _SAMPLES = 24  # frames that plate and gains are measured in
@@ -72,14 +74,18 @@ def reenacted(
     renderers: Sequence[Renderer],
     look: Look,
     is_side_by_side: bool,
+    shutter_frames: float,
 ) -> Iterator[np.ndarray]:
-    """The footage with each avatar, beside one another, uint8 [H, W * n, 3]; the original first where it is wanted."""
+    """The footage with each avatar, beside one another, uint8 [H, W * n, 3]; the original first where it is wanted.
+
+    The shutter is open for so many frames around each; what moves meanwhile is blurred.
+    """
     for time_s, picture in frames:
         shown = [picture] if is_side_by_side else []
         present = [(shots, at) for shots in hands if (at := shots.index_at(time_s)) is not None]
         for renderer, gains in zip(renderers, look.gains, strict=True):
             gain = smooth_gains(look.times, gains, np.array([time_s]))[0]
-            shown.append(_composed(picture, present, renderer, gain, look.plate))
+            shown.append(_composed(picture, present, renderer, gain, look.plate, shutter_frames))
         yield np.concatenate(shown, 1)
 
 
@@ -89,21 +95,21 @@ def _composed(
     renderer: Renderer,
     gain: np.ndarray,
     plate: np.ndarray | None,
+    shutter_frames: float,
 ) -> np.ndarray:
     if not present:
         return picture
-    shots = [(shots, shots.shot(at)) for shots, at in present]
-    rendered = sorted(
-        ((float(np.median(shot.vertices @ shot.camera.cam2world[:3, 2])), one, shot) for one, shot in shots),
-        key=lambda each: -each[0],
-    )
+    shots = [(one, at, one.shot(at)) for one, at in present]
     composed = picture
-    for _, one, shot in rendered:  # the farther hand first
-        frame = renderer.render(shot)
-        fade = wrist_fade(frame, shot.camera, *one.arm_reach(shot))
-        ground = composed if plate is None else _over_plate(composed, plate, frame.alpha, one.before_the_cut(shot))
-        composed = over(frame, ground, gain, fade)
+    for one, at, shot in sorted(shots, key=lambda each: -_depth(each[2])):  # the farther hand first
+        frame, alpha = exposed(one, at, renderer.render, shutter_frames)
+        ground = composed if plate is None else _over_plate(composed, plate, alpha, one.before_the_cut(shot))
+        composed = over(frame, ground, gain)
     return composed
+
+
+def _depth(shot: Shot) -> float:
+    return float(np.median(shot.vertices @ shot.camera.cam2world[:3, 2]))
 
 
 def _over_plate(picture: np.ndarray, plate: np.ndarray, alpha: np.ndarray, front: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The hand's mesh as each pixel sees it: normal, atlas coordinates and position, for render passes."""
+"""The hand's mesh as each pixel sees it: normal, atlas coordinates, position and fade, for render passes."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..hand.model import HandModel
 from ..nerf.rays import camera_tensors, project, ray_directions, ray_origin
 from ..records.frame import DEPTH_BACKGROUND
 from ..records.shot import Shot
+from .arm_end import distance_from_end_m, opaque_share
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class SurfaceMaps:
         position: [H, W, 3] world, m.
         motion: [H, W, 4] px, right and up: from the place in the frame to that one frame before, and from the place
             one frame later to that in the frame; zero if it is not known.
+        fade: [H, W, 1] what the wrist's fade leaves, 0 to 1.
     """
 
     depth: np.ndarray
@@ -34,6 +36,7 @@ class SurfaceMaps:
     uv: np.ndarray
     position: np.ndarray
     motion: np.ndarray
+    fade: np.ndarray
 
 
 def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) -> SurfaceMaps:
@@ -52,12 +55,14 @@ def surface_maps(shot: Shot, hand: HandModel, motion: np.ndarray | None = None) 
     corners = faces[seen.face]
     normals = _blend(seen.weights, vertex_normals(vertices, faces)[corners])
     uv = _blend(seen.weights, torch.as_tensor(hand.vt[hand.ft], dtype=torch.float32)[seen.face])
+    fade = torch.as_tensor(opaque_share(distance_from_end_m(hand), shot.wrist_fade_m), dtype=torch.float32)
     return SurfaceMaps(
         _image(seen.depth[:, None], seen.pixel, size_px, DEPTH_BACKGROUND)[..., 0],
         _image(torch.nn.functional.normalize(normals, dim=-1), seen.pixel, size_px),
         _image(torch.cat([uv, torch.ones(len(uv), 1)], 1), seen.pixel, size_px),
         _image(seen.points, seen.pixel, size_px),
         _image(_blend(seen.weights, torch.as_tensor(motion, dtype=torch.float32)[corners]), seen.pixel, size_px),
+        _image(_blend(seen.weights, fade[corners][..., None]), seen.pixel, size_px),
     )
 
 
@@ -75,7 +80,8 @@ def nearest_maps(maps: list[SurfaceMaps]) -> SurfaceMaps:
     first, *others = maps
     for other in others:
         is_nearer = other.depth < first.depth
-        pairs = ((getattr(first, name), getattr(other, name)) for name in ("normal", "uv", "position", "motion"))
+        mixed = ("normal", "uv", "position", "motion", "fade")
+        pairs = ((getattr(first, name), getattr(other, name)) for name in mixed)
         merged = (np.where(is_nearer[..., None], theirs, ours) for ours, theirs in pairs)
         first = SurfaceMaps(np.minimum(first.depth, other.depth), *merged)
     return first

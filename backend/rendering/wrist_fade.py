@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry.tolerances import NEAR_M
-from ..hand.bones import rest_bones, rest_forearm
 from ..hand.model import HandModel
 from ..records.depth_profile import DepthProfile, four_depths
 from ..records.frame import DEPTH_BACKGROUND, Frame
 from ..records.shot import Shot
+from .arm_end import distance_from_end_m, opaque_share
 from .surface_maps import vertex_map
 
 _SOLID_ALPHA = 0.5
@@ -48,8 +48,7 @@ def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
     cropped = shot.with_camera(shot.camera.cropped(columns.start, rows.start, size_px))
     of_rays = np.repeat(np.repeat(four_depths(frame.alpha).any(-1), 2, 0), 2, 1)
     distance_m = _spread(vertex_map(cropped, model, of_vertices), of_rays[rows, columns])
-    x = np.clip(distance_m / shot.wrist_fade_m, 0, 1)
-    share[rows, columns] = x * x * (3 - 2 * x)
+    share[rows, columns] = opaque_share(distance_m, shot.wrist_fade_m)
     return share
 
 
@@ -64,13 +63,6 @@ def _window(shot: Shot, faces: np.ndarray) -> tuple[slice, slice]:
     start = np.floor(np.clip(low - margin, 0, (width, height))).astype(int).tolist()
     stop = np.ceil(np.clip(high + margin, 0, (width, height))).astype(int).tolist()
     return slice(start[1], stop[1]), slice(start[0], stop[0])
-
-
-def distance_from_end_m(model: HandModel) -> np.ndarray:
-    """[V] m of the mean shape at rest from the plane across the arm, or the wrist's bone, that its end touches."""
-    elbow = -(rest_forearm(model).frame if model.has_arm else rest_bones(model).frames[0])[:, 1]
-    along = model.v_template @ elbow
-    return along.max() - along
 
 
 def _spread(distance_m: np.ndarray, is_needed: np.ndarray) -> np.ndarray:

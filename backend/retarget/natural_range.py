@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ..hand.joint_limits import FREE, LIMITS
 from ..hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS, HandModel
-from ..motion.landmarks.articulation import FREE, LIMITS
 from ..motion.landmarks.skeleton import HandSkeleton
 from ..motion.motion import HandMotion
 from .rest_alignment import RestAlignment

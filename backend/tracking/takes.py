@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..records.side import SIDES, Side
-from .tracker import HandTracker, TrackedHand
+from .tracked_hand import TrackedHand
 from .video import VideoFrame
+
+if TYPE_CHECKING:
+    from .tracker import HandTracker
 
 _LEAST_FRAMES = 5  # of a hand; shorter finds are mistakes
 _MOST_SHARED = 0.2  # of a track's frames in which its side may be another's
@@ -47,15 +51,30 @@ class VideoSightings:
     hands: Mapping[Side, HandSightings]
 
 
+class FrameHands(NamedTuple):
+    """One frame: its time, s, its size (width, height), and the hands in it."""
+
+    time_s: float
+    size_px: tuple[int, int]
+    hands: Sequence[TrackedHand]
+
+
 def track_frames(frames: Iterable[VideoFrame], tracker: HandTracker) -> VideoSightings:
     """Track the hands through frames, of which only one is kept at a time."""
+    return put_together(
+        FrameHands(time_s, (picture.shape[1], picture.shape[0]), tracker.track(picture)) for time_s, picture in frames
+    )
+
+
+def put_together(frames: Iterable[FrameHands]) -> VideoSightings:
+    """What was tracked, hand by hand; finds of a few frames only are left out."""
     times: list[float] = []
     seen: dict[int, list[tuple[int, TrackedHand]]] = {}
     size_px = (0, 0)
-    for index, (time_s, picture) in enumerate(frames):
-        times.append(time_s)
-        size_px = (picture.shape[1], picture.shape[0])
-        for hand in tracker.track(picture):
+    for index, frame in enumerate(frames):
+        times.append(frame.time_s)
+        size_px = frame.size_px
+        for hand in frame.hands:
             seen.setdefault(hand.track, []).append((index, hand))
     least = min(_LEAST_FRAMES, len(times))
     tracks = [track for track in seen.values() if len(track) >= least]

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from jaxtyping import UInt8
 
 from ..records.errors import LiveHandError
 from .crop import HandRegion, cropped, region_of_landmarks
 from .networks import TorchNetwork
 from .palm import find_hands
+from .tracked_hand import TrackedHand
 from .weights import TrackerNetworks
 
 _LEAST_PRESENCE = 0.5
@@ -18,25 +20,6 @@ _SURE_PRESENCE = 0.9  # below it, the palm is searched for too, and the surer of
 _SAME_HAND = 0.5  # overlap of two regions of one hand
 _NEAR = 0.1  # overlap of a region found anew with the one where the hand was
 _SEARCH_EVERY = 10  # frames, while a hand is tracked and another may come
-
-
-@dataclass(frozen=True)
-class TrackedHand:
-    """A hand in one picture, its landmarks in MediaPipe's order.
-
-    Attributes:
-        track: number of the hand; it stays while the hand is not lost.
-        px: [21, 2] landmarks in the picture.
-        world: [21, 3] m about the hand's centre, in the camera's axes (OpenCV's); an estimate, in depth above all.
-        presence: 0..1, how sure the network is that this is a hand.
-        right: 0..1, how surely it is a right hand, in a picture that is not mirrored.
-    """
-
-    track: int
-    px: np.ndarray
-    world: np.ndarray
-    presence: float
-    right: float
 
 
 @dataclass(frozen=True)
@@ -55,6 +38,11 @@ class HandTracker:
         self._most_hands = most_hands
         self._followed: list[_Followed] = []
         self._tracks = self._frames = 0
+
+    def warm_up(self) -> None:
+        """Run both networks once, which prepares what they need."""
+        for network in (self._palm, self._hand):
+            network(torch.zeros(1, 3, network.size_px, network.size_px))
 
     def track(self, picture: UInt8[np.ndarray, "H W 3"]) -> list[TrackedHand]:
         """The hands in the next picture, sRGB.

@@ -6,7 +6,7 @@ terminal's recording, and follow a playlist's addresses.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,6 +15,7 @@ import numpy as np
 
 from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
+from ..runtime.camera_device import CameraDevice, camera_device
 from ..runtime.command import warn
 from .tone_mapping import HLG, PQ, tone_mapped
 
@@ -36,19 +37,32 @@ class VideoFrame(NamedTuple):
     picture: np.ndarray
 
 
+class DecodedFrame(NamedTuple):
+    """One frame as FFmpeg decoded it: its time, s from the first, and FFmpeg's frame."""
+
+    time_s: float
+    decoded: Any
+
+    def picture(self) -> np.ndarray:
+        """uint8 [H, W, 3], upright, sRGB. Raises LiveHandError if it is too large."""
+        return _upright(self.decoded)
+
+
 @dataclass(frozen=True)
 class Video:
-    """What a video file says of itself; `frames` decodes it.
+    """What a video file, or a camera, says of itself; `frames` decodes it.
 
     Attributes:
-        path: the file.
+        path: the file, or the camera's name.
         fps: mean frames per second.
         count: frames, estimated where the file does not say; 0 if unknown.
+        device: the camera; None: a file.
     """
 
     path: Path
     fps: float
     count: int
+    device: CameraDevice | None = None
 
     def frames(self) -> Iterator[VideoFrame]:
         """The frames in order. Where the file breaks off, they end with a warning.
@@ -56,8 +70,17 @@ class Video:
         Raises:
             LiveHandError: there is no frame at all, or one is too large.
         """
+        for time_s, picture in self._decoded(_upright):
+            yield VideoFrame(time_s, picture)
+
+    def decoded(self) -> Iterator[DecodedFrame]:
+        """The same frames before they become pictures, so that some can be left out. Raises as `frames`."""
+        for time_s, frame in self._decoded(lambda frame: frame):
+            yield DecodedFrame(time_s, frame)
+
+    def _decoded(self, converted: Callable[[Any], Any]) -> Iterator[tuple[float, Any]]:
         error_types, start, last, got = _errors(), None, -1.0, 0
-        with _opened(self.path) as container:
+        with _opened(self.path, self.device) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             try:
@@ -66,7 +89,7 @@ class Video:
                     if time_s <= last:  # a time that repeats or goes back
                         time_s = last + 1 / self.fps
                     last, got = time_s, got + 1
-                    yield VideoFrame(time_s, _upright(frame))
+                    yield time_s, converted(frame)
             except error_types as error:
                 if not got:
                     raise LiveHandError(f"{self.path} must hold frames, got none ({error}); copy it again") from error
@@ -91,10 +114,30 @@ def open_video(path: Path) -> Video:
         return Video(path, fps, int(stream.frames or round(seconds * fps)))
 
 
-def _opened(path: Path) -> av.container.InputContainer:
+def open_camera(name: str) -> Video:
+    """A camera of this computer by its number or name.
+
+    Raises:
+        LiveHandError: PyAV is missing, or there is no such camera.
+    """
+    device = camera_device(name)
+    with _opened(Path(name), device) as container:
+        stream = container.streams.video[0]
+        return Video(Path(name), float(stream.average_rate or stream.guessed_rate or _DEFAULT_FPS), 0, device)
+
+
+def _opened(path: Path, device: CameraDevice | None = None) -> av.container.InputContainer:
     av = import_av()
     options = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
     try:
+        if device is not None:
+            try:
+                return av.open(device.url, format=device.format)
+            except (av.error.FFmpegError, OSError, ValueError) as error:
+                raise LiveHandError(
+                    f"{path} must be a camera that no other program uses, got {type(error).__name__} ({error}); "
+                    "plug it in, or choose another number"
+                ) from error
         container = av.open(str(path), options=options)
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise LiveHandError(f"{path} must be a video, got {type(error).__name__} ({error}); record it again") from error

@@ -36,7 +36,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=PRESET_NAMES,
         help="networks to train (default: relightable if the capture has lights, else default)",
     )
-    add("--hand", type=Path, help="hand model of the capture (default: the built-in hand)")
+    add("--hand", type=Path, help="hand model of the capture (default: the built-in one it shows)")
     add_options(parser.add_mutually_exclusive_group(), TrainConfig, "steps", "minutes")
     add_options(parser, TrainConfig, "batch", "seed", "licence")
     add("--resume", action="store_true", help="continue from the checkpoint beside the output")
@@ -115,13 +115,13 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     from ..captures.capture import load_capture
     from ..captures.check import check_capture
     from ..captures.half_size import half_size
-    from ..hand.model_file import load_default_hand, load_hand_model
+    from ..hand.model_file import load_hand_model, load_hand_of
     from ..nerf.avatar import PRESETS
     from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
 
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
     capture = load_capture(args.capture)
+    hand = load_hand_of(capture.hand_sha256, args.hand)
     check_capture(capture, hand)
     if args.half_size:
         capture = half_size(capture)

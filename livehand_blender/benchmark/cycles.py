@@ -50,7 +50,6 @@ class CyclesHand:
         """Render one frame with denoising; returns the cost of `sync` and `render`, without setting the pose."""
         self.surface.set_pose(frame.pose)
         set_camera(self.scene, frame.camera)
-        self.scene.cycles.use_denoising = True  # baking turns it off
         self.scene.cycles.samples = samples
         stopwatch = Stopwatch()
         with blender_silenced(), _first_sample(stopwatch):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -24,19 +26,24 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
     surface.data.materials.clear()
     surface.data.materials.append(material)
     graph, emission = _emissive(material)
-    _set_bake_sampling(bpy.context.scene.cycles)
-    for name, socket in _map_sockets(graph, procedural_channels(graph, tone)).items():
-        graph.connect(socket, emission.inputs[0])
-        _bake_emission(surface, graph, paths[name], size_px)
+    with _bake_sampling(bpy.context.scene.cycles):
+        for name, socket in _map_sockets(graph, procedural_channels(graph, tone)).items():
+            graph.connect(socket, emission.inputs[0])
+            _bake_emission(surface, graph, paths[name], size_px)
     surface.data.materials.clear()
     bpy.data.materials.remove(material)
     return paths
 
 
-def _set_bake_sampling(cycles: bpy.types.PropertyGroup) -> None:
-    """Emission is noise-free: a few samples filter the texture, and nothing has to be denoised."""
-    cycles.samples = 4
-    cycles.use_denoising = False
+@contextlib.contextmanager
+def _bake_sampling(cycles: bpy.types.PropertyGroup) -> Iterator[None]:
+    """Emission is noise-free: within, a few samples filter the texture, and nothing is denoised."""
+    before = cycles.samples, cycles.use_denoising
+    cycles.samples, cycles.use_denoising = 4, False
+    try:
+        yield
+    finally:
+        cycles.samples, cycles.use_denoising = before
 
 
 def _emissive(material: bpy.types.Material) -> tuple[NodeGraph, bpy.types.Node]:

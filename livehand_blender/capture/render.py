@@ -90,7 +90,7 @@ def render_views(
     surface = (
         _own_surface(subject, tone)
         if isinstance(subject, DressedHand)
-        else _builtin_surface(subject, plan.person, capture.folder / "skin")
+        else builtin_surface(subject, plan.person, capture.folder / "skin")
     )
     lit = LitImages(scene, capture, _model_of(subject)) if capture.is_lit else None
     with tqdm(total=len(views), unit="image", desc="capture") as progress:
@@ -119,7 +119,8 @@ def _model_of(subject: DressedHand | HandModel) -> HandModel:
     return subject.model if isinstance(subject, DressedHand) else subject
 
 
-def _builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> Surface:
+def builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> SkinSurface:
+    """A person's detailed hand in the scene, with its skin; the folder gets the baked maps, or has them."""
     surface, tone = SkinSurface.create(model, detailed_surface(model), person.veins_mm), SkinTone.of(person)
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone))

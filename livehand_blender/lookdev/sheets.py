@@ -12,19 +12,17 @@ import numpy as np
 import torch
 
 from ...backend.captures.person import Person
+from ...backend.evaluation.cie_lab import lab
 from ...backend.evaluation.contact_sheet import label_strip, on_background, save_sheet, tile
 from ...backend.evaluation.contrast_bands import BANDS_MM, SPAN, band_key, contrast
 from ...backend.evaluation.sheet_command import read_frame
-from ...backend.evaluation.skin_colours import BACK, colour_findings, lab
-from ...backend.hand.builtin.detailed_surface import detailed_surface
+from ...backend.evaluation.skin_colours import BACK, colour_findings
 from ...backend.hand.model import HandModel
 from ...backend.hand.posed_bones import bone_frames
 from ...backend.rendering.srgb import srgb_to_linear
-from ..capture.bake import bake_skin
 from ..capture.node_graph import NodeGraph
+from ..capture.render import builtin_surface
 from ..capture.scene import capture_scene, set_camera
-from ..capture.skin import SkinTone, baked_material
-from ..capture.surface import SkinSurface
 from ..scene.file_paths import output_path
 from .views import CLOSE_UPS, WHOLE_HANDS, Aim, HandView, KeyLight, aim
 
@@ -50,21 +48,22 @@ def look_at(
 
     Returns:
         contrast: of each whole hand, see `contrast_bands`.
-        lab: of the albedo by place.
-        unusual: see `colour_findings`.
+        lab: of the albedo by place, of those that are seen.
+        unusual: see `colour_findings`, and places that are not seen.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="livehand-lookdev-") as work:
         studio = _Studio(model, person, Path(work), threads, samples)
         whole = {name: studio.picture(view, _WHOLE_PX) for name, view in WHOLE_HANDS.items()}
         close = {name: studio.picture(view, close_up_px) for name, view in CLOSE_UPS.items()}
-        places = studio.colours()
+        seen = studio.colours()
+    places = {place: colour for place, colour in seen.items() if colour is not None}
     _save(whole, folder / "whole_hands.png", 3)
     _save(close, folder / "close_ups.png", _COLUMNS)
     return {
         "contrast": {name: _contrast(picture, WHOLE_HANDS[name].mm_per_px) for name, picture in whole.items()},
         "lab": {place: [round(float(value), 1) for value in colour] for place, colour in places.items()},
-        "unusual": colour_findings(places),
+        "unusual": [*colour_findings(places), *(f"{place}: not seen" for place in seen if place not in places)],
     }
 
 
@@ -82,19 +81,16 @@ class _Studio:
         self._scene = capture_scene(threads)
         self._light = KeyLight(self._scene)
         self._picture = folder / "picture.png"
-        self._surface = SkinSurface.create(model, detailed_surface(model), person.veins_mm)
-        tone = SkinTone.of(person)
-        self._material = baked_material(bake_skin(self._surface.object, folder / "skin", tone), tone)
-        self._surface.object.data.materials.append(self._material)
-        self._scene.cycles.samples, self._scene.cycles.use_denoising = samples, True  # baking has its own
+        self._surface = builtin_surface(model, person, folder / "skin")
+        self._scene.cycles.samples = samples
 
     def picture(self, view: HandView, size_px: int) -> np.ndarray:
         """[size, size, 4] encoded colour times alpha, and alpha."""
         return self._render(aim(view, self._model, self._beta, size_px))
 
-    def colours(self) -> dict[str, np.ndarray]:
-        """Lab [3] of the albedo at each place that this hand has."""
-        _show_albedo(self._material)
+    def colours(self) -> dict[str, np.ndarray | None]:
+        """Lab [3] of the albedo at each place that this hand has; None: the picture does not show it."""
+        _show_albedo(self._surface.object.active_material)
         self._scene.cycles.samples, self._scene.cycles.use_denoising = 4, False
         aims = {on_back: aim(WHOLE_HANDS[f"open, {side}"], self._model, self._beta, 1000) for on_back, side in _SIDES}
         albedo = {on_back: self._render(one) for on_back, one in aims.items()}
@@ -105,8 +101,8 @@ class _Studio:
             at = aims[on_back]
             discs = [_disc(at, self._model, joint, offset_mm, radius_mm) for joint in joints]
             pixels = albedo[on_back][np.logical_or.reduce(discs)]
-            rgb = torch.as_tensor(pixels[pixels[:, 3] > 0.99, :3])
-            found[place] = lab(srgb_to_linear(rgb).double().numpy()).mean(0)
+            opaque = torch.as_tensor(pixels[pixels[:, 3] > 0.99, :3])
+            found[place] = lab(srgb_to_linear(opaque).double()).mean(0).numpy() if len(opaque) else None
         return found
 
     def _render(self, at: Aim) -> np.ndarray:

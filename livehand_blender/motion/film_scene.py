@@ -37,6 +37,20 @@ def film_camera(scene: bpy.types.Scene, film: FilmCamera, path: Path, start_fram
         path: of the movie.
         start_frame: at which the movie starts.
     """
+    camera = camera_with_lens(scene, film)
+    clip = bpy.data.movieclips.load(str(path), check_existing=True)
+    clip.frame_start = start_frame
+    backgrounds = camera.data.background_images
+    known = (one for one in backgrounds if one.source == "MOVIE_CLIP" and one.clip == clip)
+    background = next(known, None) or backgrounds.new()
+    background.source, background.clip, background.alpha = "MOVIE_CLIP", clip, 1.0
+    background.frame_method = "FIT"
+    camera.data.show_background_images = True
+    return camera
+
+
+def camera_with_lens(scene: bpy.types.Scene, film: FilmCamera) -> bpy.types.Object:
+    """The scene's camera, or a new one at the origin that looks along +Y, with the film's lens."""
     camera = scene.camera
     if camera is None:
         camera = bpy.data.objects.new("LiveHand Camera", bpy.data.cameras.new("LiveHand Camera"))
@@ -47,14 +61,6 @@ def film_camera(scene: bpy.types.Scene, film: FilmCamera, path: Path, start_fram
     lens = camera.data
     lens.type, lens.sensor_fit, lens.shift_x, lens.shift_y = "PERSP", "HORIZONTAL", 0.0, 0.0
     lens.lens = film.focal_px / film.size_px[0] * lens.sensor_width
-    clip = bpy.data.movieclips.load(str(path), check_existing=True)
-    clip.frame_start = start_frame
-    backgrounds = lens.background_images
-    known = (one for one in backgrounds if one.source == "MOVIE_CLIP" and one.clip == clip)
-    background = next(known, None) or backgrounds.new()
-    background.source, background.clip, background.alpha = "MOVIE_CLIP", clip, 1.0
-    background.frame_method = "FIT"
-    lens.show_background_images = True
     return camera
 
 

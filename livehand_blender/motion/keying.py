@@ -75,8 +75,7 @@ def key_motion(
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
     motion = _with_shape(motion, beta if placement.sets_shape else np.array(hand.properties.beta), hand.model)
     if placement.space != "hand":
-        to_armature = np.linalg.inv(np.array(hand.armature.matrix_world)) @ _to_world(placement)
-        motion = transformed(motion, to_armature, rest_wrists(hand.model, motion.beta))
+        motion = transformed(motion, to_armature(hand.armature, placement), rest_wrists(hand.model, motion.beta))
     steps = np.arange(len(motion))
     if is_keyed is not None:
         steps = steps[is_keyed[np.minimum((steps * speed).round().astype(int), len(is_keyed) - 1)]]
@@ -105,6 +104,11 @@ def motion_for_hand(motion: HandMotion, hand: RiggedHand, mirrors: bool) -> Hand
             "that hand"
         )
     return mirrored(motion)
+
+
+def to_armature(armature: bpy.types.Object, placement: Placement) -> np.ndarray:
+    """[4, 4] from a placement's space, which is not the hand's own, to an armature's."""
+    return np.linalg.inv(np.array(armature.matrix_world)) @ _to_world(placement)
 
 
 def sample_motion(context: bpy.types.Context, hand: RiggedHand, frames: Iterable[int]) -> HandMotion:

@@ -34,9 +34,10 @@ class LIVEHAND_PT_passes(bpy.types.Panel):
         return context.engine in cls.COMPAT_ENGINES
 
     def draw(self, context):
-        """Draw the switch."""
+        """Draw the switches."""
         self.layout.use_property_split = True
         self.layout.prop(context.view_layer.livehand, "use_pass_hand", text="Hand and HandAlpha")
+        self.layout.prop(context.view_layer.livehand, "use_pass_fade", text="HandFade")
 
 
 class LIVEHAND_PT_hand_light(bpy.types.Panel):

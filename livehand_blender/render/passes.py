@@ -55,6 +55,13 @@ def _surface(name: str, channels: int = 3) -> Callable[[Picture, np.ndarray | No
     return draw
 
 
+def _fade(picture: Picture) -> np.ndarray:
+    """Also where little of the hand is left."""
+    return (
+        np.zeros((*picture.visible_alpha.shape, 1), np.float32) if picture.surface is None else picture.surface["fade"]
+    )
+
+
 PASSES = (
     Pass("Combined", "RGBA", "COLOR", lambda layer: True, True, lambda picture, _: _rgba(picture.combined)),
     Pass("Depth", "Z", "VALUE", lambda layer: layer.use_pass_z, True, lambda picture, _: picture.combined.depth),
@@ -63,9 +70,10 @@ PASSES = (
     Pass("Position", "XYZ", "VECTOR", lambda layer: layer.use_pass_position, True, _surface("position")),
     Pass("Vector", "XYZW", "VECTOR", lambda layer: layer.use_pass_vector, True, _surface("motion", 4)),
     Pass("Hand", "RGBA", "COLOR", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: _rgba(p.hands)),
+    Pass("HandFade", "A", "VALUE", lambda layer: layer.livehand.use_pass_fade, False, lambda p, _: _fade(p)),
     Pass("HandAlpha", "A", "VALUE", lambda layer: layer.livehand.use_pass_hand, False, lambda p, _: p.visible_alpha),
 )
-SURFACE_PASSES = ("Normal", "UV", "Position", "Vector")
+SURFACE_PASSES = ("Normal", "UV", "Position", "Vector", "HandFade")
 CRYPTOMATTE = "CryptoObject"
 CRYPTOMATTE_LEVELS = tuple(f"{CRYPTOMATTE}{number:02d}" for number in range(8))  # Blender's limit: 16 ranks
 

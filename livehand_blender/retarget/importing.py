@@ -21,6 +21,7 @@ from ...backend.retarget.rest_alignment import align, source_nodes
 from ...backend.retarget.retarget import retarget
 from ...backend.retarget.shape_fit import HandShape, fit_shape
 from ...backend.retarget.source_skeleton import JointMap
+from ..scene.data_blocks import all_data
 from .skeleton import read_skeleton
 from .source import SourceRig, sample_source
 
@@ -120,12 +121,6 @@ def _temporary_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
             window.scene = shown
         bpy.data.scenes.remove(scene)
         bpy.data.batch_remove(all_data() - before)
-
-
-def all_data() -> set[bpy.types.ID]:
-    """All data-blocks of the open file."""
-    kinds = [prop.identifier for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION"]
-    return {thing for kind in kinds for thing in getattr(bpy.data, kind)}
 
 
 def _importer(suffix: str) -> Importer | None:

@@ -18,6 +18,12 @@ from .pose import bone_quaternions
 from .sliders import FINGER_SLIDERS, slider_path
 
 _ROTATION_CHANNELS = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}  # else Euler
+# What a keyframe holds: numbers of each channel, and their type.
+_KEY_CHANNELS = {
+    **dict.fromkeys(("co", "handle_left", "handle_right"), (2, np.float32)),
+    **dict.fromkeys(("amplitude", "back", "period"), (1, np.float32)),
+    **dict.fromkeys(("interpolation", "easing", "type", "handle_left_type", "handle_right_type"), (1, np.int32)),
+}
 
 
 def keyframe_theta(
@@ -37,11 +43,11 @@ def keyframe_theta(
     straight; and its location, so that the wrist stays where it is in each of the frames.
 
     Raises:
-        LiveHandError: shapes disagree, a number is not finite, or the frames do not increase.
+        LiveHandError: shapes disagree, a number is not finite, the frames do not increase, or the hand is linked.
     """
-    frames = _check(frames, thetas, (16, 3), "thetas")
+    frames = _check(hand, frames, thetas, (16, 3), "thetas")
     forearms = np.zeros((len(frames), 3)) if forearms is None else forearms
-    _check(frames, forearms, (3,), "forearms")
+    _check(hand, frames, forearms, (3,), "forearms")
     clear_controls(hand)
     turns_arm = hand.forearm is not None and 0 in joints
     transls = _present_transls(hand, frames) if turns_arm else None
@@ -62,7 +68,7 @@ def keyframe_transl(hand: RiggedHand, transls: np.ndarray, frames: Sequence[floa
     Raises:
         LiveHandError: as `keyframe_theta`.
     """
-    frames = _check(frames, transls, (3,), "transls")
+    frames = _check(hand, frames, transls, (3,), "transls")
     carrier = Carrier.of(hand)
     locations = carrier.locations(transls, _present_rotations(hand.armature, carrier, frames))
     _key_channels(hand.armature, carrier.bone, "location", frames, locations)
@@ -142,7 +148,12 @@ def _present_values(
     return values
 
 
-def _check(frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+def _check(hand: RiggedHand, frames, values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
+    if hand.armature.library is not None:
+        raise LiveHandError(
+            f"{hand.armature.name} must be local to this file, or a library override, to get keys; it is linked, and "
+            "they would not be saved: choose Object > Library Override > Make"
+        )
     frames = np.asarray(frames, np.float64)
     if frames.ndim != 1 or len(frames) == 0 or np.shape(values) != (len(frames), *shape):
         wanted = [len(frames) if frames.ndim else "T", *shape]
@@ -161,19 +172,22 @@ def _key_channels(
     path = bone.path_from_id(channel)
     for index in range(values.shape[1]):
         curve = _ensure_curve(armature, path, index, bone.name)
-        _set_keys(curve, *_merged(curve, frames, values[:, index]))
+        _set_keys(curve, frames, values[:, index])
 
 
 def _ensure_curve(armature: bpy.types.Object, path: str, index: int, group: str) -> bpy.types.FCurve:
     animation = armature.animation_data or armature.animation_data_create()
     if animation.action is None:
         animation.action = bpy.data.actions.new(f"{armature.name} Action")
+    elif animation.action.library is not None:  # keys in it would not be saved
+        animation.action = animation.action.copy()
     action = animation.action
     if not hasattr(action, "slots"):  # Blender 4.2 and 4.3
         return action.fcurves.find(path, index=index) or action.fcurves.new(path, index=index, action_group=group)
     curve = action.fcurve_ensure_for_datablock(armature, path, index=index)
-    groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
-    curve.group = curve.group or groups.get(group) or groups.new(group)
+    if curve.group is None:
+        groups = action.layers[0].strips[0].channelbag(animation.action_slot).groups
+        curve.group = groups.get(group) or groups.new(group)
     return curve
 
 
@@ -190,20 +204,26 @@ def _curves(armature: bpy.types.Object) -> Iterable[bpy.types.FCurve]:
     return [curve for bag in bags if bag for curve in bag.fcurves]
 
 
-def _merged(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The new keys, and the old ones outside their range."""
-    old = np.empty(2 * len(curve.keyframe_points), np.float32)
-    curve.keyframe_points.foreach_get("co", old)
-    old = old.reshape(-1, 2).astype(np.float64)
-    kept = old[(old[:, 0] < frames[0]) | (old[:, 0] > frames[-1])]
-    keys = np.concatenate([kept, np.stack([frames, values], -1)])
-    keys = keys[np.argsort(keys[:, 0])]
-    return keys[:, 0], keys[:, 1]
-
-
 def _set_keys(curve: bpy.types.FCurve, frames: np.ndarray, values: np.ndarray) -> None:
+    """Replace the keys from the first frame to the last; those outside stay as they are."""
     points = curve.keyframe_points
+    old = {name: _read_keys(points, name) for name in _KEY_CHANNELS}
+    times = old["co"][:, 0]
+    before, after = (times < frames[0]).nonzero()[0], (times > frames[-1]).nonzero()[0]
     points.clear()
-    points.add(len(frames))
-    points.foreach_set("co", np.stack([frames, values], -1).astype(np.float32).ravel())
+    points.add(len(before) + len(frames) + len(after))
+    for name, channel in old.items():
+        new = _read_keys(points, name)
+        middle = new[len(before) : len(before) + len(frames)]
+        if name == "co":
+            middle[:] = np.stack([frames, values], -1)
+        points.foreach_set(name, np.concatenate([channel[before], middle, channel[after]]).ravel())
     curve.update()
+
+
+def _read_keys(points: bpy.types.FCurveKeyframePoints, name: str) -> np.ndarray:
+    """[K, n] of a channel of `_KEY_CHANNELS`."""
+    width, kind = _KEY_CHANNELS[name]
+    flat = np.empty(width * len(points), kind)
+    points.foreach_get(name, flat)
+    return flat.reshape(-1, width)

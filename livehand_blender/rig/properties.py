@@ -20,7 +20,12 @@ from .retarget_properties import LIVEHAND_PG_other_rig
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}
 # Blender 4.5 and later warn of a `//` path unless the property declares it; earlier versions always accept it.
 _FILE_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else {"ANIMATABLE"}
-_SKINS = (("light", "Light", "Light skin"), ("deep", "Deep", "Deep brown skin with light palms"))
+# Files keep the numbers.
+_SKINS = (
+    ("light", "Light", "A man with light skin", "NONE", 0),
+    ("middle", "Middle", "A woman with brown skin", "NONE", 2),
+    ("deep", "Deep", "An old man with deep brown skin and light palms", "NONE", 1),
+)
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
     ("auto", "Automatic", "The GPU if torch can use one, otherwise the CPU"),
@@ -171,6 +176,10 @@ class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
         name="Hand",
         description="Two passes: Hand, the hands with alpha, not hidden by the scene, and HandAlpha, how much of a "
         "pixel the hands cover",
+    )
+    use_pass_fade: BoolProperty(
+        name="Hand Fade",
+        description="The pass HandFade: what Wrist Fade leaves of the hand, from 0 at the cut end to 1",
     )
 
 

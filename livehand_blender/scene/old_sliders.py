@@ -12,6 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..rig.sliders import FORWARD, SLIDERS, Animated, add_sliders, has_all_sliders, slider_path
+from .data_blocks import all_data
 from .handlers import add_handlers, remove_handlers
 
 _FORWARDED = re.compile(rf"^{re.escape(FORWARD)}({'|'.join(map(re.escape, SLIDERS))})(?!\w)")
@@ -108,8 +109,7 @@ def _collections_of_curves(action: bpy.types.Action) -> list:
 
 def _local_ids() -> Iterator[bpy.types.ID]:
     """Everything in the file that can have drivers."""
-    kinds = [kind.identifier for kind in bpy.data.bl_rna.properties if kind.type == "COLLECTION"]
-    for thing in (thing for kind in kinds for thing in getattr(bpy.data, kind)):
+    for thing in all_data():
         if thing.library is None and hasattr(thing, "animation_data"):
             yield thing
             if getattr(thing, "node_tree", None) is not None:

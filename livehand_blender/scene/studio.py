@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..rig.hand import find_hands, mesh_of
+from ..rig.hand import RiggedHand, find_hands
 from .shot import world_vertices
 from .world import is_dim, world_of
 
@@ -99,9 +99,15 @@ def _subject(context: bpy.types.Context, hand: bpy.types.Object | None) -> tuple
     if not hands:
         return context.scene.cursor.location.copy(), _HAND_M
     depsgraph = context.evaluated_depsgraph_get()
-    vertices = np.concatenate([world_vertices(mesh_of(one).evaluated_get(depsgraph)) for one in hands])
+    vertices = np.concatenate([_framed_vertices(RiggedHand.of(one), depsgraph) for one in hands])
     middle = (vertices.min(0) + vertices.max(0)) / 2
     return Vector(middle.tolist()), float(np.linalg.norm(vertices - middle, axis=1).max())
+
+
+def _framed_vertices(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """[N, 3] in the world, m: the evaluated mesh without the arm, if modifiers keep its vertices."""
+    vertices, framed = world_vertices(hand.mesh.evaluated_get(depsgraph)), hand.model.framed_vertices
+    return vertices[framed] if len(vertices) == len(framed) else vertices
 
 
 def _view_frame(scene: bpy.types.Scene, middle: Vector) -> Matrix:

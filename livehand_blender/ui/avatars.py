@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import ClassVar
 
 import bpy
+import numpy as np
 from bpy.props import StringProperty
 
-from ...backend.avatars.library import SKINS, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
-from ..render.hands.hand_source import hand_source
+from ..render.hands.hand_source import hand_source, wear_avatar
+from ..rig.hand import RiggedHand
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
+from .shape import set_beta
 from .wrapped_text import draw_wrapped
 
 _LARGE_SCALE, _SMALL_SCALE = 7.0, 5.0  # of icons
@@ -40,7 +42,26 @@ class LIVEHAND_OT_wear_avatar(OnHand, bpy.types.Operator):
         armature = polled_hand(context)
         path = Path(bpy.path.abspath(self.filepath))
         _check_same_hand(LIVEHAND_PT_avatar.library.metadata(path), armature)
-        _set_avatar(armature.livehand, path)
+        wear_avatar(armature, path)
+
+
+class LIVEHAND_OT_person_shape(OnHand, bpy.types.Operator):
+    """Give the hand the shape of the person on whom its avatar was trained; its pose is kept."""
+
+    bl_idname = "livehand.person_shape"
+    bl_label = "Person's Shape"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @reports_errors
+    def execute(self, context):
+        """Set beta to the avatar's."""
+        hand = RiggedHand.active(context)
+        avatar = LIVEHAND_PT_avatar.library.metadata(hand_source(hand.armature).avatar_path)
+        if avatar.beta is None:
+            raise LiveHandError(
+                f"an avatar must tell its person's shape, '{avatar.name}' does not; set the sliders of Shape"
+            )
+        set_beta(hand, np.array(avatar.beta))
 
 
 class LIVEHAND_PT_avatar(HandTab, bpy.types.Panel):
@@ -107,6 +128,8 @@ def _draw_avatar(
     column = layout.column(align=True)
     for line in facts(avatar):
         draw_wrapped(context, column, line)
+    if avatar.beta is not None and not np.allclose(armature.livehand.beta, avatar.beta, atol=1e-4):
+        column.operator("livehand.person_shape")
     if avatar.hand_sha256 != armature.livehand.model_sha256:
         draw_wrapped(context, column, f"of another hand: {avatar.hand_name}", icon="ERROR")
 
@@ -130,14 +153,6 @@ def facts(avatar: AvatarMetadata) -> tuple[str, ...]:
     return (avatar.name, licence, *figures, *filter(None, (avatar.made_from,)))
 
 
-def _set_avatar(properties: bpy.types.PropertyGroup, path: Path) -> None:
-    shipped = {shipped_avatar_path(skin).resolve(): skin for skin in SKINS}
-    skin = shipped.get(path.resolve())
-    if skin is not None:
-        properties.skin = skin
-    properties.avatar_path = "" if skin is not None else str(path)
-
-
 def _check_same_hand(avatar: AvatarMetadata, armature: bpy.types.Object) -> None:
     if avatar.hand_sha256 != armature.livehand.model_sha256:
         raise LiveHandError(
@@ -147,4 +162,4 @@ def _check_same_hand(avatar: AvatarMetadata, armature: bpy.types.Object) -> None
         )
 
 
-CLASSES = (LIVEHAND_OT_wear_avatar, LIVEHAND_PT_avatar, LIVEHAND_PT_choose_avatar)
+CLASSES = (LIVEHAND_OT_wear_avatar, LIVEHAND_OT_person_shape, LIVEHAND_PT_avatar, LIVEHAND_PT_choose_avatar)

@@ -40,7 +40,7 @@ class LIVEHAND_OT_reset_shape(OnHand, bpy.types.Operator):
     @reports_errors
     def execute(self, context):
         """Set beta to zero."""
-        _set_beta(RiggedHand.active(context), np.zeros(10))
+        set_beta(RiggedHand.active(context), np.zeros(10))
 
 
 class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
@@ -60,7 +60,7 @@ class LIVEHAND_OT_random_shape(OnHand, bpy.types.Operator):
         """Sample beta from a normal distribution."""
         hand = RiggedHand.active(context)
         check_has_shapes(hand.model)
-        _set_beta(hand, np.random.default_rng(self.seed).normal(size=10) * self.strength)
+        set_beta(hand, np.random.default_rng(self.seed).normal(size=10) * self.strength)
 
 
 class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
@@ -91,12 +91,13 @@ class LIVEHAND_OT_match_measurements(OnHand, bpy.types.Operator):
         beta = fit_beta(hand.model, self.length_mm / 1e3, self.breadth_mm / 1e3)
         if np.abs(beta).max() > 3:
             self.report({"WARNING"}, "the shape is far from the mean shape; avatars look best near it")
-        _set_beta(hand, beta)
+        set_beta(hand, beta)
 
 
 CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_measurements)
 
 
-def _set_beta(hand: RiggedHand, beta: np.ndarray) -> None:
+def set_beta(hand: RiggedHand, beta: np.ndarray) -> None:
+    """Set the shape's sliders to beta [10]."""
     hand.properties.beta = beta
     hand.armature.update_tag()

@@ -23,6 +23,7 @@ from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
 from ..motion.keying import Placement
 from ..motion.movie import Movie
+from .live import draw_live
 from .mixins import HandTab, reports_errors
 
 _FILM_MM = 36.0
@@ -141,9 +142,10 @@ class LIVEHAND_PT_video(HandTab, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        """The import, or how to fetch the tracker."""
+        """Import and live hands, or how to fetch the tracker."""
         if has_networks():
             self.layout.operator("livehand.import_video", text="Import Video", icon="FILE_MOVIE")
+            draw_live(self.layout)
             return
         column = self.layout.column(align=True)
         column.label(text="Videos need the hand tracker:", icon="INFO")

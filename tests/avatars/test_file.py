@@ -11,8 +11,8 @@ import pytest
 import torch
 from livehand.backend.avatars import file as avatar_module
 from livehand.backend.avatars.file import BAKED_VERSION, LIT_VERSION, load_avatar, read_header, save_avatar
-from livehand.backend.avatars.library import SKINS, avatar_path
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin, shipped_skins
+from livehand.backend.hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
 from livehand.backend.nerf.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.sampler import SamplerConfig
@@ -201,13 +201,29 @@ def test_a_configuration_of_another_version_is_refused(avatar, path, monkeypatch
         load_avatar(path)
 
 
-@pytest.mark.parametrize("skin", SKINS)
-def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
-    path = avatar_path(skin)
-    assert load_avatar(path).hand_sha256 == load_default_hand().sha256
+SHIPPED = [
+    (hand, skin) for hand in sorted({DEFAULT_HAND, WITHOUT_ARM}) for skin in shipped_skins(load_hand_model(hand).sha256)
+]
+
+
+@pytest.mark.parametrize(("hand", "skin"), SHIPPED)
+def test_shipped_avatars_are_of_their_built_in_hand_and_small(hand, skin):
+    path = shipped_avatar_path(skin, load_hand_model(hand).sha256)
+    assert load_avatar(path).hand_sha256 == load_hand_model(hand).sha256
     assert path.stat().st_size <= 8e6
 
 
+def test_every_skin_ships_for_the_default_hand():
+    assert shipped_skins() == SKINS
+
+
+def test_an_avatar_that_shipped_is_known_by_its_place(tmp_path):
+    assert [shipped_skin(shipped_avatar_path(skin)) for skin in SKINS] == list(SKINS)
+    assert shipped_skin(tmp_path / "light.safetensors") is None
+    assert shipped_skin(shipped_avatar_path().with_name("other.safetensors")) is None
+
+
+@pytest.mark.slow
 def test_other_names_are_paths():
     assert avatar_path("mine.safetensors") == Path("mine.safetensors")
     assert load_avatar().provenance == load_avatar(avatar_path("light")).provenance

@@ -4,8 +4,12 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.avatars.session import Device, Session, load_renderer
+from livehand.backend.hand.model_file import builtin_hand_path
 from livehand.backend.records.errors import LiveHandError
+
+AVATAR, HAND = shipped_avatar_path(), builtin_hand_path()
 
 
 class RecordedRenderer:
@@ -28,21 +32,25 @@ def session():
 
 
 def test_a_hand_and_its_renderer_are_loaded_once(session):
-    hand = session.hand(None)
-    assert session.hand(None) is hand
-    assert session.renderer(None, hand, Device()) is session.renderer(None, hand, Device())
+    hand = session.hand(HAND)
+    assert session.hand(HAND) is hand
+    assert session.renderer(AVATAR, hand, Device()) is session.renderer(AVATAR, hand, Device())
 
 
 def test_devices_and_avatars_are_kept_apart(session, tmp_path):
     (tmp_path / "mine.safetensors").write_bytes(b"avatar")
-    hand, avatars, devices = session.hand(None), (None, tmp_path / "mine.safetensors"), (Device(), Device("cpu"))
+    hand, avatars, devices = (
+        session.hand(HAND),
+        (AVATAR, tmp_path / "mine.safetensors"),
+        (Device(), Device("cpu")),
+    )
     renderers = {session.renderer(avatar, hand, device) for avatar in avatars for device in devices}
     assert len(renderers) == 4
-    assert session.renderer(None, hand, Device()) in renderers
+    assert session.renderer(AVATAR, hand, Device()) in renderers
 
 
 def test_a_changed_file_replaces_what_was_loaded(session, tmp_path):
-    avatar, hand = tmp_path / "a.safetensors", session.hand(None)
+    avatar, hand = tmp_path / "a.safetensors", session.hand(HAND)
     avatar.write_bytes(b"one")
     first = session.renderer(avatar, hand, Device())
     avatar.write_bytes(b"second")
@@ -54,10 +62,10 @@ def test_a_changed_file_replaces_what_was_loaded(session, tmp_path):
 
 
 def test_free_removes_everything(session):
-    hand = session.hand(None)
-    first = session.renderer(None, hand, Device())
+    hand = session.hand(HAND)
+    first = session.renderer(AVATAR, hand, Device())
     session.free()
-    assert session.renderer(None, hand, Device()) is not first
+    assert session.renderer(AVATAR, hand, Device()) is not first
 
 
 def test_a_missing_file_is_named(session, tmp_path):
@@ -68,4 +76,4 @@ def test_a_missing_file_is_named(session, tmp_path):
 def test_loading_a_renderer_without_its_packages_is_an_import_error(monkeypatch, hand):
     monkeypatch.setitem(sys.modules, "livehand.backend.avatars.file", None)
     with pytest.raises(ImportError):
-        load_renderer(None, hand, Device())
+        load_renderer(AVATAR, hand, Device())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model_file import ARM_KEY, default_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import ARM_KEY, WITHOUT_ARM, builtin_hand_path, load_default_hand, load_hand_model
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.build import add_hand
 
@@ -46,10 +46,10 @@ def model(request):
 @pytest.fixture(scope="session")
 def armed_path(tmp_path_factory):
     """A file of the built-in hand whose stump turns as a forearm, with a wrist joint that moves with beta."""
-    plain = load_default_hand()
+    plain = load_hand_model(WITHOUT_ARM)
     share = np.clip((plain.v_template[:, 0] - plain.joints[0, 0]) / 0.02 + 0.5, 0, 1)
     shapes = np.random.default_rng(0).normal(size=plain.shapedirs.shape) * 1e-3
-    with np.load(default_hand_path()) as file:
+    with np.load(builtin_hand_path(WITHOUT_ARM)) as file:
         arrays = dict(file) | {"shapedirs": plain.shapedirs + shapes}
     arrays[ARM_KEY] = plain.lbs_weights[:, 0] * share**2 * (3 - 2 * share)
     path = tmp_path_factory.mktemp("armed") / "armed.npz"
@@ -138,7 +138,7 @@ def fake_session(registered, fake_renderer, monkeypatch):
 
 @pytest.fixture
 def hand_scene():
-    """A scene of 48 x 64 px with the built-in hand and a camera that sees all of it."""
+    """A scene of 48 x 64 px with the built-in hand and a camera that sees all of it but its arm's end."""
     from livehand.livehand_blender.scene.settings import use_livehand
 
     scene = bpy.context.scene

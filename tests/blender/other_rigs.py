@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_q
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, PARENTS
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.retarget.source_skeleton import JointMap
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
@@ -133,7 +134,7 @@ def make_rigged_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere"
         name: of its objects.
     """
     rng = np.random.default_rng(seed)
-    right = load_default_hand()
+    right = load_hand_model(WITHOUT_ARM)
     theta = theta_of(GESTURES["spread"].angles_deg(), FingerAxes.of_default_hand())
     beta = rng.normal(size=10) * 0.8
     posed = pose_hand(SkinTensors.of(right), *_tensors(theta, beta, np.zeros(3)))
@@ -319,7 +320,9 @@ def write_fbx(hand: OtherHand, path: Path) -> Path:
     """Export with animation, and with the leaf bones that Blender adds by default."""
     _select(hand)
     options = {"path_mode": "COPY", "embed_textures": True, "bake_anim_simplify_factor": 0}
-    bpy.ops.export_scene.fbx(filepath=str(path), use_selection=True, **options)
+    with warnings.catch_warnings():  # numpy 2.5 warns of what Blender 5.2's exporter does
+        warnings.filterwarnings("ignore", "Setting the shape", DeprecationWarning)
+        bpy.ops.export_scene.fbx(filepath=str(path), use_selection=True, **options)
     return path
 
 

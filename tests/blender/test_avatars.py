@@ -9,6 +9,7 @@ import pytest
 from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
+from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.render.hands.hand_source import hand_source
 from livehand.livehand_blender.ui import avatar_library as library_module
 from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
@@ -103,3 +104,31 @@ def test_facts_describe_the_avatar(my_folder):
     assert lines[2:5] == metadata.figures
     unknown = facts(replace(metadata, licence="", figures=(), made_from=""))
     assert unknown == ("light", "Licence: not stated", "not measured (livehand evaluate --record)")
+
+
+def of_person(avatar, beta):
+    capture = {"made_by": "livehand capture", "plan": {"person": {"beta": beta}}}
+    return replace(avatar, provenance={**avatar.provenance, "capture": capture})
+
+
+def test_a_hand_gets_the_shape_of_its_avatars_person(right_hand, tmp_path):
+    beta = [0.5, -1.0, 0, 0, 0.25, 0, 0, 0, 0, 2.0]
+    save_avatar(of_person(load_avatar(), beta), tmp_path / "person.safetensors")
+    right_hand.livehand.avatar_path = str(tmp_path / "person.safetensors")
+    assert bpy.ops.livehand.person_shape() == {"FINISHED"}
+    np.testing.assert_allclose(right_hand.livehand.beta, beta, atol=1e-6)
+
+
+def test_an_avatar_that_tells_no_shape_is_named(right_hand, tmp_path):
+    save_avatar(of_person(load_avatar(), None), tmp_path / "old.safetensors")
+    right_hand.livehand.avatar_path = str(tmp_path / "old.safetensors")
+    with pytest.raises(RuntimeError, match="must tell its person's shape, 'light' does not"):
+        bpy.ops.livehand.person_shape()
+    assert not any(right_hand.livehand.beta)
+
+
+@pytest.mark.parametrize("beta", [[1.0] * 9, ["wide"] * 10, [float("nan")] * 10])
+def test_a_persons_shape_of_another_length_is_refused(tmp_path, beta):
+    save_avatar(of_person(load_avatar(), beta), tmp_path / "wrong.safetensors")
+    with pytest.raises(LiveHandError, match="missing or wrong"):
+        read_metadata(tmp_path / "wrong.safetensors")

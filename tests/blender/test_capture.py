@@ -173,7 +173,9 @@ def test_bending_a_finger_changes_flex_only_at_its_joint(coarse_surface, right_h
 def test_nails_are_smooth_and_folds_lie_on_the_back(coarse_surface, right_hand, tmp_path):
     capture_scene(threads=1)
     surface = SkinSurface.create(right_hand, coarse_surface)
+    sampling = bpy.context.scene.cycles.samples, bpy.context.scene.cycles.use_denoising
     maps = bake_skin(surface.object, tmp_path, SkinTone(), size_px=384)
+    assert (bpy.context.scene.cycles.samples, bpy.context.scene.cycles.use_denoising) == sampling
     relief, fold_dorsal, _ = _at_vertices(maps["height"], coarse_surface).T
     roughness, subsurface, _ = _at_vertices(maps["mask"], coarse_surface).T
     masks = coarse_surface.masks
@@ -218,15 +220,18 @@ def test_crossing_falls_with_the_distance_from_where_parts_cross():
     assert crossing(level, faces).dtype == np.float32
 
 
-def test_parts_that_cross_leave_no_teal_line(tmp_path):
-    """Red light is scattered farthest: without the mark it ends inside the other part, and the line is teal."""
+def test_parts_that_cross_leave_no_tinted_line(tmp_path):
+    """Red light is scattered farthest: without the mark it ends inside the other part, and the line is teal.
+
+    In Blender 5.2 it passes through the other part instead, and the line is red.
+    """
     marked, unmarked = (_red_by_blue_where_balls_cross(tmp_path, is_marked) for is_marked in (True, False))
-    assert marked > 0.93
-    assert unmarked < 0.85
+    assert marked == pytest.approx(1, abs=0.07)
+    assert unmarked > 1.3 if bpy.app.version >= (5, 2) else unmarked < 0.85
 
 
 def _red_by_blue_where_balls_cross(folder, is_marked):
-    """Red by blue at the line where two balls cross, relative to that on their tops, under an even sky."""
+    """Red by blue at the line where two grey balls cross, under an even sky."""
     scene = capture_scene(threads=1)
     graph = NodeGraph(enable_nodes(scene.world))
     graph.connect(graph.node("ShaderNodeBackground").outputs[0], graph.tree.nodes["World Output"].inputs[0])
@@ -248,8 +253,8 @@ def _red_by_blue_where_balls_cross(folder, is_marked):
     scene.render.filepath = str(folder / f"{is_marked}.png")
     bpy.ops.render.render(write_still=True)
     image = (np.asarray(Image.open(scene.render.filepath), float)[10:14, :, :3] / 255) ** 2.2
-    ratio = image[..., 0].mean(0) / image[..., 2].mean(0)
-    return ratio[23:25].mean() / ratio[[9, 10, 11, 36, 37, 38]].mean()
+    red, _, blue = image[:, 23:25].mean((0, 1))
+    return red / blue
 
 
 TINY = CapturePlan(poses=1, cameras=2, size_px=(24, 32), samples=1, eval_samples=1)

@@ -6,6 +6,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.scene.camera import read_camera
@@ -65,7 +66,7 @@ def test_it_contains_no_local_path_and_no_script(scene):
 
 def test_the_whole_hand_is_in_the_picture_in_every_frame(scene):
     for shot in shots(scene):
-        pixels, depth = shot.camera.project(shot.vertices)
+        pixels, depth = shot.camera.project(shot.vertices[load_default_hand().framed_vertices])
         assert (depth > 0.5).all()
         assert pixels.min() > MARGIN_PX
         assert (pixels.max(0) < np.array(shot.camera.size_px) - MARGIN_PX).all()
@@ -96,6 +97,6 @@ def test_its_script_makes_the_same_keyframes(scene, curves_of):
     runpy.run_path(str(EXAMPLES / "make_wave.py"))["build_wave"]()
     made = keyframes(curves_of)
     assert saved.keys() == made.keys()
-    assert len(saved) == 16 * 4 + 3 + 3 + 3 + 3
+    assert len(saved) == 17 * 4 + 3 + 3 + 3 + 3
     for key, points in saved.items():
         np.testing.assert_allclose(made[key], points, atol=1e-6, err_msg=str(key))

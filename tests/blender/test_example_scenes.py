@@ -29,7 +29,7 @@ def world_vertices(thing):
     return np.array([evaluated.matrix_world @ vertex.co for vertex in mesh.vertices])
 
 
-@pytest.mark.parametrize("name", ["grasp", "clasp", "edited", "follow"])
+@pytest.mark.parametrize("name", ["grasp", "clasp", "edited", "follow", "egg"])
 def test_the_file_is_what_its_script_makes(name):
     def contents(scene):
         return {
@@ -45,6 +45,22 @@ def test_the_file_is_what_its_script_makes(name):
     assert saved.keys() == made.keys()
     for key, values in saved.items():
         np.testing.assert_allclose(made[key], values, atol=1e-6, err_msg=key)
+
+
+def test_the_pads_of_the_digits_hold_the_egg():
+    """Its shell is a surface of revolution; a digit touches it, and goes no deeper than flesh yields."""
+    scene = open_example("egg")
+    skin = world_vertices(mesh_of(find_hands(scene)[0]))
+    inverse = np.array(scene.objects["Egg"].matrix_world.inverted())
+    x, y, z = (skin @ inverse[:3, :3].T + inverse[:3, 3]).T
+    height = np.clip(z / 0.0275, -1, 1)
+    radius_m = 0.0215 * (1 - 0.14 * height) / (1 + 0.14**2 / 2) * np.sqrt(1 - height**2)
+    depth_m = radius_m - np.hypot(x, y)
+    depth_m[np.abs(z) > 0.0275] = -1
+    joint = load_default_hand().lbs_weights.argmax(1)
+    deepest_m = {finger: depth_m[joint == tip].max() for tip, finger in TIPS.items()}
+    assert sum(depth > -0.0015 for depth in deepest_m.values()) >= 4, deepest_m
+    assert depth_m.max() < 0.0025
 
 
 @pytest.mark.parametrize("frame", [1, 12, 24])

@@ -13,7 +13,9 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 WANTED_AT_TOP = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "backend", "livehand_blender"}
-WANTED_DATA = {"backend/hand/hand_default.npz", "backend/avatars/light.safetensors", "backend/avatars/deep.safetensors"}
+WANTED_DATA = {
+    path.relative_to(ROOT).as_posix() for kind in ("*.npz", "*.safetensors") for path in (ROOT / "backend").rglob(kind)
+}
 # What serves the pip package's commands only.
 LEFT_OUT = {
     "backend/benchmark",

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import bpy
 import pytest
-from livehand.backend.avatars.library import SKINS, avatar_path
+from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
+from livehand.backend.hand.model_file import BUILTIN_HANDS, builtin_hand_path, load_hand_model
 from livehand.backend.rendering.grade import Grade
-from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade
-from livehand.livehand_blender.rig.hand import find_hands
+from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade, wear_avatar
+from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.scene.seen_hands import visible_hands
 
 
@@ -21,7 +23,30 @@ def test_paths_are_resolved_against_the_blend(armature, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     source = hand_source(visible_hands(bpy.context.evaluated_depsgraph_get())[0].armature)
     assert source.avatar_path == tmp_path / "looks" / "mine.safetensors"
-    assert source.model_path is None
+    assert source.model_path == builtin_hand_path()
+
+
+@pytest.mark.parametrize("name", BUILTIN_HANDS)
+def test_a_builtin_hand_is_known_by_its_hash_and_keeps_its_own_avatars(name):
+    armature = add_hand(bpy.context, load_hand_model(name), "")
+    source = hand_source(armature)
+    assert source.model_path == builtin_hand_path(name)
+    assert source.avatar_path == shipped_avatar_path("light", load_hand_model(name).sha256)
+    assert source.avatar_path.parent.name == RiggedHand.of(armature).model.name == name
+
+
+@pytest.mark.parametrize("name", BUILTIN_HANDS)
+def test_a_shipped_avatar_that_is_worn_is_that_of_the_hands_own_model(name):
+    armature = add_hand(bpy.context, load_hand_model(name), "")
+    wear_avatar(armature, avatar_path("deep"))
+    assert armature.livehand.skin == "deep"
+    assert armature.livehand.avatar_path == ""
+    assert hand_source(armature).avatar_path.parts[-2:] == (name, "deep.safetensors")
+
+
+def test_a_file_of_ones_own_that_is_worn_is_kept(armature, tmp_path):
+    wear_avatar(armature, tmp_path / "deep.safetensors")
+    assert hand_source(armature).avatar_path == tmp_path / "deep.safetensors"
 
 
 @pytest.mark.parametrize("skin", SKINS)

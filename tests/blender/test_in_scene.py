@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.rendering.arm_end import distance_from_end_m
 from livehand.backend.rendering.cryptomatte import crypto_id
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
@@ -84,6 +85,17 @@ def test_objects_before_the_hand_hide_it(shot, fake_session, fake_renderer, rend
     np.testing.assert_allclose(channels["Hand.A"], frame.alpha, atol=1e-5)
     np.testing.assert_allclose(rgb(channels, "Hand"), frame.rgb, atol=1e-5)
     np.testing.assert_allclose(channels["Depth.Z"][:, middle + 1 :], 0.2, atol=1e-4)
+
+
+def test_what_the_wrists_fade_leaves_has_a_pass(shot, render):
+    model = load_default_hand()
+    for hand in find_hands(shot):
+        hand.livehand.wrist_fade = 1000 * distance_from_end_m(model).max()  # from the elbow to the fingertips
+    shot.view_layers[0].livehand.use_pass_fade = True
+    fade = render(shot)["HandFade.A"]
+    assert fade.max() == pytest.approx(1, abs=0.01)
+    assert fade.min() == 0
+    assert np.ptp(fade[fade > 0]) > 0.2
 
 
 def test_the_hands_mesh_and_the_layer_do_not_change(shot, render):

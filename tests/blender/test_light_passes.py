@@ -267,10 +267,12 @@ def test_a_blurred_frame_is_measured_once(lit_scene, shots):
 def test_both_eyes_are_measured(lit_scene, shots):
     lit_scene.render.use_multiview = True
     lit_scene.camera.data.stereo.interocular_distance = 0.06
+    lit_scene.camera.location.z = 0.9  # from where each eye sees hand and arm whole
     lit_scene.render.image_settings.views_format = "INDIVIDUAL"
     left, right = (shot.light.measured.alpha for shot in shots(lit_scene))
-    assert left.sum() == pytest.approx(right.sum(), rel=0.1)
-    assert np.abs(left - right).mean() > 0.03
+    assert left.sum() == pytest.approx(right.sum(), rel=0.02)
+    middles = [np.average(np.arange(alpha.shape[1]), weights=alpha.sum(0)) for alpha in (left, right)]
+    assert 2 < middles[0] - middles[1] < 4  # 60 mm of 0.49 m in 48 pixels, halved as the eyes converge 1.95 m away
 
 
 def test_avatars_without_an_albedo_are_not_measured(lit_scene, shots, fake_renderer, monkeypatch):

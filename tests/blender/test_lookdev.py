@@ -9,6 +9,7 @@ import pytest
 from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.posed_bones import bone_frames
+from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.scene import capture_scene
 from livehand.livehand_blender.cli import main
@@ -63,16 +64,21 @@ def test_the_lamp_stands_off_the_view_and_shines_on_the_subject(right_hand):
 
 @pytest.mark.slow
 def test_a_small_run_writes_sheets_and_figures(right_hand, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sheets, "detailed_surface", lambda model: detailed_surface(model, levels=1))
-    monkeypatch.setattr(sheets, "bake_skin", partial(bake_skin, size_px=256))
+    monkeypatch.setattr(capture_render, "detailed_surface", lambda model: detailed_surface(model, levels=1))
+    monkeypatch.setattr(capture_render, "bake_skin", partial(bake_skin, size_px=256))
     monkeypatch.setattr(sheets, "WHOLE_HANDS", {name: WHOLE_HANDS[name] for name in ("open, back", "open, palm")})
     monkeypatch.setattr(sheets, "CLOSE_UPS", {"nail": CLOSE_UPS["nail"]})
     monkeypatch.setattr(sheets, "_WHOLE_PX", 240)
+    monkeypatch.setitem(sheets._PLACES, "elbow", (True, 3.0, (0,), (-900.0, 0.0, 0.0)))
     assert main(["lookdev", "-o", str(tmp_path), "--size", "32", "--samples", "2"]) == 0
-    assert "albedo, Lab: back" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "albedo, Lab: back" in out
+    assert "elbow: not seen" in out
+    assert "nan" not in out.split("albedo")[1]
     assert {path.name for path in tmp_path.iterdir()} == {"whole_hands.png", "close_ups.png", "figures.json"}
     figures = json.loads((tmp_path / "figures.json").read_text())
     back, palm = (np.array(figures["lab"][place]) for place in ("back", "palm"))
     assert palm[0] > back[0] + 4  # of light skin
     assert 55 < back[0] < 80
+    assert "elbow" not in figures["lab"]
     assert set(figures["contrast"]) == {"open, back", "open, palm"}

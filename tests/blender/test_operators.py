@@ -32,7 +32,7 @@ def test_add_hand_operator_makes_what_the_function_makes(side):
     assert {b.name: b.matrix_local for b in by_operator.data.bones} == {
         b.name: b.matrix_local for b in by_function.data.bones
     }
-    assert sum(not bone.name.startswith(("DEF-", "MCH-", "IK-", "CTL-")) for bone in by_operator.data.bones) == 16
+    assert sum(not bone.name.startswith(("DEF-", "MCH-", "IK-", "CTL-")) for bone in by_operator.data.bones) == 17
 
 
 def test_add_hand_stands_upright():

@@ -151,10 +151,10 @@ def test_a_hand_shows_its_avatar_and_a_choice():
     assert drawn[-2:] == ["skin", "avatar_path"]
     assert "LIVEHAND_PT_choose_avatar" in draw(panels.LIVEHAND_PT_hand)
     offered = draw(avatars.LIVEHAND_PT_choose_avatar)
-    assert offered[:4:2] == ["livehand.wear_avatar"] * 2
-    assert [Path(path).name for path in offered[1:4:2]] == ["light.safetensors", "deep.safetensors"]
+    assert offered[:6:2] == ["livehand.wear_avatar"] * 3
+    assert [Path(path).stem for path in offered[1:6:2]] == ["light", "middle", "deep"]
     hand.livehand.model_sha256 = "ab" * 32
-    assert "of another hand: hand_default" in draw(avatars.LIVEHAND_PT_avatar)
+    assert any(text.startswith("of another hand: hand_") for text in draw(avatars.LIVEHAND_PT_avatar))
     assert not [word for word in draw(avatars.LIVEHAND_PT_choose_avatar) if word == "livehand.wear_avatar"]
 
 
@@ -177,7 +177,7 @@ def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
     hand = add_hand(bpy.context, load_default_hand().for_side(side))
     drawn = draw(picker.LIVEHAND_PT_posing)
     shown = [name for name in drawn if name in hand.pose.bones]
-    assert len(shown) == len(set(shown)) == 16 + 5
+    assert len(shown) == len(set(shown)) == 17 + 5
     knuckles = [name[:-3] for name in shown if name[-3] == "1"]
     fingers = ["thumb", "index", "middle", "ring", "pinky"]
     assert knuckles == (fingers if side == "right" else fingers[::-1])

@@ -179,5 +179,5 @@ def test_bone_shapes_are_made_once_and_are_in_no_scene(hand, model):
     assert len(worn) == 2
     assert all(not shape.users_scene for shape in worn)
     shown = {c.name: {bone.name for bone in c.bones} for c in hand.data.collections if c.is_visible}
-    assert {name: len(bones) for name, bones in shown.items()} == {"FK": 16, "IK": 5, "Masters": 5}
+    assert {name: len(bones) for name, bones in shown.items()} == {"FK": 17, "IK": 5, "Masters": 5}
     assert {bone.name for bone in hand.pose.bones if bone.custom_shape} == shown["FK"] | shown["IK"] | shown["Masters"]

@@ -1,6 +1,7 @@
 """Loading a renderer in Blender whose Python lacks packages."""
 
 import sys
+from pathlib import Path
 
 import pytest
 from livehand.backend.avatars.session import Device
@@ -13,4 +14,4 @@ def test_a_missing_package_is_named_with_its_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "livehand.backend.avatars.file", None)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(LiveHandError, match=r"lacks: torch; install them with: .*pip install"):
-        load_renderer_in_blender(None, load_default_hand(), Device())
+        load_renderer_in_blender(Path("light.safetensors"), load_default_hand(), Device())

@@ -6,7 +6,7 @@ import pytest
 from livehand.backend.hand.bones import bone_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.retarget.joint_guess import guess_joints
 from livehand.backend.retarget.shape_fit import rest_nodes
@@ -134,14 +134,36 @@ def evaluate(hand):
     bpy.context.view_layer.update()
 
 
+def test_the_influence_blends_a_hand_without_an_arm_from_its_own_pose(moving):
+    made, frames, _ = moving
+    bare = add_hand(bpy.context, load_hand_model(WITHOUT_ARM).for_side(made.side))
+    bare.location, bare.rotation_euler = (0.3, -0.7, 0.2), (0.5, 1, 2)
+    bpy.context.view_layer.update()
+    start((made, frames, bare))
+    wholly = evaluated_pose(bare)
+    assert np.linalg.norm(wholly.transl) > 0.1
+    for share in (0.0, 0.5, 1.0):
+        bare.livehand.follow = share
+        evaluate(bare)
+        np.testing.assert_allclose(evaluated_pose(bare).theta[1:], share * wholly.theta[1:], atol=1e-4)
+        np.testing.assert_allclose(evaluated_pose(bare).transl, share * wholly.transl, atol=1e-5)
+
+
 def test_the_influence_blends_from_the_hands_own_pose(moving):
     _, ours = start(moving)
     wholly = evaluated_pose(ours)
-    for share in (0.0, 0.5):
+    carrier = RiggedHand.of(ours).forearm.name  # about its end the blend turns, so the wrist's way is an arc
+    heads = {}
+    for share in (0.0, 0.5, 1.0):
         ours.livehand.follow = share
         evaluate(ours)
         np.testing.assert_allclose(evaluated_pose(ours).theta[1:], share * wholly.theta[1:], atol=1e-4)
-        np.testing.assert_allclose(evaluated_pose(ours).transl, share * wholly.transl, atol=1e-5)
+        evaluated = ours.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        heads[share] = np.array(evaluated.pose.bones[carrier].head)
+        if share != 0.5:
+            np.testing.assert_allclose(evaluated_pose(ours).transl, share * wholly.transl, atol=1e-5)
+    np.testing.assert_allclose(heads[0.5], (heads[0.0] + heads[1.0]) / 2, atol=1e-5)
+    assert np.linalg.norm(heads[1.0] - heads[0.0]) > 0.01
 
 
 def test_finger_controls_and_limits_work_on_top(moving):

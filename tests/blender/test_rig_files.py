@@ -6,6 +6,7 @@ import pytest
 from livehand.backend.records.errors import LiveHandError
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
+from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 
 
@@ -81,6 +82,37 @@ def test_linked_hand_can_be_posed_through_an_override(hand_file, model, random_p
     bpy.ops.wm.open_mainfile(filepath=shot)
     (hand,) = [thing for thing in find_hands(bpy.context.scene) if thing.override_library]
     assert matches(hand, pose)
+
+
+def linked_hand(path):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["LiveHand"]
+    bpy.context.collection.objects.link(wanted.objects[0])
+    bpy.context.view_layer.update()
+    return wanted.objects[0]
+
+
+def test_keys_of_an_override_whose_keys_are_linked_are_saved_in_the_shot(hand, model, random_pose, matches, tmp_path):
+    first, second = random_pose(6, model.side), random_pose(7, model.side)
+    write_hand_pose(RiggedHand.of(hand), first)
+    keyframe_theta(RiggedHand.of(hand), first.theta[None], [1])
+    path, shot = str(tmp_path / "keyed.blend"), str(tmp_path / "shot.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    keys = (second.theta[None], [20])
+    with pytest.raises(LiveHandError, match="Library Override"):
+        keyframe_theta(RiggedHand.of(linked_hand(path)), *keys)
+    hand = linked_hand(path).override_hierarchy_create(
+        bpy.context.scene, bpy.context.view_layer, do_fully_editable=True
+    )
+    keyframe_theta(RiggedHand.of(hand), *keys)
+    bpy.ops.wm.save_as_mainfile(filepath=shot)
+    bpy.ops.wm.open_mainfile(filepath=shot)
+    (hand,) = [thing for thing in find_hands(bpy.context.scene) if thing.override_library]
+    for frame, pose in ((1, first), (20, second)):
+        bpy.context.scene.frame_set(frame)
+        theta = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
+        np.testing.assert_allclose(theta, pose.theta, atol=1e-5)
 
 
 def test_a_copy_is_an_independent_hand(hand, model, random_pose, matches):

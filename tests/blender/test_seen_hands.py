@@ -154,6 +154,7 @@ def test_instances_render_blurred_with_their_own_cryptomatte(
     for frame in (0, 2):
         empty.location.x = 0.05 * frame
         empty.keyframe_insert("location", frame=frame)
+    instanced.camera.location.x = load_default_hand().v_template[:, 0].mean()  # over the middle of A and its disc
     instanced.render.use_motion_blur, instanced.livehand.blur_samples = True, 3
     instanced.view_layers[0].use_pass_cryptomatte_object = True
     instanced.render.filepath = str(tmp_path / "still.exr")

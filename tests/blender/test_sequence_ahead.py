@@ -10,6 +10,7 @@ import pytest
 from livehand.backend.batch import frame_paths
 from livehand.backend.batch.frame_file import check_frame
 from livehand.backend.batch.progress import ShotTally
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rendering.renderer import RenderStopped
 from livehand.livehand_blender.render.engine import LiveHandRender
@@ -241,6 +242,9 @@ def test_view_layers_share_a_render_and_may_lack_the_hand(moving_scene, save_sho
         moving_scene.collection.objects.unlink(obj)
         collection.objects.link(obj)
     without.layer_collection.children["Hand"].exclude = True
+    for thing in moving_scene.objects:
+        if thing.type == "CAMERA":
+            thing.location.x = load_default_hand().v_template[:, 0].mean()  # over the middle of the fake disc
     write(save_shot(), tmp_path / "out")
     assert len(shots(fake_session)) == 4
     for path in (tmp_path / "out").glob("*.exr"):

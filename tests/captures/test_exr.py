@@ -81,6 +81,7 @@ def test_a_block_that_is_listed_twice_leaves_lines_missing(tmp_path):
         read_exr(path)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_errors_of_ours(tmp_path):
     path, rng = tmp_path / "damaged.exr", np.random.default_rng(0)
     write_exr(path, channels_of(20, 20))

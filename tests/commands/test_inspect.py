@@ -8,7 +8,7 @@ import pytest
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.commands.inspect import inspect
-from livehand.backend.hand.model_file import default_hand_path
+from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.superres import SuperResConfig
@@ -20,7 +20,7 @@ from livehand.livehand_blender.cli import COMMANDS
 
 
 def test_a_hand_model():
-    facts = inspect(default_hand_path())
+    facts = inspect(builtin_hand_path(WITHOUT_ARM))
     assert (facts["kind"], facts["side"], facts["vertices"]) == ("hand model", "right", 1272)
     assert len(facts["sha256"]) == 64
     assert 150 < max(facts["extent_mm"]) < 260
@@ -78,7 +78,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_the_command_prints_facts_or_json(capsys):
-    path = str(default_hand_path())
+    path = str(builtin_hand_path(WITHOUT_ARM))
     assert run_commands("livehand", "", COMMANDS, ["inspect", path]) == 0
     assert "vertices        1272" in capsys.readouterr().out
     assert run_commands("livehand", "", COMMANDS, ["inspect", path, "--json"]) == 0

@@ -1,4 +1,4 @@
-"""Contrast by scale: a sinusoid's deviation in each band by its closed form, lightness and span by value."""
+"""Contrast by scale: a sinusoid's deviation in each band by its closed form, and the span by value."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from livehand.backend.evaluation.contrast_bands import (
     band_key,
     contrast,
     contrast_figures,
-    lightness,
 )
 from livehand.backend.evaluation.seen_surface import SeenSurface
 from livehand.backend.rendering.srgb import linear_to_srgb
@@ -35,6 +34,7 @@ def kept(sigma_mm, wavelength_mm):
     return np.exp(-((2 * np.pi * sigma_mm / wavelength_mm) ** 2) / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wavelength_mm", [1.5, 3.0, 6.0, 12.0])
 def test_a_wave_deviates_as_its_bands_let_it(wavelength_mm):
     figures = contrast(waves(wavelength_mm, 6.0), torch.ones(20, 4000, dtype=torch.bool), MM_PER_PX)
@@ -43,15 +43,10 @@ def test_a_wave_deviates_as_its_bands_let_it(wavelength_mm):
         assert figures[band_key((fine, coarse))] == pytest.approx(6 / np.sqrt(2) * share, rel=0.03, abs=0.08)
 
 
+@pytest.mark.slow
 def test_the_span_leaves_out_two_percent_at_either_end():
     ramp = picture_of(torch.linspace(20, 80, 4000).expand(20, 4000))
     assert contrast(ramp, torch.ones(20, 4000, dtype=torch.bool), MM_PER_PX)[SPAN] == pytest.approx(57.6, abs=0.05)
-
-
-def test_lightness_by_value():
-    greys = torch.tensor([0.0, 0.5, 1.0])[:, None].expand(3, 3)[None]
-    np.testing.assert_allclose(lightness(greys)[0], [0, 53.39, 100], atol=0.01)
-    np.testing.assert_allclose(lightness(torch.tensor([[[1.0, 0, 0]]])), 53.24, atol=0.02)
 
 
 def test_a_flat_hand_has_no_contrast_whatever_lies_around_it():

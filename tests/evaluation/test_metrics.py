@@ -116,6 +116,7 @@ def hand_on_black(size, seed=0):
     return image.clip(0, 1), truth, disc
 
 
+@pytest.mark.slow
 def test_ms_ssim_equals_the_slow_reference():
     image, truth, disc = hand_on_black((166, 163))
     _, found = similarities(*(torch.as_tensor(x) for x in (image, truth, disc)))

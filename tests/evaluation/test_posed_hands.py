@@ -1,6 +1,7 @@
 """Each pose and side has its own mesh in a view."""
 
 import numpy as np
+import pytest
 import torch
 from livehand.backend.evaluation.posed_hands import PosedHands
 from livehand.backend.geometry.rasterise import rasterise
@@ -9,6 +10,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
 
 
+@pytest.mark.slow
 def test_a_view_sees_its_own_pose_and_side(painted_capture):
     hand = load_default_hand()
     left = HandPose(np.zeros((16, 3)), np.zeros(10), hand.joints[4] * [1, -1, -1], "left")

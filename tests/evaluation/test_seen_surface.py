@@ -1,6 +1,7 @@
 """The mesh in a view: depths of spheres by closed form, and openness of what is hidden and of what is not."""
 
 import numpy as np
+import pytest
 import torch
 from livehand.backend.evaluation.seen_surface import seen_surface, vertex_openness
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
@@ -16,6 +17,7 @@ def above(height=1.0):
     )
 
 
+@pytest.mark.slow
 def test_the_depth_of_a_sphere_is_exact(spheres):
     mesh, topology = spheres(((0, 0, 0), 0.05))
     view = above()

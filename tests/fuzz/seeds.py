@@ -29,7 +29,7 @@ from livehand.backend.captures.split import FrameSplit, load_split, split_docume
 from livehand.backend.commands.inspect import inspect
 from livehand.backend.commands.render_motion import parse_picture_camera
 from livehand.backend.comparison.grid import load_pictures, save_pictures
-from livehand.backend.hand.model_file import default_hand_path, load_default_hand, load_hand_model, load_hands_mean
+from livehand.backend.hand.model_file import builtin_hand_path, load_default_hand, load_hand_model, load_hands_mean
 from livehand.backend.motion.files.import_options import ImportOptions, motion_and_warning
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.motion.files.summary import file_summary
@@ -176,7 +176,7 @@ def _webxr():
 
 
 def hand_seeds():
-    with np.load(default_hand_path()) as archive:
+    with np.load(builtin_hand_path()) as archive:
         arrays = {key: np.asarray(archive[key]) for key in archive.files}
     raw = npz(**arrays)
     yield Seed("hand model, npz", "hand.npz", raw, load_hand_model, mutated_npz)

@@ -20,6 +20,7 @@ def traced(posed, seen_from):
     return hand.topology, hand.mesh, points, rays.samples
 
 
+@pytest.mark.slow
 def test_an_unmoved_surface_gives_what_tracing_gave(traced):
     topology, mesh, points, samples = traced
     ours = reproject(points, samples.face, topology, mesh)
@@ -82,6 +83,7 @@ def test_the_derivatives_are_finite_differences(traced):
         assert float(slope) == pytest.approx(float((weights * difference).sum()), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_surface_moved_along_its_normal_lowers_the_points(spheres):
     mesh, topology = spheres(((0.0, 0, 0), 0.05))
     vertices = mesh.vertices.clone().requires_grad_()

@@ -18,6 +18,7 @@ def shadows_of(backend, mesh, topology, views=FROM_AFAR, occluders=NO_OCCLUDERS,
     return backend.point_shadows(mesh, topology, occluders, views, points, MAP_PX)
 
 
+@pytest.mark.slow
 def test_a_lone_sphere_is_lit_on_one_half_up_to_its_edge(spheres, backend):
     mesh, topology = spheres(((0.2, -0.1, 0.3), 0.05), subdivisions=4)
     lit = shadows_of(backend, mesh, topology).lit
@@ -45,6 +46,7 @@ def test_lengths_are_the_templates_whatever_the_scale(spheres, backend, scale):
     assert ((found.lit - expected.lit).abs() > 0.01).float().mean() < 0.01
 
 
+@pytest.mark.slow
 def test_parts_in_contact_do_not_leak(spheres, backend):
     """A small sphere rests on a large one: the place of contact is dark from above."""
     mesh, topology = spheres(((0, 0, 0), 0.05), ((0, 0, 0.062), 0.012), subdivisions=4)
@@ -86,6 +88,18 @@ def test_half_a_wall_casts_a_straight_edge(spheres, backend):
     x, faces_light = mesh.vertices[:, 0], mesh.normals[:, 2] > 0.1
     assert lit[faces_light & (x > 0.002)].max() == 0
     assert lit[faces_light & (x < -0.002)].min() > 0.999
+
+
+def test_a_map_is_as_fine_as_its_points_are_near(spheres, backend):
+    """Over 2 mm of a sphere of 50 mm the wall's edge lies within 0.1 mm; a pixel of the whole sphere is 0.8 mm."""
+    mesh, topology = spheres(((0, 0, 0), 0.05), subdivisions=4)
+    wall = torch.tensor([[[0.0, -9, 0.2], [9, -9, 0.2], [9, 9, 0.2]], [[0.0, -9, 0.2], [9, 9, 0.2], [0, 9, 0.2]]])
+    x = torch.linspace(-0.001, 0.001, 201)
+    points = torch.stack([x, torch.zeros(201), torch.full((201,), 0.05)], -1)
+    lit = shadows_of(backend, mesh, topology, occluders=wall, points=points).lit[0]
+    assert lit[x > 1e-4].max() == 0
+    assert lit[x < -1e-4].min() > 0.999
+    assert shadows_of(backend, mesh, topology, points=points[:0]).lit.shape == (4, 0)
 
 
 def test_a_lamp_within_the_mesh_or_beside_it_gives_finite_shadows(spheres, backend):

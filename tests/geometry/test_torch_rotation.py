@@ -27,6 +27,7 @@ def test_zero_is_the_identity_exactly():
     assert torch.equal(axis_angle_to_matrix(torch.zeros(2, 3)), torch.eye(3).expand(2, 3, 3))
 
 
+@pytest.mark.slow
 def test_cross_matrix_is_the_cross_product():
     a, b = torch.as_tensor(random_axes(2, 5))
     torch.testing.assert_close(cross_matrix(a) @ b, torch.linalg.cross(a, b))

@@ -18,6 +18,7 @@ def test_directions_cover_the_sphere_in_orthonormal_frames():
     assert (between < np.cos(0.45)).all()
 
 
+@pytest.mark.slow
 def test_a_lone_sphere_is_lit_by_the_cosine(spheres, backend):
     """Nothing convex shadows itself."""
     mesh, topology = spheres(((0.2, -0.1, 0.3), 0.05), subdivisions=3)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from livehand.backend.hand.atlas import unwrap, unwrap_millimetres, with_cap_chart
 from livehand.backend.hand.cap import cap_faces, capped, flat_cap
-from livehand.backend.hand.model_file import default_hand_path, load_hand_model
+from livehand.backend.hand.model_file import builtin_hand_path, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 
 pytestmark = pytest.mark.slow
@@ -19,7 +19,7 @@ def open_faces(hand):
 
 
 def write_hand(path, **changes):
-    with np.load(default_hand_path()) as archive:
+    with np.load(builtin_hand_path()) as archive:
         arrays = {**archive, **changes}
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
     return path
@@ -112,7 +112,7 @@ def test_a_surface_that_cannot_be_capped_is_refused(hand):
 
 
 def test_a_closed_hand_is_left_alone(hand):
-    with np.load(default_hand_path()) as archive:
+    with np.load(builtin_hand_path()) as archive:
         np.testing.assert_array_equal(hand.f, archive["f"])
         np.testing.assert_array_equal(hand.ft, archive["ft"])
         np.testing.assert_array_equal(hand.vt, archive["vt"])

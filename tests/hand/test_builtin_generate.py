@@ -9,7 +9,7 @@ from livehand.backend.hand.builtin.generate import QuadMesh, build_hand, dense_s
 from livehand.backend.hand.builtin.meshes import outward, vertex_normals
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.skinning_weights import dense_weights
-from livehand.backend.hand.model_file import default_hand_path
+from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +23,7 @@ def built():
 
 @pytest.fixture(scope="module")
 def shipped():
-    with np.load(default_hand_path()) as archive:
+    with np.load(builtin_hand_path(WITHOUT_ARM)) as archive:
         return dict(archive)
 
 

@@ -15,13 +15,19 @@ from livehand.backend.hand.builtin.projection import project_to_surface
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.sdf import BOUNDS, signed_distance
 from livehand.backend.hand.builtin.skin_masks import MASK_NAMES
-from livehand.backend.hand.model_file import default_hand_path
+from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial import cKDTree
 
 pytestmark = pytest.mark.slow
 
 COORDINATE_MASKS = {"nailrim", "naily", "tfold", "ridge", "jid"}  # places, not strengths
+
+
+@pytest.fixture(scope="session")
+def hand():
+    """The hand whose zero set the generator describes: without an arm."""
+    return load_hand_model(WITHOUT_ARM)
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +208,7 @@ def test_masks_lie_where_they_belong(surface):
     assert points[vein, 1].min() > points[palm & (points[:, 0] > 0.02), 1].mean()
     assert points[nail, 0].max() < points[:, 0].max() - 0.1
     assert not (nail & palm).any()
-    with np.load(default_hand_path()) as arrays:
+    with np.load(builtin_hand_path()) as arrays:
         tips = arrays["J"][[3, 6, 9, 12, 15]]
     assert np.linalg.norm(points[tip][:, None] - tips, axis=-1).min(1).max() < 0.032
 

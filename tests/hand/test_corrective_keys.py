@@ -16,6 +16,7 @@ def test_the_keys_add_up_to_the_correctives():
     np.testing.assert_allclose(total, posedirs @ (rotations - np.eye(3)).ravel(), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_built_in_hand_has_at_most_one_key_per_joint(hand):
     joints = [key.joint for key in factor_correctives(hand.posedirs)]
     assert len(set(joints)) == len(joints) == 14  # the thumb's first joint has none

@@ -62,6 +62,7 @@ def test_flexion_of_the_whole_finger_adds_up(axes):
     assert angle == pytest.approx(90, abs=3)
 
 
+@pytest.mark.slow
 def test_a_fist_closes_and_spreading_opens(hand, axes):
     tips = [fingertip(finger) for finger in ("index", "middle", "ring", "pinky")]
     wrist = hand.joints[0]

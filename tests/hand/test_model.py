@@ -5,14 +5,29 @@ import hashlib
 import numpy as np
 import pytest
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
-from livehand.backend.hand.model_file import REQUIRED_KEYS, default_hand_path, load_hand_model
+from livehand.backend.hand.model_file import (
+    BUILTIN_HANDS,
+    DEFAULT_HAND,
+    REQUIRED_KEYS,
+    WITH_ARM,
+    WITHOUT_ARM,
+    builtin_hand_path,
+    builtin_name,
+    load_hand_model,
+    load_hand_of,
+)
 from livehand.backend.records.errors import LiveHandError
 
 
 @pytest.fixture(scope="module")
 def arrays():
-    with np.load(default_hand_path()) as archive:
+    with np.load(builtin_hand_path(WITHOUT_ARM)) as archive:
         return dict(archive)
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_hand_model(WITHOUT_ARM)
 
 
 def write(path, arrays, **changes):
@@ -21,8 +36,8 @@ def write(path, arrays, **changes):
 
 
 def test_the_built_in_hand(hand):
-    assert (hand.name, hand.side) == ("hand_default", "right")
-    assert hand.sha256 == hashlib.sha256(default_hand_path().read_bytes()).hexdigest()
+    assert (hand.name, hand.side) == ("hand_without_arm", "right")
+    assert hand.sha256 == hashlib.sha256(builtin_hand_path(WITHOUT_ARM).read_bytes()).hexdigest()
     assert hand.v_template.shape == (1272, 3)
     assert hand.f.shape == (2540, 3)
     assert tuple(hand.parents) == PARENTS
@@ -193,3 +208,24 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path):
         with pytest.raises(LiveHandError, match="no hand model at"):
             load_hand_model(path)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_picture_of_a_hand_with_an_arm_is_framed_by_the_hand(side):
+    armed, bare = (load_hand_model(name).for_side(side) for name in (WITH_ARM, WITHOUT_ARM))
+    framed = armed.v_template[armed.framed_vertices]
+    assert bare.framed_vertices.all()
+    assert np.abs(framed[:, 0] - armed.joints[0, 0]).max() == pytest.approx(
+        np.abs(bare.v_template[:, 0] - bare.joints[0, 0]).max(), abs=1e-6
+    )
+    towards_elbow = (framed[:, 0] - armed.joints[0, 0]) * (1 if side == "right" else -1)
+    assert 0.02 < towards_elbow.max() < 0.035
+
+
+@pytest.mark.parametrize("name", BUILTIN_HANDS)
+def test_a_builtin_hand_is_found_by_its_hash_unless_a_file_is_given(name, arrays, tmp_path):
+    hand = load_hand_model(name)
+    assert builtin_name(hand.sha256) == name
+    assert load_hand_of(hand.sha256, None).name == name
+    assert load_hand_of(hand.sha256, write(tmp_path / "mine.npz", arrays)).name == "mine"
+    assert load_hand_of("0" * 64, None).name == DEFAULT_HAND

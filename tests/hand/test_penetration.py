@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
+from livehand.backend.hand import penetration
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
+from livehand.backend.hand.joint_limits import FREE, LIMITS
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.penetration import HandParts, relieved_angles
 from livehand.backend.hand.poses import POSES
@@ -62,6 +65,41 @@ def test_the_librarys_poses_touch_at_most(parts, hand, axes, name):
     assert deepest_mm(parts, hand, axes, POSES[name].gesture.angles_deg()) <= 1.0
 
 
+def gap_mm(hand, positions, finger):
+    """Between the surfaces of a finger and of the thumb: from the nearest vertices of each to the other's triangles."""
+    joint = hand.lbs_weights.argmax(1)
+    part = np.where(joint == 0, 5, (joint - 1) // 3)
+    gaps = []
+    for one, other in ((finger, 4), (4, finger)):
+        corners = positions[hand.f[(part[hand.f] == one).all(1)]]
+        points = positions[part == other]
+        distance = np.linalg.norm(points[:, None] - corners.mean(1), axis=-1)
+        for row in distance.min(1).argsort()[:25]:
+            near = corners[distance[row].argsort()[:40]]
+            closest = trimesh.triangles.closest_point(near, np.broadcast_to(points[row], (len(near), 3)))
+            gaps.append(np.linalg.norm(closest - points[row], axis=1).min())
+    return 1000 * min(gaps)
+
+
+@pytest.mark.parametrize(
+    "name", ["OK", "Lateral", "Palmar Pinch", "Tip Pinch", "Writing Tripod", "Tripod", "Prismatic 4 Finger", "pinch"]
+)
+def test_thumb_and_index_finger_touch_in_pinches(hand, axes, name):
+    gesture = POSES[name].gesture if name in POSES else GESTURES[name]
+    pose = HandPose(theta_of(gesture.angles_deg(), axes), np.zeros(10), np.zeros(3))
+    assert gap_mm(hand, posed_vertices(hand, pose), 0) <= 1.0
+
+
+def test_the_gap_between_index_finger_and_thumb_falls_by_the_push(hand):
+    """At rest; the finger is pushed along the line to the thumb's nearest vertex."""
+    joint = hand.lbs_weights.argmax(1)
+    is_index, is_thumb = (joint >= 1) & (joint <= 3), joint >= 13
+    between = hand.v_template[is_thumb][:, None] - hand.v_template[is_index]
+    row, column = np.unravel_index(np.linalg.norm(between, axis=-1).argmin(), between.shape[:2])
+    pushed = hand.v_template + 0.25 * between[row, column] * is_index[:, None]
+    assert gap_mm(hand, pushed, 0) == pytest.approx(0.75 * gap_mm(hand, hand.v_template, 0), rel=0.05)
+
+
 @pytest.mark.slow
 def test_a_pose_is_relieved_by_few_degrees(parts, hand, axes):
     clenched = GESTURES["fist"].angles_deg() + np.array([6.0, 0, 0])
@@ -69,6 +107,39 @@ def test_a_pose_is_relieved_by_few_degrees(parts, hand, axes):
     relieved = relieved_angles(parts, hand, clenched, axes)
     assert deepest_mm(parts, hand, axes, relieved) <= 0.8
     assert np.abs(relieved - clenched).max() < 25
+
+
+@pytest.mark.slow
+def test_limits_are_kept_and_what_is_given_beyond_them_goes_no_farther(parts, hand, axes):
+    clenched = GESTURES["fist"].angles_deg() + np.array([6.0, 0, 0])
+    flat = clenched.ravel()
+    flat[9] = 104.0  # the flexion of the middle finger's knuckle, at most 100
+    limits = np.rad2deg(LIMITS)
+    relieved = relieved_angles(parts, hand, clenched, axes).ravel()[FREE]
+    assert (relieved >= np.minimum(limits[:, 0], flat[FREE]) - 1e-9).all()
+    assert (relieved <= np.maximum(limits[:, 1], flat[FREE]) + 1e-9).all()
+    tight = np.stack([flat[FREE] - 0.5, flat[FREE] + 0.5], 1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(penetration, "LIMITS", np.deg2rad(tight))
+        assert np.abs(relieved_angles(parts, hand, clenched, axes).ravel() - flat).max() < 0.5 + 1e-9
+
+
+@pytest.mark.slow
+def test_of_long_steps_the_best_is_returned(parts, hand, axes, monkeypatch):
+    seen_mm = []
+
+    class WatchedParts(HandParts):
+        def contacts(self, positions):
+            contacts = super().contacts(positions)
+            seen_mm.append(1000 * contacts.deepest_m)
+            return contacts
+
+    for name, value in (("_LARGEST_STEP_DEG", 60.0), ("_STIFFNESS_M", 1e-6), ("_STEPS", 4)):
+        monkeypatch.setattr(penetration, name, value)
+    clenched = GESTURES["fist"].angles_deg() + np.array([6.0, 0, 0])
+    relieved = relieved_angles(WatchedParts(hand), hand, clenched, axes)
+    assert seen_mm[-1] > min(seen_mm) + 0.1
+    assert deepest_mm(parts, hand, axes, relieved) == pytest.approx(min(seen_mm), abs=1e-6)
 
 
 def test_a_pose_that_touches_nothing_is_kept(parts, hand, axes):

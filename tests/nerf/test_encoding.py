@@ -9,6 +9,7 @@ from livehand.backend.nerf.encoding import FeaturePlane, positional_encoding
 from scipy.ndimage import map_coordinates
 
 
+@pytest.mark.slow
 def test_positional_encoding_is_the_papers():
     """x, then sin and cos of x, 2x, 4x, ..., without a factor pi."""
     x = torch.tensor([[0.3, -1.2, 0.7]], dtype=torch.float64)

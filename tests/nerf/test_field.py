@@ -316,6 +316,7 @@ def test_inputs_are_gathered_on_the_surface():
     torch.testing.assert_close(inputs.rotation, torch.eye(3).expand(count, 3, 3), atol=1e-3, rtol=0)
 
 
+@pytest.mark.slow
 def test_the_poseless_field_never_hears_the_pose():
     field = build_field(replace(PLANES, pose=False))
     optimiser = torch.optim.Adam(field.parameters(), lr=0.01)

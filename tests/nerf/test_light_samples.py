@@ -46,6 +46,7 @@ def test_a_large_disc_is_integrated():
     assert float(irradiance(lamp)[0]) == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_beam_of_limited_spread_keeps_its_power():
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(1e-4, 1e-4), spread_rad=1.0)
     radius = np.linspace(0, np.tan(0.5) * 1.05, 4001)

@@ -32,6 +32,7 @@ def maps_of(height, width):
     return torch.randn(CHANNELS + 1, height, width, generator=torch.Generator().manual_seed(height))
 
 
+@pytest.mark.slow
 @torch.inference_mode()
 @pytest.mark.parametrize("rows", [1, 5, 8, 11])
 def test_enlarging_in_bands_equals_enlarging_at_once(network, rows):

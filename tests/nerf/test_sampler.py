@@ -72,6 +72,7 @@ def test_every_ray_of_the_outer_sphere_is_there_and_no_other(spheres):
 NEAR, FAR = ((0.033, -0.126, 0.051), 0.012), ((0.0, 0.0, 0.0), RADIUS_M)
 
 
+@pytest.mark.slow
 def test_no_samples_in_the_gap_between_two_surfaces(spheres):
     mesh, topology = spheres(NEAR, FAR)
     rays = sample_rays(HandInView(mesh, topology, a_view()), CONFIG)
@@ -80,6 +81,7 @@ def test_no_samples_in_the_gap_between_two_surfaces(spheres):
     assert (away[0] < 0.01).any()
 
 
+@pytest.mark.slow
 def test_a_grazing_ray_goes_on_to_what_lies_behind(spheres):
     """Past the small sphere's core, through its shell: the rest of the samples is on the large sphere."""
     mesh, topology = spheres(NEAR, FAR)
@@ -125,6 +127,7 @@ def union_places(intervals, pixel, t):
     return places
 
 
+@pytest.mark.slow
 def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
@@ -139,6 +142,7 @@ def test_samples_are_equally_spaced_over_the_union_of_the_intervals(spheres):
     torch.testing.assert_close(rays.points.double(), points, atol=1e-6, rtol=0)
 
 
+@pytest.mark.slow
 def test_jitter_stays_in_its_stratum_and_is_reproducible(spheres):
     mesh, topology = spheres(NEAR, FAR)
     view = a_view()
@@ -156,6 +160,7 @@ def test_jitter_stays_in_its_stratum_and_is_reproducible(spheres):
     assert stratum.std() == pytest.approx(12**-0.5, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_larger_world_has_a_larger_shell(spheres):
     mesh, topology = spheres(((0, 0, 0), RADIUS_M))
     view = a_view()
@@ -169,6 +174,7 @@ def test_a_larger_world_has_a_larger_shell(spheres):
     torch.testing.assert_close(other.t[shared[1]], one.t[shared[0]] * 10, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_layers_beyond_those_kept_do_not_disturb_the_first(spheres):
     places = [((0.0, 0.06 * k, 0.0), 0.02) for k in range(5)]
     mesh, topology = spheres(*places)
@@ -201,6 +207,7 @@ def test_a_ray_is_stopped_by_the_deflated_mesh_only(spheres):
     assert int(never.sum()) > 50
 
 
+@pytest.mark.slow
 def test_crossings_are_those_of_the_inflated_fronts(spheres):
     """Nearest first, on the sphere that the ray meets there; where there is no more, infinitely far."""
     mesh, topology = spheres(NEAR, FAR)

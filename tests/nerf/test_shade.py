@@ -34,6 +34,7 @@ def scene(posed, seen_from):
     return trace_reference(seen, CONFIG), seen, hand.conditions()
 
 
+@pytest.mark.slow
 @torch.inference_mode()
 @pytest.mark.parametrize("kind", FIELDS)
 @pytest.mark.parametrize("size", [1, 70, 1000, 1 << 20])

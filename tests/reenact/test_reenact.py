@@ -9,7 +9,8 @@ from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 from livehand.backend.reenact.filmed_shots import FilmedShots
-from livehand.backend.reenact.overlay import colour_gain, over, smooth_gains, wrist_fade
+from livehand.backend.reenact.motion_blur import exposed, path_px, sample_count
+from livehand.backend.reenact.overlay import colour_gain, faded, over, smooth_gains, wrist_fade
 from livehand.backend.reenact.plate import clean_plate, filled
 from livehand.backend.tracking.video_writer import write_video
 
@@ -111,11 +112,11 @@ def test_gains_are_smooth_in_time():
 
 def test_a_hand_over_a_picture():
     ground = np.full((8, 8, 3), 50, np.uint8)
-    shown = over(square([0.25] * 3), ground, np.array([2.0, 2, 2]), np.ones((8, 8), np.float32))
+    shown = over(square([0.25] * 3), ground, np.array([2.0, 2, 2]))
     assert (shown[0, 0] == 50).all()
     assert (np.abs(shown[4, 4].astype(int) - 188) <= 1).all()
-    faded = over(square([0.25] * 3), ground, np.ones(3), np.zeros((8, 8), np.float32))
-    np.testing.assert_array_equal(faded, ground)
+    invisible = over(faded(square([0.25] * 3), np.zeros((8, 8), np.float32)), ground, np.ones(3))
+    np.testing.assert_array_equal(invisible, ground)
 
 
 def test_the_cut_fades_over_its_last_millimetres():
@@ -124,6 +125,54 @@ def test_the_cut_fades_over_its_last_millimetres():
     fade = wrist_fade(square([0.5] * 3), camera, np.array([1.0, 0, 0]), 0.02)
     np.testing.assert_allclose(fade[4, 2:6], np.clip((20 - np.array([-15, -5, 5, 15])) / 15, 0, 1), atol=1e-5)
     assert fade[0, 0] == 1
+
+
+class Silhouette:
+    """A renderer of discs at the vertices' mean; it counts its renders."""
+
+    def __init__(self):
+        self.centres = []
+
+    def render(self, shot):
+        (centre,), _ = shot.camera.project(shot.vertices.mean(0, keepdims=True))
+        self.centres.append(centre)
+        width, height = shot.camera.size_px
+        x, y = np.arange(width) + 0.5, np.arange(height)[:, None] + 0.5
+        alpha = (np.hypot(x - centre[0], y - centre[1]) < 4).astype(np.float32)
+        return Frame(alpha[..., None].repeat(3, -1), alpha, np.where(alpha > 0, 0.5, DEPTH_BACKGROUND))
+
+
+@pytest.fixture
+def passing():
+    """Three frames of a hand that crosses half a metre before the camera at 36 px a frame."""
+    theta = np.zeros((3, 16, 3))
+    theta[:, 0] = np.array([1, 1, 1]) * 2 * np.pi / 3 / np.sqrt(3)  # FACING
+    transl = np.array([[-0.2, 0.1, 0.5], [0.0, 0.1, 0.5], [0.2, 0.1, 0.5]])
+    fit = TakeFit(HandMotion(theta, np.zeros(10), transl, 30.0), 0.0, np.ones(3, bool), np.zeros(3), 0)
+    return FilmedShots.of(fit, FILM, HAND)
+
+
+def test_a_moving_hand_is_the_mean_over_the_open_shutter(passing):
+    """Half of 36 px a frame, in steps of 3 px; the middle of the path is where the sharp hand is."""
+    assert path_px(passing, 1, 0.5) == pytest.approx(18, abs=2)
+    renderer = Silhouette()
+    frame, alpha = exposed(passing, 1, renderer.render, 0.5)
+    assert len(renderer.centres) in (7, 8)
+    x = np.sort(np.array(renderer.centres)[:, 0])
+    assert np.ptp(x) == pytest.approx(18 * (1 - 1 / len(x)), abs=2)
+    sharp = Silhouette()
+    exposed(passing, 1, sharp.render, 0.0)
+    assert len(sharp.centres) == 1
+    np.testing.assert_allclose(np.mean(renderer.centres, 0), sharp.centres[0], atol=0.2)
+    assert 0 < alpha.max() < 1
+    assert (frame.alpha <= alpha + 1e-6).all()
+
+
+def test_a_still_hand_is_rendered_once(shots):
+    renderer = Silhouette()
+    exposed(shots, 0, renderer.render, 0.5)
+    assert len(renderer.centres) == 1
+    assert [sample_count(moved) for moved in (0.0, 1.4, 1.6, 9.0, 300.0)] == [1, 1, 2, 4, 8]
 
 
 def test_a_written_video_is_read_again(tmp_path):

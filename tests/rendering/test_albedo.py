@@ -21,6 +21,7 @@ def avatar_of(hand, light, kind):
     return new_avatar("a", hand.name, hand.sha256, config)
 
 
+@pytest.mark.slow
 def test_albedo_is_diffuse_and_scattered_light_together(hand):
     avatar = avatar_of(hand, "linear", "lit")
     values = torch.tensor([0.1, 0.2, 0.3])

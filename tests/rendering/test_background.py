@@ -21,6 +21,7 @@ def test_the_result_and_the_error_come_back(background):
         background.run(lambda _: (_ for _ in ()).throw(TimeoutError("of the work")))
 
 
+@pytest.mark.slow
 def test_the_caller_is_asked_while_the_work_is_silent(background):
     asked = []
     background.run(lambda _: time.sleep(0.6), lambda: asked.append(time.perf_counter()))
@@ -54,6 +55,7 @@ def test_what_has_not_begun_is_never_begun(background):
     assert not ran
 
 
+@pytest.mark.slow
 def test_progress_rises_with_the_questions_of_the_last_time(background):
     def work(should_stop, questions=10):
         for _ in range(questions):

@@ -156,6 +156,7 @@ def posed_shot():
     return Shot(HandPose.rest(), hand.v_template, Camera(K, cam2world, (334, 512)))
 
 
+@pytest.mark.slow
 def test_a_plane_cuts_the_hand_where_it_should(posed_shot):
     """The shipped avatar, cut by a plane that leans 3 mm a pixel: visibility by the mesh's own depth, to a pixel.
 

@@ -28,6 +28,7 @@ def test_the_gpu_of_a_mac_is_taken_on_request_only(monkeypatch):
         torch_device("mps")
 
 
+@pytest.mark.slow
 def test_every_command_lets_the_cpu_do_what_the_gpu_of_a_mac_cannot():
     """Read when torch is loaded, so it must be set before."""
     program = "import os; from livehand.livehand_blender.cli import main; main(['--help']); import sys; " + (

@@ -125,7 +125,8 @@ def test_a_lamp_lights_its_own_side(renderer, shot):
 def test_a_slab_before_the_lamp_darkens_the_hand(renderer, shot):
     towards = -KEY.direction
     across = np.stack([KEY.rotation[:, 0], KEY.rotation[:, 1]])
-    slab = 0.15 * towards + np.array([[[-2, -2], [2, -2], [0, 3]]]) @ across
+    # Farther than the arm's end from the knuckles in the origin.
+    slab = 0.4 * towards + np.array([[[-2, -2], [2, -2], [0, 3]]]) @ across
     blocked = renderer.render(replace(shot, light=Light((KEY,), occluders=slab)))
     free = renderer.render(replace(shot, light=Light((KEY,))))
     assert blocked.rgb.sum() < 0.02 * free.rgb.sum()

@@ -16,6 +16,7 @@ def filmic(rgb):
     return (mixed / (1 + mixed)) ** (1 / 2.2)
 
 
+@pytest.mark.slow
 def test_inverted_colours_are_shown_as_standard_shows_them():
     inverse = ViewInverse.solve(filmic, standard)
     greys = np.linspace(0.02, 0.8, 9)[:, None] * np.array([1.0, 0.9, 0.8])

@@ -7,14 +7,16 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import rest_bones, rest_forearm
 from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
 from livehand.backend.records.shot import HandPose, Shot
+from livehand.backend.rendering.arm_end import distance_from_end_m
 from livehand.backend.rendering.composition import joined, visible_parts
 from livehand.backend.rendering.frame_task import HandTask
 from livehand.backend.rendering.surface_maps import surface_maps
-from livehand.backend.rendering.wrist_fade import distance_from_end_m, faded
+from livehand.backend.rendering.wrist_fade import faded
 
 SIZE = (60, 70)
 FADE_M = 0.04
@@ -42,6 +44,12 @@ def smooth_step(x):
 
 
 @pytest.fixture
+def hand():
+    """The built-in hand that ends in a stump."""
+    return load_hand_model(WITHOUT_ARM)
+
+
+@pytest.fixture
 def armed(hand):
     """The built-in hand whose stump turns as a forearm."""
     return replace(hand, arm_weights=hand.lbs_weights[:, 0] * (hand.v_template[:, 0] > hand.joints[0, 0]))
@@ -63,6 +71,16 @@ def test_a_stump_fades_by_the_distance_of_its_surface_from_the_end(hand, side):
     hidden = result.alpha < 0.5
     assert (result.depth[hidden] == DEPTH_BACKGROUND).all()
     np.testing.assert_array_equal(result.depth[~hidden], frame.depth[~hidden])
+
+
+@pytest.mark.parametrize("fade_m", [0.0, FADE_M])
+def test_the_fade_of_the_surface_is_that_of_the_frame(hand, fade_m):
+    shot = shot_of(hand, HandPose.rest("right"), fade_m)
+    frame, maps = frame_of(shot, hand)
+    on_mesh = maps.depth < DEPTH_BACKGROUND
+    np.testing.assert_allclose(maps.fade[on_mesh, 0], faded(frame, shot, hand).alpha[on_mesh], atol=0.02)
+    assert (maps.fade[on_mesh].min() < 0.1) == (fade_m > 0)
+    assert maps.fade[~on_mesh].max() == 0
 
 
 def test_pixels_beside_the_mesh_fade_with_those_next_to_them(hand):

@@ -162,6 +162,7 @@ def test_both_hands_of_a_body(convention, side):
     assert guess.side == side
 
 
+@pytest.mark.slow
 def test_left_names_are_not_right_ones():
     for names, _tips, palms in CONVENTIONS.values():
         left = [other_side(name) for name in names]

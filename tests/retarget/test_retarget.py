@@ -80,6 +80,7 @@ def apart_deg(a, b):
     return np.rad2deg(np.linalg.norm(matrix_to_axis_angle(turn), axis=-1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(hand, side, seed):
@@ -94,6 +95,7 @@ def test_our_own_hand_onto_itself_is_the_identity_for_any_roll_and_place(hand, s
     assert (motion.side, motion.fps) == (side, 24.0)
 
 
+@pytest.mark.slow
 def test_tips_are_ignored_if_all_joints_coincide(hand):
     """A rig's tip bones stand where it likes, and a model's own tips are vertices: neither is part of the rest pose."""
     rest, posed, turn, _ = ours_elsewhere("right", 4, scale=0.01)
@@ -106,6 +108,7 @@ def test_tips_are_ignored_if_all_joints_coincide(hand):
     np.testing.assert_allclose(retarget(posed(thetas), alignment).theta, in_world(thetas, turn), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_units_and_the_place_of_the_object_do_not_matter(hand):
     thetas = np.array([gesture(name) for name in ("fist", "pinch", "point")])
     results = []
@@ -118,6 +121,7 @@ def test_units_and_the_place_of_the_object_do_not_matter(hand):
     np.testing.assert_allclose(results[2], results[1], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["open", "spread", "relaxed", "fist"])
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_another_rest_pose_of_our_hand_makes_little_difference(hand, name, side):
@@ -153,6 +157,7 @@ def test_bones_point_where_theirs_do_whatever_both_hands_are(hand):
             np.testing.assert_allclose(cosines, 1, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_rest_pose_that_is_no_hands_is_not_taken_for_one(hand, side):
     """Fingers that point anywhere at rest: the joints' places in each frame tell how bones are turned."""
@@ -181,6 +186,7 @@ def without(names, skeleton_, map_):
     return skeleton_, JointMap(map_.side, bones, tuple(None if tip in names else tip for tip in map_.tips))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize(
     "gone",
@@ -208,6 +214,7 @@ def _driven(source, map_):
     return replace(source, frames=source.frames[:, rows])
 
 
+@pytest.mark.slow
 def test_bones_that_are_no_hands_are_doubted(hand):
     rest, *_ = ours_elsewhere("right", 2)
     assert rest_doubts(align(rest, joint_map("right"), hand)) is None
@@ -219,6 +226,7 @@ def test_bones_that_are_no_hands_are_doubted(hand):
     assert rest_doubts(align(large, joint_map("right"), hand)) == "it is 3 times as large as a hand"
 
 
+@pytest.mark.slow
 def test_without_tips_a_tail_shows_the_way_and_a_nonsense_tail_does_not(hand):
     rest, *_ = ours_elsewhere("right", 0, tips=(None,) * 5)
     with_tips, *_ = ours_elsewhere("right", 0)
@@ -253,6 +261,7 @@ def test_a_known_shape_and_size_are_found(hand, seed):
     np.testing.assert_allclose(lengths[0], lengths[1], atol=0.001 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_hand_that_is_unlike_ours_gets_a_natural_shape(hand, seed):
     """Fingers up to a tenth longer or shorter than ours, each by its own: no beta is at its bound."""

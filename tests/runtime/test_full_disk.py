@@ -87,6 +87,7 @@ def test_a_file_is_as_before_and_the_error_names_it(tmp_path, name, is_there):
     assert path.stat().st_size > ROOM_BYTES
 
 
+@pytest.mark.slow
 def test_a_pose_file_is_rendered_to_the_last_frame_that_fits(tmp_path, capsys):
     np.savez(tmp_path / "take.npz", theta=np.zeros((2, 16, 3)))
     with little_room():

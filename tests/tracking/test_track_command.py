@@ -34,6 +34,7 @@ def test_a_video_becomes_a_take(film, two_hands, tmp_path, capsys):
     assert len(file.motion(load_default_hand())) == 6
 
 
+@pytest.mark.slow
 def test_no_hand_is_one_clear_error_and_no_file(film, tmp_path, capsys):
     black = np.zeros((48, 64, 3), np.uint8)
     assert main(["track", str(film([black] * 3)), "-o", str(tmp_path / "take.npz")]) == 1

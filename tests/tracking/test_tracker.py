@@ -34,6 +34,7 @@ def test_it_follows_as_mediapipe_follows(networks, shown, reference):
     assert np.median(off_px) < 2.5
 
 
+@pytest.mark.slow
 def test_sides_are_those_of_an_unmirrored_picture(networks, shown):
     sides = {name: HandTracker(networks, 1).track(shown(name))[0].right for name in NAMES}
     assert sides["palm"] > 0.9
@@ -65,6 +66,7 @@ def test_noise_is_no_hand(tracker):
     assert [tracker.track(noise) for _ in range(3)] == [[], [], []]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 1, 3), (1, 400, 3), (300, 2, 3)])
 def test_the_smallest_pictures_have_no_hand(tracker, shape):
     assert tracker.track(np.zeros(shape, np.uint8)) == []

@@ -129,6 +129,7 @@ def test_flipped_bytes_are_frames_or_an_error(film, shown):
         assert (np.diff(times) > 0).all()
 
 
+@pytest.mark.slow
 def test_hands_are_put_together_by_side(film, two_hands, networks):
     found = track_frames(open_video(film([two_hands] * 6)).frames(), HandTracker(networks))
     assert set(found.hands) == {"right", "left"}

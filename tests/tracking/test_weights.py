@@ -31,6 +31,7 @@ def test_the_networks_are_what_they_are_known_to_be(networks):
     }
 
 
+@pytest.mark.slow
 def test_they_are_taken_from_a_bundle_too(networks_folder, tmp_path):
     file = bundle(
         tmp_path / "a.task",
@@ -78,6 +79,7 @@ def test_a_network_changed_on_disk_is_refused(networks_folder, tmp_path):
         load_networks(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_download_that_fails_says_what_else_to_do(monkeypatch, tmp_path):
     monkeypatch.setattr(weights, "_WHEEL", "livehand-no-such-package==0")
     monkeypatch.setenv("PIP_NO_INDEX", "1")

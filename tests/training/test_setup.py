@@ -41,7 +41,7 @@ def test_training_begins_with_the_weights_of_the_avatar(fine_tuning, base_path, 
 
 
 def test_avatars_of_other_hands_and_networks_are_refused(fine_tuning, hand, small):
-    with pytest.raises(LiveHandError, match="must be of hand 'hand_default', got 'first' of hand"):
+    with pytest.raises(LiveHandError, match=f"must be of hand '{hand.name}', got 'first' of hand"):
         initial_avatar("a", replace(fine_tuning, hand=replace(hand, sha256="0" * 64)), 0)
     other = replace(small, superres=SuperResConfig(width=4, depth=2))
     with pytest.raises(LiveHandError, match="must be of the configuration to train, got 'first' of another"):

@@ -34,13 +34,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import default_hand_path, load_hand_model, load_hands_mean
+    from ...hand.model_file import builtin_hand_path, load_hand_model, load_hands_mean
     from .transforms import read_pose_table
     from .transforms_capture import import_transforms
 
     if not args.metres_per_unit > 0:
         raise LiveHandError(f"--metres-per-unit must be above 0, got {args.metres_per_unit}")
-    path = args.hand or default_hand_path()
+    path = args.hand or builtin_hand_path()
     poses = read_pose_table(args.poses, load_hands_mean(path) if args.add_hands_mean else None)
     capture = import_transforms(
         args.transforms,

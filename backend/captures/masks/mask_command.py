@@ -31,11 +31,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import load_default_hand, load_hand_model
+    from ...hand.model_file import load_hand_of
+    from ..capture import load_capture
     from .mask import MaskConfig
     from .mask_capture import mask_capture
 
-    hand = load_hand_model(args.hand) if args.hand else load_default_hand()
+    hand = load_hand_of(load_capture(args.capture).hand_sha256, args.hand)
     config = MaskConfig(erode_mm=args.erode_mm, dilate_mm=args.dilate_mm)
     masked = mask_capture(args.capture, hand, config, args.given, args.redo)
     worst = sorted(masked, key=lambda view: view.overlap)[:_WORST]

@@ -70,13 +70,15 @@ def _project(casters, view, places, out):
     frame, distance = casters.frames[view], casters.distance[view]
     xx, xy, xz, yx, yy, yz = frame[0, 0], frame[0, 1], frame[0, 2], frame[1, 0], frame[1, 1], frame[1, 2]
     zx, zy, zz = frame[2, 0], frame[2, 1], frame[2, 2]
-    scale, half = casters.px_per_radius[view] * distance, np.float32(casters.map_px) * _HALF
+    centre, half = casters.window_centre[view], np.float32(casters.map_px) * _HALF
+    scale_x, scale_y = casters.px_per_radius[view, 0], casters.px_per_radius[view, 1]
+    left, top = half - centre[0] * scale_x, half - centre[1] * scale_y
     for index in range(places.shape[1]):
         px, py, pz = places[0, index], places[1, index], places[2, index]
         depth = distance - (zx * px + zy * py + zz * pz)
-        enlarged = scale / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
-        out[0, index] = (xx * px + xy * py + xz * pz) * enlarged + half
-        out[1, index] = (yx * px + yy * py + yz * pz) * enlarged + half
+        enlarged = distance / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
+        out[0, index] = (xx * px + xy * py + xz * pz) * enlarged * scale_x + left
+        out[1, index] = (yx * px + yy * py + yz * pz) * enlarged * scale_y + top
         out[2, index] = depth
 
 

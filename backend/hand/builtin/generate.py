@@ -1,4 +1,4 @@
-"""Generates `hand_default.npz` and `hand_with_arm.npz` from the anatomical tables.
+"""Generates `hand_without_arm.npz` and `hand_with_arm.npz` from the anatomical tables.
 
     anatomy -> rays -> signed distance -> dense mesh -> [quads] -> template -> weights, shapes, joints, correctives,
     atlas
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..atlas import unwrap_millimetres
 from ..model import JOINT_NAMES, PARENTS
-from ..model_file import ARM_KEY, default_hand_path, load_default_hand
+from ..model_file import ARM_KEY, WITHOUT_ARM, builtin_hand_path, load_hand_model
 from .extraction import extract_mesh
 from .forearm import arm_weights, squeezed_for_atlas
 from .forearm_quads import forearm_quads
@@ -64,9 +64,9 @@ def build_hand(quads: QuadMesh, forearm: bool = False) -> dict[str, np.ndarray]:
 
 
 def shipped_quads() -> QuadMesh:
-    """The quads of the shipped hand, which are on the surface already."""
-    with np.load(default_hand_path(), allow_pickle=False) as arrays:
-        return QuadMesh(template_to_build(load_default_hand().v_template), arrays["quads"])
+    """The quads of the shipped hand without an arm, which are on the surface already."""
+    with np.load(builtin_hand_path(WITHOUT_ARM), allow_pickle=False) as arrays:
+        return QuadMesh(template_to_build(load_hand_model(WITHOUT_ARM).v_template), arrays["quads"])
 
 
 def shipped_quads_with_forearm() -> QuadMesh:

@@ -1,4 +1,4 @@
-"""How a hand can bend: its free joint angles, their limits, and their distribution in natural poses."""
+"""How hands bend: their free joint angles in natural poses."""
 
 from __future__ import annotations
 
@@ -8,19 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...hand.gestures import sample_angles_deg
+from ...hand.joint_limits import FREE, LIMITS
 from ...hand.poses import POSES
-
-# Free are two of flexion, abduction and twist in a knuckle, all in the thumb's base; the other joints are hinges.
-_FINGER = ((1, 1, 0), (1, 0, 0), (1, 0, 0))
-_THUMB = ((1, 1, 1), (1, 0, 0), (1, 0, 0))
-FREE = np.flatnonzero(np.array([_FINGER] * 4 + [_THUMB]).ravel())
-"""[21] indices of the free angles among all 45 ([5, 3, 3] flattened)."""
-
-# Degrees from the rest pose, in which the fingers are slightly bent; hence the negative limits.
-_FINGER_DEG = ((-40, 100), (-30, 30), (-25, 115), (-25, 90))
-_THUMB_DEG = ((-40, 60), (-45, 45), (-40, 50), (-30, 75), (-40, 95))
-LIMITS = np.deg2rad(np.array(list(_FINGER_DEG) * 4 + list(_THUMB_DEG), float))
-"""[21, 2] rad."""
 
 _SAMPLES = 500
 # How much natural poses vary beyond mixes of the built-in gestures: a factor, and degrees per angle.

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
-from .articulation import FREE, NaturalPoses, all_angles, within_limits
+from ...hand.joint_limits import FREE
+from .articulation import NaturalPoses, all_angles, within_limits
 from .block_solver import solve_pentadiagonal
 from .definition import TrackerDefinition
 from .initial_pose import aligned_bones, aligned_palm
@@ -109,11 +110,14 @@ class CameraProblem:
         filled = [np.interp(seen.times, seen.times[seen.is_seen], column[seen.is_seen]) for column in wrist.T]
         return CameraPoses(root[nearest], np.stack(filled, 1), free[nearest])
 
-    def solve(self, poses: CameraPoses, steps: int) -> CameraPoses:
-        """Step all frames; a step that raises the cost is taken back, and the next one is more careful."""
+    def solve(self, poses: CameraPoses, steps: int, held: int = 0) -> CameraPoses:
+        """Step all frames but those held, the first few.
+
+        A step that raises the cost is taken back, and the next one is more careful.
+        """
         cost, damping = self.cost(poses), 1e-3
         for _ in range(steps):
-            new = poses.stepped(self._step(poses, damping))
+            new = poses.stepped(self._step(poses, damping, held))
             new_cost = self.cost(new)
             if new_cost >= cost:
                 damping *= 10
@@ -152,13 +156,15 @@ class CameraProblem:
             found.append(np.sqrt((off**2).sum(-1).mean(1)) / seen.size)
         return np.where(self.sighting.is_seen, np.concatenate(found), np.nan)
 
-    def _step(self, poses: CameraPoses, damping: float) -> np.ndarray:
+    def _step(self, poses: CameraPoses, damping: float, held: int) -> np.ndarray:
         blocks, rights = zip(*(self._normal(part, seen) for part, seen in self._parts(poses)), strict=True)
         diagonal, right = np.concatenate(blocks), np.concatenate(rights)
         next_ties, second_ties = self._add_smoothness(diagonal, right, poses)
         k = np.arange(_UNKNOWNS)
         diagonal[:, k, k] *= 1 + damping
-        return solve_pentadiagonal(diagonal, next_ties, second_ties, right)
+        step = np.zeros_like(right)
+        step[held:] = solve_pentadiagonal(diagonal[held:], next_ties[held:], second_ties[held:], right[held:])
+        return step
 
     def _normal(self, poses: CameraPoses, seen: Sighting2D) -> tuple[np.ndarray, np.ndarray]:
         """[T, 27, 27] and [T, 27] of each frame alone."""

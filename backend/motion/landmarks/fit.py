@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from ...hand.joint_limits import FREE
 from ...hand.model import MIRROR_POINT, HandModel
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..motion import HandMotion, mirrored
-from .articulation import FREE, NaturalPoses, all_angles, within_limits
+from .articulation import NaturalPoses, all_angles, within_limits
 from .initial_pose import aligned_bones, aligned_palm
 from .skeleton import NODES_OF_LANDMARKS, HandSkeleton, PosedSkeleton, node_jacobian
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...geometry.rotation import axis_angle_to_matrix, rotation_between
-from .articulation import LIMITS, all_angles, free_angles
+from ...hand.joint_limits import LIMITS
+from .articulation import all_angles, free_angles
 from .skeleton import HandSkeleton
 
 _PALM = (0, 1, 5, 9, 13)  # the wrist and the four knuckles among the nodes

@@ -71,20 +71,21 @@ class HandSkeleton:
         """
         rotations, axes = [np.broadcast_to(root[:, None], (len(root), 5, 3, 3))], []
         nodes = [transl[:, None] + _times(rotations[0], offsets[:, 0])]
+        turns = np.moveaxis(_rotation(self.axes, angles), 3, 0)  # of flexion, abduction, twist: [T, 5, 3, 3, 3]
         for joint in range(3):
             flexion, abduction, twist = np.moveaxis(self.axes[:, joint], 1, 0)  # each [5, 3]
             parent = rotations[-1]
-            flexed = parent @ _rotation(flexion, angles[:, :, joint, 0])
-            abducted = flexed @ _rotation(abduction, angles[:, :, joint, 1])
+            flexed = parent @ turns[0][:, :, joint]
+            abducted = flexed @ turns[1][:, :, joint]
             axes.append(np.stack([_times(parent, flexion), _times(flexed, abduction), _times(abducted, twist)], -2))
-            rotations.append(abducted @ _rotation(twist, angles[:, :, joint, 2]))
+            rotations.append(abducted @ turns[2][:, :, joint])
             nodes.append(nodes[-1] + _times(rotations[-1], offsets[:, joint + 1]))
         fingers = np.stack(nodes, 2).reshape(len(root), 20, 3)
         return PosedSkeleton(np.concatenate([transl[:, None], fingers], 1), np.stack(rotations, 2), np.stack(axes, 2))
 
     def local_rotations(self, angles: np.ndarray) -> np.ndarray:
         """[T, 15, 3, 3] local rotations of the finger joints, in MANO's order, from angles [T, 5, 3, 3]."""
-        flexion, abduction, twist = (_rotation(self.axes[:, :, k], angles[..., k]) for k in range(3))
+        flexion, abduction, twist = np.moveaxis(_rotation(self.axes, angles), 3, 0)
         return (flexion @ abduction @ twist).reshape(len(angles), 15, 3, 3)
 
     def shape_terms(self, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -120,13 +121,13 @@ def node_jacobian(posed: PosedSkeleton, points: np.ndarray | None = None) -> np.
     jacobian = np.zeros((count, 21, 3, 51))
     jacobian[..., :3] = np.cross(np.eye(3), (points - wrist)[:, :, None], axis=-1).swapaxes(-1, -2)
     jacobian[..., 3:6] = np.eye(3)
+    blocks = np.zeros((count, 5, 4, 3, 9))
+    for joint in range(3):
+        arms = ends[:, :, joint + 1 :] - fingers[:, :, joint : joint + 1]
+        slopes = np.cross(posed.axes[:, :, joint, None], arms[:, :, :, None], axis=-1)  # [T, 5, n, 3 axes, 3]
+        blocks[:, :, joint + 1 :, :, 3 * joint : 3 * joint + 3] = slopes.swapaxes(-1, -2)
     for finger in range(5):
-        for joint in range(3):
-            below = slice(4 * finger + joint + 2, 4 * finger + 5)
-            arm = ends[:, finger, joint + 1 :] - fingers[:, finger, joint : joint + 1]
-            column = 6 + 9 * finger + 3 * joint
-            slopes = np.cross(posed.axes[:, finger, joint, None], arm[:, :, None], axis=-1)  # [T, n, 3 axes, 3]
-            jacobian[:, below, :, column : column + 3] = slopes.swapaxes(-1, -2)
+        jacobian[:, 4 * finger + 1 : 4 * finger + 5, :, 6 + 9 * finger : 15 + 9 * finger] = blocks[:, finger]
     return jacobian
 
 

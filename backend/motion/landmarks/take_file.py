@@ -132,8 +132,12 @@ class TakeFile:
 
 def unmirrored(take: FilmedTake) -> FilmedTake:
     """The take of a film that was mirrored, as if it had not been: its hands are those of the other side."""
-    hands = {_other(side): _unmirrored_hand(hand, take.camera) for side, hand in take.hands.items()}
-    return replace(take, hands=hands)
+    return replace(take, hands=unmirrored_hands(take.hands, take.camera))
+
+
+def unmirrored_hands(hands: Mapping[Side, FilmedHand], camera: FilmCamera) -> dict[Side, FilmedHand]:
+    """The hands that a mirrored film shows, as if it had not been mirrored."""
+    return {_other(side): _unmirrored_hand(hand, camera) for side, hand in hands.items()}
 
 
 def _unmirrored_hand(hand: FilmedHand, camera: FilmCamera) -> FilmedHand:

@@ -110,7 +110,7 @@ def fit_take(
         LiveHandError: the landmarks are not those of a hand.
     """
     skeleton, beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
-    seen = _sighting(hand, times, camera, side, skeleton.offsets(beta))
+    seen = sighted(hand, times, camera, side, skeleton.offsets(beta))
     problem = CameraProblem(
         seen, skeleton, skeleton.offsets(beta), definition, NaturalPoses.of_library(), weights or FitWeights()
     )
@@ -118,15 +118,26 @@ def fit_take(
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
     doubt, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
     frames = np.concatenate([np.arange(segment.start, segment.stop) for segment in _segments(seen)])
+    return _at_equal_steps(motion_of(poses, skeleton, beta, side, fps), doubt, seen.times[frames], rejected)
+
+
+def motion_of(
+    poses: CameraPoses, skeleton: HandSkeleton, beta: np.ndarray, side: Side, fps: float | None = None
+) -> HandMotion:
+    """A right hand's poses as the motion of a hand of a side."""
     local = skeleton.local_rotations(all_angles(poses.free))
     theta = matrix_to_axis_angle(np.concatenate([poses.root[:, None], local], 1))
     transl = poses.wrist - (skeleton.rest[0] + skeleton.shape[0] @ beta)
     motion = HandMotion(theta, beta, transl, fps, "right")
-    return _at_equal_steps(motion if side == "right" else mirrored(motion), doubt, seen.times[frames], rejected)
+    return motion if side == "right" else mirrored(motion)
 
 
-def _sighting(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray) -> Sighting2D:
-    """From the first to the last frame with the hand, as that of a right hand."""
+def sighted(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray) -> Sighting2D:
+    """From the first to the last frame with the hand, as that of a right hand whose bones have offsets [5, 4, 3] m.
+
+    Raises:
+        LiveHandError: the landmarks are not those of a hand.
+    """
     first, count = int(hand.frames[0]), int(hand.frames[-1] - hand.frames[0]) + 1
     rows = hand.frames - first
     places = (hand.px - np.array(camera.size_px) / 2) / camera.focal_px

@@ -1,4 +1,7 @@
-"""The properties of a hand that choose its look: the files of its model and avatar, the device, the grade."""
+"""The properties of a hand that choose its look: the files of its model and avatar, the device, the grade.
+
+A hand without a model file is the built-in hand whose hash it names.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,9 @@ from pathlib import Path
 
 import bpy
 
-from ....backend.avatars.library import shipped_avatar_path
+from ....backend.avatars.library import shipped_avatar_path, shipped_skin
 from ....backend.avatars.session import Device, Session
+from ....backend.hand.model_file import builtin_hand_path, builtin_name
 from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import HandRenderer
 from ....backend.rendering.grade import Grade
@@ -16,9 +20,9 @@ from ....backend.rendering.grade import Grade
 
 @dataclass(frozen=True)
 class HandSource:
-    """The files of a hand's model and avatar; a model path of None stands for the built-in hand."""
+    """The files of a hand's model and avatar."""
 
-    model_path: Path | None
+    model_path: Path
     avatar_path: Path
 
     def renderer(self, session: Session, device: Device) -> HandRenderer:
@@ -45,7 +49,18 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
         Path(bpy.path.abspath(path, library=owner.library)) if path else None
         for path in (hand.model_path, hand.avatar_path)
     )
-    return HandSource(model_path, avatar_path or shipped_avatar_path(hand.skin))
+    return HandSource(
+        model_path or builtin_hand_path(builtin_name(hand.model_sha256)),
+        avatar_path or shipped_avatar_path(hand.skin, hand.model_sha256),
+    )
+
+
+def wear_avatar(armature: bpy.types.Object, path: Path) -> None:
+    """Let a hand use an avatar's file, or its own model's avatar of the same skin if the file is one that ships."""
+    skin = shipped_skin(path)
+    if skin is not None:
+        armature.livehand.skin = skin
+    armature.livehand.avatar_path = "" if skin is not None else str(path.resolve())
 
 
 def read_device(scene: bpy.types.Scene) -> Device:

@@ -13,7 +13,7 @@ from ....backend.rendering.frame_task import HandRenderer
 from ....backend.runtime.dependencies import install_command, missing_requirements
 
 
-def load_renderer_in_blender(avatar_path: Path | None, hand: HandModel, device: Device) -> HandRenderer:
+def load_renderer_in_blender(avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:
     """Load the backend's renderer of one avatar.
 
     Raises:

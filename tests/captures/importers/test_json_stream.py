@@ -57,6 +57,7 @@ def test_a_missing_file_is_an_error_of_ours(tmp_path):
         member(tmp_path / "gone.json", "a")
 
 
+@pytest.mark.slow
 def test_a_file_cut_anywhere_is_an_error_of_ours(tmp_path):
     text, path = json.dumps(DOCUMENT), tmp_path / "cut.json"
     for length in range(len(text)):

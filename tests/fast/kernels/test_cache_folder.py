@@ -71,6 +71,7 @@ def test_windows_has_no_user_numbers(no_home, monkeypatch):
     assert writable_cache("") == no_home / "livehand-0"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_temporary", [True, False])
 def test_kernels_run_with_a_home_and_an_installation_that_cannot_be_written(no_home, has_temporary):
     if not has_temporary:
@@ -88,6 +89,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="needs limits of files' sizes")
 def test_kernels_run_where_the_disk_is_full(tmp_path):
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "TMPDIR": str(tmp_path)}

@@ -5,9 +5,10 @@ import time
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
+from livehand.backend.hand.joint_limits import LIMITS
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.landmarks.articulation import LIMITS, NaturalPoses, all_angles
+from livehand.backend.motion.landmarks.articulation import NaturalPoses, all_angles
 from livehand.backend.motion.landmarks.block_solver import solve_pentadiagonal
 from livehand.backend.motion.landmarks.camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, placed
 from livehand.backend.motion.landmarks.definition import (

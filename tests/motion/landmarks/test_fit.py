@@ -7,12 +7,11 @@ import pytest
 import torch
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, sample_angles_deg, theta_of
+from livehand.backend.hand.joint_limits import FREE, LIMITS
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import (
-    FREE,
-    LIMITS,
     NaturalPoses,
     all_angles,
     free_angles,

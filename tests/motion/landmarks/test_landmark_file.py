@@ -60,6 +60,7 @@ def test_mediapipe_csv_with_gaps(tmp_path, pattern):
     assert (file.info.frames, file.info.missing) == (4, 1)
 
 
+@pytest.mark.slow
 def test_gaps_in_json_are_filled(hand, tmp_path):
     pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     (tmp_path / "take.json").write_text(json.dumps([pose.tolist(), None, [], (pose + 0.03).tolist()]))
@@ -68,6 +69,7 @@ def test_gaps_in_json_are_filled(hand, tmp_path):
     np.testing.assert_allclose(motion.transl[1] - motion.transl[0], 0.01, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_world_landmarks_have_no_translation_and_tracked_ones_have(hand, tmp_path):
     middle = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]
     middle, away = middle - middle.mean(0) + [0.02, 0, 0], np.array([0, 0, 0.4])
@@ -104,6 +106,7 @@ def test_webxr_matrices_are_column_major_and_y_is_up(tmp_path):
         assert file.info.side == ("right" if name == "m.json" else "left")  # WebXR's label is the hand's own
 
 
+@pytest.mark.slow
 def test_webxr_measures_and_mediapipe_guesses_its_scale(hand, tmp_path):
     pose = 1.2 * HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)][None]
     np.savez(tmp_path / "m.npz", landmarks=pose)
@@ -112,6 +115,7 @@ def test_webxr_measures_and_mediapipe_guesses_its_scale(hand, tmp_path):
     assert opened(tmp_path / "x.npz").fit(hand).scale == 1
 
 
+@pytest.mark.slow
 def test_a_mirrored_picture_is_unmirrored(hand, tmp_path):
     """A right hand before a selfie camera: MediaPipe says "Right", and sees the shape of a left hand."""
     pose = HandSkeleton.of(hand).rest[list(NODES_OF_LANDMARKS)]

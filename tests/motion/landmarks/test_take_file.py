@@ -28,6 +28,7 @@ def take(tmp_path, made, seen, film_camera):
     return write
 
 
+@pytest.mark.slow
 def test_what_is_written_is_read(take, film_camera):
     file = open_motion_file(take("right"))
     assert isinstance(file, TakeFile)
@@ -39,6 +40,7 @@ def test_what_is_written_is_read(take, film_camera):
     assert 0.3 < motion.transl[:, 2].mean() < 0.7
 
 
+@pytest.mark.slow
 def test_of_two_hands_the_chosen_one_is_read(take):
     file = open_motion_file(take("left", "right"))
     assert (file.sides, file.info.side) == (("right", "left"), "right")

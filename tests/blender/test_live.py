@@ -1,0 +1,187 @@
+"""Hands that follow a file as camera: posed without keys, keyed once; every end leaves no process and no picture."""
+
+import os
+import signal
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.tracking.live import CameraSource
+from livehand.backend.tracking.weights import fetch_networks, has_networks
+from livehand.livehand_blender.motion import live as live_hands
+from livehand.livehand_blender.motion.live import LiveSession, LiveSetup
+from livehand.livehand_blender.rig.build import add_hand
+from PIL import Image
+
+PICTURES = Path(__file__).parents[1] / "tracking" / "pictures"
+FRAMES = 12
+PATIENCE_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def waved(tmp_path_factory):
+    """A right hand that moves to the right by 4 px a frame, 10 frames a second."""
+    return write_film(tmp_path_factory.mktemp("live") / "wave.mp4", 10)
+
+
+@pytest.fixture(scope="module")
+def slow_film(tmp_path_factory):
+    """The same, three seconds a frame: it plays until it is ended."""
+    return write_film(tmp_path_factory.mktemp("live") / "slow.mp4", Fraction(1, 3))
+
+
+def write_film(path, fps):
+    av = pytest.importorskip("av", reason="PyAV (the extra video) is not installed")
+    picture = np.asarray(Image.open(PICTURES / "palm.jpg").convert("RGB"))[::3, 160:1120:3]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(fps))
+        stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
+        for index in range(FRAMES):
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(np.roll(picture, 4 * index, 1)), format="rgb24")
+            frame.pts, frame.time_base = index, 1 / Fraction(fps)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _tracker():
+    if not has_networks():
+        try:
+            fetch_networks()
+        except LiveHandError as error:
+            pytest.skip(f"the tracker's networks cannot be fetched: {error}")
+    yield
+    LiveSession.stop()
+
+
+@pytest.fixture
+def right_hand():
+    return add_hand(bpy.context, load_default_hand())
+
+
+def is_alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def start(path, **more):
+    return LiveSession.start(LiveSetup(CameraSource(str(path), True), **more))
+
+
+def step_until_seen(session, count=1):
+    """The newest frames with a hand, each after its step."""
+    found, until = [], time.monotonic() + PATIENCE_S
+    while len(found) < count and not session.has_ended and time.monotonic() < until:
+        frame = session.step(bpy.context)
+        if frame is not None and frame.hands:
+            found.append(frame)
+        time.sleep(0.002)
+    return found
+
+
+def nothing_is_left(pid):
+    return (
+        LiveSession.running is None
+        and not is_alive(pid)
+        and not bpy.data.images
+        and not any(len(lens.background_images) for lens in bpy.data.cameras)
+    )
+
+
+@pytest.mark.slow
+def test_the_hand_follows_without_keys_and_what_is_recorded_is_keyed_once(waved, right_hand):
+    from bpy_extras.object_utils import world_to_camera_view
+
+    scene = bpy.context.scene
+    scene.frame_set(5)
+    session = start(waved)
+    session.record(scene)
+    pid = session.pid
+    across, seen = [], []
+    while frames := step_until_seen(session):
+        bpy.context.view_layer.update()
+        wrist = right_hand.matrix_world @ right_hand.pose.bones["wrist.R"].head
+        across.append(world_to_camera_view(scene, scene.camera, wrist).x * 320)
+        seen.append(frames[0].hands[0].px[0, 0])
+    assert len(across) >= 2
+    np.testing.assert_allclose(across, seen, atol=12)
+    assert right_hand.animation_data is None or right_hand.animation_data.action is None
+    image = bpy.data.images["LiveHand Live"]
+    assert tuple(image.size) == (320, 240)
+    count = session.key(bpy.context)
+    assert not session.is_recording
+    first, last = right_hand.animation_data.action.frame_range
+    assert first == 5
+    assert last - first + 1 >= count > 1  # a machine that is busy leaves gaps
+    LiveSession.stop()
+    assert nothing_is_left(pid)
+
+
+@pytest.mark.slow
+def test_a_killed_child_is_one_error_and_what_was_recorded_is_keyed(slow_film, right_hand):
+    session = start(slow_film)
+    session.record(bpy.context.scene)
+    assert step_until_seen(session)
+    pid = session.pid
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(LiveHandError, match="must go on, it ended"):
+        step_until_seen(session, FRAMES)
+    assert session.key(bpy.context) >= 1
+    LiveSession.stop()
+    assert nothing_is_left(pid)
+
+
+@pytest.mark.slow
+def test_loading_a_file_ends_it(waved, right_hand):
+    session = start(waved)
+    assert step_until_seen(session)
+    pid = session.pid
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert nothing_is_left(pid)
+
+
+def test_unregistering_ends_it(waved):
+    pid = start(waved).pid
+    live_hands.stop_watching()
+    live_hands.watch_files()
+    assert nothing_is_left(pid)
+
+
+def test_a_second_session_ends_the_first(waved):
+    first = start(waved).pid
+    second = start(waved).pid
+    assert not is_alive(first)
+    assert is_alive(second)
+
+
+def test_a_lost_camera(tmp_path, right_hand):
+    (tmp_path / "cut.mp4").write_bytes(b"\0" * 100)
+    session = start(tmp_path / "cut.mp4")
+    with pytest.raises(LiveHandError, match="must be a video"):
+        step_until_seen(session)
+
+
+def test_a_recording_without_frames_changes_nothing(waved, right_hand):
+    session = start(waved)
+    session.record(bpy.context.scene)
+    with pytest.raises(LiveHandError, match="must have frames, got none"):
+        session.key(bpy.context)
+    assert right_hand.animation_data is None or right_hand.animation_data.action is None
+
+
+def test_without_a_window_the_operator_says_so(waved):
+    if bpy.context.window is None:
+        with pytest.raises(RuntimeError, match="need Blender's window"):
+            bpy.ops.livehand.live(kind="FILE", filepath=str(waved))
+    assert LiveSession.running is None
+    assert not bpy.ops.livehand.live_record.poll()
+    assert not bpy.ops.livehand.live_stop.poll()

@@ -1,0 +1,65 @@
+"""`make demo` on machines with other versions of Python, simulated by a PATH of its own; nothing is installed."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+TOOLS = ("sh", "make", "sed", "date", "touch")
+
+
+@pytest.fixture
+def make(tmp_path):
+    """A function (Python programs, arguments) -> a finished `make` on a Linux that has those programs alone."""
+    if os.name != "posix" or any(shutil.which(tool) is None for tool in TOOLS):
+        pytest.skip("needs make and a POSIX shell")
+    for name in ("Makefile", "pyproject.toml", "setup.py", "blender_manifest.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for tool in TOOLS:
+        (programs / tool).symlink_to(shutil.which(tool))
+
+    def add(name, line):
+        (programs / name).write_text(f"#!/bin/sh\n{line}\n")
+        (programs / name).chmod(0o755)
+
+    def run(pythons, *arguments):
+        add("uname", "echo Linux")
+        for name in pythons:
+            add(name, "exit 0")
+        command = ["make", *arguments]
+        return subprocess.run(command, cwd=tmp_path, env={"PATH": str(programs)}, capture_output=True, text=True)
+
+    return run
+
+
+@pytest.mark.parametrize("pythons", [(), ("python3.12",)])
+def test_without_a_python_that_will_do_one_line_says_what_to_install(make, pythons):
+    done = make(pythons, "demo")
+    assert done.returncode != 0
+    first, *others = done.stderr.splitlines()
+    assert "Install python3.11" in first
+    assert "3.13" in first
+    assert all(line.startswith("make: ***") for line in others)
+
+
+@pytest.mark.parametrize(
+    ("pythons", "chosen"), [(("python3.12", "python3.13"), "python3.13"), (("python3.11", "python3.13"), "python3.11")]
+)
+def test_the_python_that_blender_has_a_module_for_is_chosen(make, pythons, chosen):
+    assert f"{chosen} -m venv .venv" in make(pythons, "--dry-run", "demo").stdout
+
+
+def test_without_a_gpu_torch_is_for_cpus_from_the_index_that_is_named_and_make_says_so(make):
+    default, named, gpu = (
+        make(("python3.11",), "--dry-run", "demo", *more).stdout
+        for more in ([], ["CPU_TORCH=somewhere"], ["TORCH=gpu", "CPU_TORCH=somewhere"])
+    )
+    assert "No NVIDIA GPU found: make CPU_TORCH=ADDRESS" in default
+    assert "--index-url somewhere" in named
+    assert "torch>=2.6" in named
+    assert "--index-url" not in default + gpu
