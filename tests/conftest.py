@@ -17,7 +17,7 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_POINT
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.hand.poses import POSES
 from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.nerf.conditions import FrameConditions
@@ -72,8 +72,25 @@ def hand():
 
 
 @pytest.fixture(scope="session")
+def hand_without_arm():
+    """The built-in hand model that ends in a stump, right side."""
+    return load_hand_model(WITHOUT_ARM)
+
+
+@pytest.fixture(scope="session")
 def posed(hand):
     """A function (gesture or library pose, side="right") -> PosedHand; a left hand wears the right one's look."""
+    return posed_hands(hand)
+
+
+@pytest.fixture(scope="session")
+def posed_without_arm(hand_without_arm):
+    """As `posed`, of the hand that ends in a stump."""
+    return posed_hands(hand_without_arm)
+
+
+def posed_hands(hand):
+    """The function that `posed` is, of any model of the built-in hand; each hand is posed once."""
 
     @cache
     def pose(gesture, side="right"):

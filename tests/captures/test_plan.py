@@ -9,7 +9,7 @@ from livehand.backend.captures.capture import index_document
 from livehand.backend.captures.plan import NEARLY_STRAIGHT_DEG, WRIST_LIMITS_DEG, CapturePlan, sample_forearms
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model import UPRIGHT
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.shot import HandPose
 from scipy.spatial.transform import Rotation
 
@@ -19,9 +19,9 @@ SMALL = CapturePlan(poses=23, cameras=11, cameras_per_pose=4, size_px=(24, 32), 
 
 
 @pytest.fixture(scope="session")
-def hand():
+def hand(hand_without_arm):
     """The hand without an arm; `armed` is the same hand with one."""
-    return load_hand_model(WITHOUT_ARM)
+    return hand_without_arm
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.surface_tracking import track
 from livehand.backend.geometry.torch_rotation import axis_angle_to_matrix
 from livehand.backend.geometry.uvh import interpolate
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.sampler import SamplerConfig, sample_rays
 
@@ -18,10 +17,10 @@ CONFIG = SamplerConfig(8, SHELL_M)
 SIDES = ((0, -1, 0.1), (0, 1, 0.2), (-0.3, 0.2, 1), (-1, -0.5, 0.3), (0.2, 0.3, -1))
 
 
-@pytest.fixture(scope="session")
-def hand():
+@pytest.fixture(scope="module")
+def posed(posed_without_arm):
     """Without an arm, whose samples would outnumber those where skin lies on skin."""
-    return load_hand_model(WITHOUT_ARM)
+    return posed_without_arm
 
 
 @pytest.fixture(scope="module")

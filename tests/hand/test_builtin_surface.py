@@ -15,7 +15,7 @@ from livehand.backend.hand.builtin.projection import project_to_surface
 from livehand.backend.hand.builtin.rays import build_rays
 from livehand.backend.hand.builtin.sdf import BOUNDS, signed_distance
 from livehand.backend.hand.builtin.skin_masks import MASK_NAMES
-from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path, load_hand_model
+from livehand.backend.hand.model_file import builtin_hand_path
 from livehand.backend.records.errors import LiveHandError
 from scipy.spatial import cKDTree
 
@@ -25,9 +25,9 @@ COORDINATE_MASKS = {"nailrim", "naily", "tfold", "ridge", "jid"}  # places, not 
 
 
 @pytest.fixture(scope="session")
-def hand():
+def hand(hand_without_arm):
     """The hand whose zero set the generator describes: without an arm."""
-    return load_hand_model(WITHOUT_ARM)
+    return hand_without_arm
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,9 @@ def arrays():
         return dict(archive)
 
 
-@pytest.fixture(scope="module")
-def hand():
-    return load_hand_model(WITHOUT_ARM)
+@pytest.fixture(scope="session")
+def hand(hand_without_arm):
+    return hand_without_arm
 
 
 def write(path, arrays, **changes):

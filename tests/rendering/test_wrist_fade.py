@@ -7,7 +7,6 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import rest_bones, rest_forearm
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND, Frame
@@ -43,10 +42,10 @@ def smooth_step(x):
     return x * x * (3 - 2 * x)
 
 
-@pytest.fixture
-def hand():
+@pytest.fixture(scope="session")
+def hand(hand_without_arm):
     """The built-in hand that ends in a stump."""
-    return load_hand_model(WITHOUT_ARM)
+    return hand_without_arm
 
 
 @pytest.fixture

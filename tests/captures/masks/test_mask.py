@@ -15,7 +15,6 @@ from livehand.backend.captures.masks.mask_capture import mask_capture
 from livehand.backend.captures.picture import linear_to_srgb, srgb_to_linear
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.lbs import posed_arrays
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light
@@ -31,9 +30,9 @@ CONFIG = MaskConfig()
 
 
 @pytest.fixture(scope="session")
-def hand():
+def hand(hand_without_arm):
     """A mesh that ends at the wrist, where a photograph goes on."""
-    return load_hand_model(WITHOUT_ARM)
+    return hand_without_arm
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ from livehand.backend.fast.kernels.raster import find_crossings, nearest_depth
 from livehand.backend.fast.kernels.records import ProjectedMesh, ShellCrossings
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.geometry.tolerances import NEAR_M
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
 from livehand.backend.nerf.rays import CameraTensors, project
 
 pytestmark = pytest.mark.slow
@@ -15,10 +14,10 @@ pytestmark = pytest.mark.slow
 LAYERS = 24  # more than any ray has crossings here
 
 
-@pytest.fixture(scope="session")
-def hand():
+@pytest.fixture(scope="module")
+def posed(posed_without_arm):
     """Without an arm, whose inside the camera between the vertices then is."""
-    return load_hand_model(WITHOUT_ARM)
+    return posed_without_arm
 
 
 def fragments_of(positions_px, depth, faces, size_px):
