@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from ..captures.capture import Capture, CaptureView
+from ..evaluation.contact_sheet import save_sheet
 from ..evaluation.shot_renderer import no_stage
 from ..hand.model import HandModel
 from ..nerf.backend import OnStage
@@ -27,6 +28,8 @@ from .method import Budget, Fitted, FittingMachine
 from .posed_views import PosedViews, ShotMeshes
 from .texture import RESOLUTION, TextureSum, draw_textured, texels_of
 from .weights_file import load_method, save_method
+
+PICTURE_FILE = "texture.png"
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,10 @@ class MeshWrapping:
     resolution: int = RESOLUTION
 
     def fit(self, capture: Capture, hand: HandModel, budget: Budget, folder: Path, machine: FittingMachine) -> Fitted:
-        """One pass over the views; as short as it is, it is not resumed but repeated."""
+        """One pass over the views; as short as it is, it is not resumed but repeated.
+
+        Beside the method's own file, the texture is written as a picture that the hand's mesh can wear in Blender.
+        """
         began = process_time()
         views = PosedViews(capture, hand, machine.device)
         chosen = range(len(views))
@@ -65,6 +71,7 @@ class MeshWrapping:
         texture, filled = total.finished(template)
         facts = {"views": len(chosen), "filled_share": round(filled, 4)}
         save_method(folder, self.name, {"texture": texture.half()}, facts)
+        save_sheet(as_picture(texture), folder / PICTURE_FILE)
         seconds = process_time() - began
         remarks = f"{len(chosen)} views; {100 * filled:.1f} % of the atlas was seen by none and is filled"
         return Fitted(0, seconds / 60, 3 * self.resolution**2, remarks)
@@ -98,6 +105,11 @@ class TexturedMesh:
         picture, depth = draw_textured(self._texture, mesh, topology, camera)
         on_stage("decode")
         return decode_frame(picture, depth, crop, shot.camera.size_px)
+
+
+def as_picture(texture: Tensor) -> np.ndarray:
+    """[N, N, 3] uint8 with v upwards, as Blender and most programs have textures."""
+    return (texture.flip(0).clamp(0, 1) * 255).round().byte().cpu().numpy()
 
 
 def flattest_pose(poses: Sequence[HandPose], views: Sequence[CaptureView]) -> int:

@@ -2,18 +2,20 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.baselines.drawing import drawn_surface
-from livehand.backend.baselines.mesh_wrapping import MESH_TEXTURE, MESH_WRAPPING, flattest_pose
+from livehand.backend.baselines.mesh_wrapping import MESH_TEXTURE, MESH_WRAPPING, PICTURE_FILE, flattest_pose
 from livehand.backend.baselines.texture import TextureSum, dilated, draw_textured, sampled, texels_of
-from livehand.backend.baselines.weights_file import FILE
+from livehand.backend.baselines.weights_file import FILE, load_method
 from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.evaluation.shot_renderer import ShotRenderer
 from livehand.backend.geometry.uvh import atlas_uv, interpolate
 from livehand.backend.nerf.rays import ray_directions
 from livehand.backend.records.errors import LiveHandError
+from PIL import Image
 
 SIDE = 256
 
@@ -110,6 +112,10 @@ def test_both_rows_render_the_capture_and_are_no_avatars(painted_capture, hand, 
         fitted = method.fit(painted_capture, hand, two_steps, tmp_path / method.name, machine)
         assert fitted.steps == 0
         assert "%" in fitted.remarks
+        with Image.open(tmp_path / method.name / PICTURE_FILE) as picture:
+            drawn = torch.as_tensor(np.array(picture)).flip(0) / 255
+        learnt = load_method(tmp_path / method.name, method.name)[0]["texture"]
+        torch.testing.assert_close(drawn, learnt.float().clamp(0, 1), atol=0.003, rtol=0)
         renderer = method.load(tmp_path / method.name, hand, cpu)
         assert isinstance(renderer, ShotRenderer)
         scores[method.name] = score_views(renderer, painted_capture, painted_capture.of_split("test"))

@@ -1,0 +1,62 @@
+"""How a hand's plain mesh looks without an avatar: a texture on its atlas, for quick previews and for other engines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ..rig.hand import RiggedHand
+from ..rig.skin_texture import remove_texture, wear_texture, worn_texture
+from .mixins import HandTab, OnHand, polled_hand, reports_errors
+
+
+class LIVEHAND_OT_wear_texture(OnHand, bpy.types.Operator, ImportHelper):
+    """Show a picture, painted or photographed on the hand's atlas, on the plain mesh; no avatar takes part."""
+
+    bl_idname = "livehand.wear_texture"
+    bl_label = "Wear Texture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: StringProperty(default="*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.exr", options={"HIDDEN"})
+
+    @reports_errors
+    def execute(self, context):
+        """Make it the base color of the mesh's material."""
+        wear_texture(RiggedHand.active(context), Path(bpy.path.abspath(self.filepath)))
+
+
+class LIVEHAND_OT_remove_texture(OnHand, bpy.types.Operator):
+    """Give the plain mesh its single color back."""
+
+    bl_idname = "livehand.remove_texture"
+    bl_label = "Remove Texture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @reports_errors
+    def execute(self, context):
+        """Take the picture out of the mesh's material."""
+        remove_texture(RiggedHand.active(context))
+
+
+class LIVEHAND_PT_look(HandTab, bpy.types.Panel):
+    """The plain mesh of the active hand."""
+
+    bl_label = "Look"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        """The texture that the mesh wears, if any, and the operators."""
+        armature = polled_hand(context)
+        image = worn_texture(armature.livehand.mesh) if armature.livehand.mesh else None
+        if image is not None:
+            self.layout.label(text=image.name, icon="TEXTURE")
+        row = self.layout.row(align=True)
+        row.operator("livehand.wear_texture", text="Mesh Texture", icon="FILE_IMAGE")
+        if image is not None:
+            row.operator("livehand.remove_texture", text="", icon="X")
+
+
+CLASSES = (LIVEHAND_OT_wear_texture, LIVEHAND_OT_remove_texture, LIVEHAND_PT_look)
