@@ -16,6 +16,7 @@ from typing import NamedTuple
 import torch
 from torch.nn.functional import conv2d
 
+from ..nerf.backend import has_fast_bf16
 from ..rendering.backends import has_int8_kernels, has_numba
 
 _REPEATS = 7
@@ -51,7 +52,7 @@ class Peaks(NamedTuple):
 
     Attributes:
         fp32_flops: FLOP/s of large products or convolutions in single precision.
-        bf16_flops: the same in bfloat16.
+        bf16_flops: the same in bfloat16; where that is slower, networks run in single precision, and so does this.
         bytes_per_s: of a copy, both ways.
         int8_flops: of the kernels' int8, derived: an instruction takes four products where single precision takes one;
             0 where there are no such instructions.
@@ -130,8 +131,9 @@ def measure_peaks(
     copied = 2 * source.numel() * source.element_size()
     bytes_per_s = copied / fastest(lambda: target.copy_(source))
     fp32_flops = peak_flops(torch.float32)
+    bf16_flops = peak_flops(torch.bfloat16) if has_fast_bf16(device) else fp32_flops  # networks then run in fp32
     int8_flops = _PRODUCTS_OF_INT8 * fp32_flops if device.type == "cpu" and has_int8_kernels() else 0.0
-    return Peaks(fp32_flops, peak_flops(torch.bfloat16), bytes_per_s, int8_flops)
+    return Peaks(fp32_flops, bf16_flops, bytes_per_s, int8_flops)
 
 
 def _took_s(work: Callable[[], object], device: torch.device, wall_s: Callable[[], float]) -> float:

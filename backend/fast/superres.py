@@ -88,7 +88,7 @@ class RowSuperRes:
             nothing = answer if is_first else answer + nothing
         channels = network.tail.out_channels // 4
         order = torch.arange(4 * channels).reshape(channels, 4).T.flatten()  # the four pixels one after the other
-        weight, bias = (values[order] for values in _parameters(network.tail))
+        weight, bias = (values.detach().float().cpu()[order] for values in network.even_tail())
         layers.append(PackedLayer.of(weight, bias, nothing, False, is_int8))
         return cls(network, tuple(layers))
 

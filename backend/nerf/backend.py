@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, Protocol, runtime_checkable
 
 import torch
@@ -124,9 +125,20 @@ class RenderBackend(Protocol):
         ...
 
 
+@cache
+def has_fast_bf16(device: torch.device) -> bool:
+    """Whether bf16 is no slower than fp32 there.
+
+    Processors without AVX-512 (on Arm: without bf16 instructions) compute torch's bf16 number by number: networks take
+    ten times as long.
+    """
+    is_supported = getattr(torch.ops.mkldnn, "_is_mkldnn_bf16_supported", lambda: False)
+    return device.type != "cpu" or is_supported()
+
+
 def autocast(device: torch.device, precision: Precision) -> torch.autocast:
-    """The context in which networks run: bf16 is autocast; geometry never is."""
-    return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16")
+    """The context in which networks run: bf16 is autocast, where it is not slower than fp32; geometry never is."""
+    return torch.autocast(device.type, torch.bfloat16, enabled=precision == "bf16" and has_fast_bf16(device))
 
 
 def in_precision(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:

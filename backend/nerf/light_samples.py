@@ -18,6 +18,7 @@ from ..records.light import Lamp, Light, Sky, sky_directions
 SKY_DIRECTIONS = 64
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
 _SAMPLES_FROM_DEG = ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1))
+_FINE_SAMPLES_FROM_DEG = ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 4), (0.0, 1))
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
 _GOLDEN_ANGLE = pi * (3 - 5**0.5)
@@ -84,11 +85,11 @@ class LampSamples(NamedTuple):
     radius_rad: Tensor
 
     @classmethod
-    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds) -> LampSamples:
-        """The samples of lamps around a hand."""
+    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, is_fine: bool = False) -> LampSamples:
+        """The samples of lamps around a hand; `is_fine` as `Light.has_fine_shadows`."""
         centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
         angles = [_angle_rad(lamp, centre) for lamp in lamps]
-        rows = [_rows_of(index, *one, centre) for index, one in enumerate(zip(lamps, angles, strict=True))]
+        rows = [_rows_of(index, *one, centre, is_fine) for index, one in enumerate(zip(lamps, angles, strict=True))]
         none = tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
         columns = zip(*(rows or [none]), strict=True)
         tensors = [_tensor(np.concatenate(column), device) for column in columns]
@@ -133,12 +134,17 @@ class LightSamples(NamedTuple):
     @classmethod
     def of(cls, light: Light, bounds: Bounds) -> LightSamples:
         """The samples around a hand."""
-        return cls(SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds))
+        return cls(
+            SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds, light.has_fine_shadows)
+        )
 
 
-def _rows_of(index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray) -> tuple[np.ndarray, ...]:
+def _rows_of(
+    index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, is_fine: bool = False
+) -> tuple[np.ndarray, ...]:
     """The columns of `LampSamples` for one lamp's samples."""
-    count = next(samples for least_deg, samples in _SAMPLES_FROM_DEG if np.rad2deg(angle_rad) >= least_deg)
+    by_angle = _FINE_SAMPLES_FROM_DEG if is_fine else _SAMPLES_FROM_DEG
+    count = next(samples for least_deg, samples in by_angle if np.rad2deg(angle_rad) >= least_deg)
     positions = _positions(lamp, centre, count)
 
     def column(value: float) -> np.ndarray:
@@ -187,10 +193,15 @@ def _disc(count: int) -> np.ndarray:
 
 
 def _square(count: int) -> np.ndarray:
-    """[count, 2] centres of the cells of [-1, 1]^2; count is a square number."""
+    """[count, 2] points in the cells of [-1, 1]^2, one each; count is a square number.
+
+    The grid of cells is sheared both ways, so that no two points share a coordinate: an edge along the square's sides
+    hides one after the other, and a shadow has as many steps as there are points.
+    """
     side = round(count**0.5)
-    centres = (2 * np.arange(side) + 1) / side - 1
-    return np.stack(np.meshgrid(centres, centres), -1).reshape(-1, 2)
+    row, column = np.divmod(np.arange(count), side)
+    ranks = np.stack([row * side + column, column * side + side - 1 - row], -1)
+    return (2 * ranks + 1) / count - 1
 
 
 def _angle_rad(lamp: Lamp, centre: np.ndarray) -> float:

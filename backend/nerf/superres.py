@@ -13,12 +13,13 @@ from typing import Literal
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, leaky_relu, pixel_shuffle
+from torch.nn.functional import conv2d, interpolate, leaky_relu, pixel_shuffle
 
 from .field import CHANNELS
 from .lighting import COEFFICIENTS, LIT_FEATURES, SMOOTH
 
 RGBA = 4
+_BINOMIAL = (1.0, 2.0, 1.0)
 LIT_MAPS = COEFFICIENTS + LIT_FEATURES + 3 + 1
 """Maps that `LitSuperRes` takes: coefficients, features, relief normal in camera axes, alpha; all premultiplied."""
 LIT_DETAIL = COEFFICIENTS - SMOOTH + 3 + 1
@@ -109,7 +110,19 @@ class ResidualSuperRes(nn.Module):
         hidden = leaky_relu(self.head(maps), 0.2, inplace=True)
         for layer in self.body:
             hidden = _sum(leaky_relu(layer(hidden), 0.2, inplace=True), hidden)
-        return pixel_shuffle(self.tail(hidden), 2)
+        return pixel_shuffle(conv2d(hidden, *self.even_tail(), padding=1), 2)
+
+    def even_tail(self) -> tuple[Float[Tensor, "F W 3 3"], Float[Tensor, " F"]]:
+        """Weight and bias of the last convolution, whose four pixels are equal wherever its input is even.
+
+        The learnt ones are so only nearly, which shows on smooth skin as a lattice of two pixels. The four pixels' sums
+        over the window are made equal by what they differ from their mean, in binomial shares.
+        """
+        weight, bias = self.tail.weight.unflatten(0, (-1, 4)), self.tail.bias.unflatten(0, (-1, 4))
+        sums = weight.sum((3, 4), keepdim=True)
+        share = weight.new_tensor(_BINOMIAL) / 4
+        even = weight - (sums - sums.mean(1, keepdim=True)) * share[:, None] * share
+        return even.flatten(0, 1), bias.mean(1, keepdim=True).expand_as(bias).flatten()
 
 
 class LightSuperRes(ResidualSuperRes):

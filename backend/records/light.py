@@ -156,12 +156,15 @@ class Light:
         occluders: [T, 3, 3] corners of the scene's triangles that may shadow the hand, world, m.
         measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
             was not asked.
+        has_fine_shadows: whether soft shadows have more steps, for frames that are kept: a still shows steps that
+            nobody sees in a preview. They cost time.
     """
 
     lamps: tuple[Lamp, ...] = ()
     sky: Sky | None = None
     occluders: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     measured: MeasuredLight | None = None
+    has_fine_shadows: bool = False
 
     def __post_init__(self):
         if np.ndim(self.occluders) != 3 or np.shape(self.occluders)[1:] != (3, 3):

@@ -29,12 +29,14 @@ class SceneLight:
         world: what it shines may have to be rendered first; None: nothing.
         occluders: [T, 3, 3] triangles that may shadow the hand, world, m.
         exposure: factor of Cycles' film.
+        is_final: whether it is for a frame that is kept.
     """
 
     lamps: tuple[Lamp, ...]
     world: WorldLight | None
     occluders: np.ndarray
     exposure: float
+    is_final: bool
 
     def light(self) -> Light:
         """The record. A world of nodes is rendered at the first call, which takes seconds.
@@ -44,7 +46,8 @@ class SceneLight:
         """
         sky, suns = self.world.read() if self.world else (None, ())
         lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
-        return Light(lamps, sky and Sky(sky.radiance * self.exposure, sky.group), self.occluders)
+        sky = sky and Sky(sky.radiance * self.exposure, sky.group)
+        return Light(lamps, sky, self.occluders, has_fine_shadows=self.is_final)
 
 
 def read_hand_lights(
@@ -71,7 +74,8 @@ def read_scene_light(
     Args:
         depsgraph: of the frame.
         hands: place of a hand's mesh object -> its vertices [V, 3] in the world, m.
-        is_final: whether to wait for the render of the world, by which objects before its suns are found.
+        is_final: whether the frame is kept: its soft shadows are fine, and the render of the world is waited for, by
+            which objects before its suns are found.
 
     Raises:
         LiveHandError: the world cannot be rendered, or not be prepared for it.
@@ -87,7 +91,9 @@ def read_scene_light(
     reaches = {place: Reach.of(vertices, (*lamps[place], *suns), sky_m) for place, vertices in hands.items()}
     solids = read_solids(depsgraph, tuple(reaches.values())) if reaches else ()
     exposure = _film_exposure(depsgraph.scene_eval)
-    return {one: SceneLight(lamps[one], world, occluders_of(solids, reaches[one], one), exposure) for one in hands}
+    return {
+        one: SceneLight(lamps[one], world, occluders_of(solids, reaches[one], one), exposure, is_final) for one in hands
+    }
 
 
 def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:

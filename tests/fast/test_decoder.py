@@ -10,7 +10,7 @@ from livehand.backend.nerf.avatar import build_field
 from livehand.backend.nerf.field import FieldConfig
 
 CPU = torch.device("cpu")
-needs_vectors = pytest.mark.skipif(not has_vectors(), reason="needs a processor with AVX-512")
+needs_vectors = pytest.mark.skipif(not has_vectors(), reason="needs a processor with AVX2 or AVX-512")
 needs_int8_products = pytest.mark.skipif(not has_int8_products(), reason="needs a processor with AVX-512 VNNI")
 
 

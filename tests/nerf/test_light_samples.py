@@ -98,3 +98,22 @@ def test_a_sky_gives_its_irradiance_to_every_normal(normal):
     assert len(samples.towards) == SKY_DIRECTIONS
     found = pi * (samples.flux * (samples.towards @ torch.tensor(normal)).clamp(min=0)[:, None]).sum(0)
     assert found.tolist() == pytest.approx([pi + 2 * pi / 3 * normal[2]] * 3, rel=0.02)
+
+
+@pytest.mark.parametrize("is_fine", [False, True])
+@pytest.mark.parametrize(("size_m", "fewest"), [(0.08, 3), (0.2, 8), (0.9, 15)])
+def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, is_fine):
+    """Along both sides; the points lie evenly: the mean is the lamp's centre, without correlation."""
+    lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(size_m, size_m))
+    at = LampSamples.of((lamp,), BOUNDS, is_fine).position[:, :2].double() / size_m
+    assert len(at) > fewest * (1 + is_fine)
+    for axis in range(2):
+        assert np.diff(np.sort(at[:, axis].numpy())) == pytest.approx(1 / len(at), rel=1e-3)
+    assert at.mean(0).abs().max() < 1e-6
+    assert abs(float((at[:, 0] * at[:, 1]).mean())) < 1e-6
+
+
+def test_frames_that_are_kept_ask_for_more_points():
+    lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(0.3, 0.3))
+    counts = [len(LightSamples.of(Light((lamp,), has_fine_shadows=fine), BOUNDS).lamps.lamp) for fine in (False, True)]
+    assert counts == [9, 25]

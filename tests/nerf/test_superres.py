@@ -85,3 +85,13 @@ def test_every_input_map_is_used(network):
     maps = maps_of(8, 8).requires_grad_()
     network(maps).square().sum().backward()
     assert (maps.grad.abs().amax((0, 2, 3)) > 0).all()
+
+
+def test_an_even_image_has_no_lattice(network):
+    """The four pixels of each group are equal, whatever was learnt; changes of the image still reach them apart."""
+    network = trained(network)
+    even = maps_of(1, 1).expand(-1, -1, 24, 24)
+    image = network(even)[..., 20:-20, 20:-20]
+    torch.testing.assert_close(image, image[..., :1, :1].expand_as(image))
+    groups = network(maps_of(24, 24))[..., 20:-20, 20:-20].unflatten(3, (-1, 2))
+    assert (groups[..., 0] - groups[..., 1]).abs().mean() > 0.01

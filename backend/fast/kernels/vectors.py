@@ -1,7 +1,8 @@
 """Sums of products in vector registers: numba has no vector types, so these blocks are written as LLVM's own.
 
 Weights are 32-bit words: an fp32 each, or four int8 of one output, which are multiplied by four uint8 of the source
-(AVX-512 VNNI). On processors without these instructions `has_vectors` and `has_int8_products` are false.
+(AVX-512 VNNI). On processors without these instructions `has_vectors` and `has_int8_products` are false. Where registers
+are half as wide and half as many (AVX2), a block's sums are computed in several passes, of the same values.
 """
 
 from __future__ import annotations
@@ -25,7 +26,13 @@ _FLOATS, _WORDS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(_WORD, LAN
 
 @cache
 def has_vectors() -> bool:
-    """Whether this processor has vectors of 16 numbers, and enough of them for a block."""
+    """Whether this processor multiplies and adds vectors of 16 numbers, in one register or in two."""
+    return _has_wide_registers() or (_has("avx2") and _has("fma"))
+
+
+@cache
+def _has_wide_registers() -> bool:
+    """Whether a vector of 16 numbers is one register, and 24 sums and their factors fit into all of them."""
     return _has("avx512f")
 
 
@@ -89,16 +96,22 @@ class _WindowCode:
         name = "llvm.x86.avx512.vpdpbusd.512" if is_int8 else "llvm.fma.v16f32"
         self.function = builder.module.declare_intrinsic(name, (), ir.FunctionType(self.kind, [self.kind] * 3))
         self.is_int8 = is_int8
-        self.sums = [[cgutils.alloca_once(builder, self.kind) for _ in range(vectors)] for _ in range(pixels)]
+        self.at_once = vectors if _has_wide_registers() else 1
+        self.sums = [[cgutils.alloca_once(builder, self.kind) for _ in range(self.at_once)] for _ in range(pixels)]
 
     def build(self, source, weights, sums, start, pixel_bytes, row_bytes) -> None:
+        """Add up as many vectors of outputs at once as there are registers for, one pass after the other."""
+        for first in range(0, self.vectors, self.at_once):
+            self._build_pass(first, source, weights, sums, start, pixel_bytes, row_bytes)
+
+    def _build_pass(self, first_vector, source, weights, sums, start, pixel_bytes, row_bytes) -> None:
         """Loop over the window and the words of a pixel, then store the sums."""
         builder = self.builder
         for row in self.sums:
             for one in row:
                 builder.store(ir.Constant(self.kind, None), one)
         first = builder.add(self._address_of(source.data), start)
-        factors = self._address_of(weights.data)
+        factors = builder.add(self._address_of(weights.data), self._address(4 * LANES * first_vector))
         _, words, _ = cgutils.unpack_tuple(builder, weights.shape)
         tap_bytes, word_bytes, _ = cgutils.unpack_tuple(builder, weights.strides)
         side = self._address(self.side)
@@ -110,11 +123,11 @@ class _WindowCode:
             weight = builder.add(factors, builder.mul(tap, tap_bytes))
             with cgutils.for_range(builder, words) as word:
                 self._add_word(pixels, builder.add(weight, builder.mul(word.index, word_bytes)), word.index)
-        self._store(self._address_of(sums.data))
+        self._store(self._address_of(sums.data), first_vector)
 
     def _add_word(self, pixels, weight, word) -> None:
         builder = self.builder
-        factors = [self._load(weight, 4 * LANES * vector, self.kind) for vector in range(self.vectors)]
+        factors = [self._load(weight, 4 * LANES * vector, self.kind) for vector in range(self.at_once)]
         offset = builder.mul(word, self._address(4))
         for pixel, sums in zip(pixels, self.sums, strict=True):
             value = self._spread(self._load(builder.add(pixel, offset), 0, self.kind.element))
@@ -123,11 +136,11 @@ class _WindowCode:
                 operands = [before, value, factor] if self.is_int8 else [value, factor, before]
                 builder.store(builder.call(self.function, operands), total)
 
-    def _store(self, sums) -> None:
-        flat = [one for row in self.sums for one in row]
-        for index, one in enumerate(flat):
-            pointer = self._pointer(sums, 4 * LANES * index, self.kind)
-            self.builder.store(self.builder.load(one), pointer, align=4)
+    def _store(self, sums, first_vector: int) -> None:
+        for pixel, row in enumerate(self.sums):
+            for index, one in enumerate(row):
+                offset = 4 * LANES * (pixel * self.vectors + first_vector + index)
+                self.builder.store(self.builder.load(one), self._pointer(sums, offset, self.kind), align=4)
 
     def _spread(self, word):
         """The word in every lane."""
