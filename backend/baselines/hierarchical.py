@@ -68,9 +68,10 @@ class NearSkin:
         self._mesh, self._topology = mesh, topology
         self._tree = KDTree(mesh.vertices.cpu().numpy())
         faces = topology.faces
+        of_corner = torch.arange(len(faces), device=faces.device).repeat_interleave(3)
         of_vertex = torch.zeros(len(mesh.vertices), dtype=torch.long, device=faces.device)
-        of_vertex[faces.flatten()] = torch.arange(len(faces), device=faces.device).repeat_interleave(3)
-        self._face_of_vertex = of_vertex
+        # The first face of each: an assignment would take any one, and another every time.
+        self._face_of_vertex = of_vertex.scatter_reduce(0, faces.flatten(), of_corner, "amin", include_self=False)
 
     def at(self, points: Float[Tensor, "S 3"]) -> SurfaceSamples:
         """The surface point below each; heights in the template's metres, far ones only roughly."""

@@ -25,7 +25,16 @@ from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, SkinDepth, feat
 from .kernels.compiled import in_parallel
 from .kernels.lighting import enlarge_pixels, ray_shares, relit_pixels
 from .kernels.lighting import light_features as fill_features
-from .kernels.records import EnlargedArrays, FeatureArrays, LampArrays, Lobes, PointArrays, RelitImage, SkyArrays
+from .kernels.records import (
+    EnlargedArrays,
+    FeatureArrays,
+    LampArrays,
+    Lobes,
+    PointArrays,
+    ProbeArrays,
+    RelitImage,
+    SkyArrays,
+)
 
 MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 
@@ -34,18 +43,21 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
-    buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3))]
+    buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3), (3,))]
     out = FeatureArrays(*(values.numpy() for values in buffers))
     arrays = PointArrays(*_arrays(*points))
     sky_arrays = SkyArrays(*_arrays(*sky, *shadows.sky))
     lamp_arrays = LampArrays(*_arrays(*lamps[:-1], *shadows.lamps))
+    probes = shadows.probes.probes
+    at, normal, shed = _arrays(probes.position.T, probes.normal.T, shadows.probes.shed(light).T)
+    probe_arrays = ProbeArrays(at, normal, np.float32(probes.area_m2), shed)
     in_parallel(
-        lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, _lobes(), first, last, out),
+        lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, probe_arrays, _lobes(), first, last, out),
         count,
         torch.get_num_threads(),
     )
-    ambient = shadows.ambient(light)
-    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ambient, None, None))
+    *direct, reflected = buffers[1:]
+    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *direct, torch.ones(count, 3), reflected))
 
 
 def enlarged_rays(
@@ -88,7 +100,7 @@ def relit(
     maps = feature_maps(features, pixel, size_px)
     out = torch.zeros(4 * width * height, 3)
     large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
-    light = (features.lamp_rgb, features.lamp_radius_rad, features.ambient)
+    light = (features.lamp_rgb, features.lamp_radius_rad)
     record, flat = RelitImage._make((*_arrays(*large, maps), width, *_arrays(*light))), out.numpy()
     in_parallel(
         lambda first, last: relit_pixels(record, _lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()

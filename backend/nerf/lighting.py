@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
+from .bounce import PROBES, Probes, bounced
 from .light_samples import LampSamples, LightSamples, SkySamples
 
 SCATTER_M = (0.004, 0.0012)
@@ -33,24 +34,43 @@ _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
 
 
+class ProbeLight(NamedTuple):
+    """What P probes of a hand's skin (`nerf.bounce`) receive from a light whose sky has K directions, and L lamps.
+
+    Attributes:
+        probes: the skin.
+        albedo: [P, 3], or [3] of all.
+        of_sky: [K, P] their diffuse light for a flux of 1 from each direction.
+        of_lamps: [L, P] the same for each lamp's rgb.
+    """
+
+    probes: Probes
+    albedo: Tensor
+    of_sky: Tensor
+    of_lamps: Tensor
+
+    def received(self, light: LightSamples) -> Float[Tensor, "P 3"]:
+        """Diffuse light, as the radiance of a white surface."""
+        of_sky = (self.of_sky[..., None] * light.sky.flux[:, None]).sum(0)  # a product of matrices may differ by a bit
+        return of_sky + (self.of_lamps[..., None] * light.lamps.rgb[:, None]).sum(0)
+
+    def shed(self, light: LightSamples) -> Float[Tensor, "P 3"]:
+        """Radiance."""
+        return self.albedo * self.received(light)
+
+
 class LightShadows(NamedTuple):
     """The shadows of a light whose sky has K directions and which has L lamps.
 
     Attributes:
         sky: of the sky's directions at R points.
         lamps: of the lamps' samples at R points.
-        mean_of_sky: [K] the hand's mean diffuse light for a flux of 1 from each direction.
-        mean_of_lamps: [L] the same for each lamp's rgb.
+        probes: the skin that sheds light on these points.
     """
 
     sky: PointShadows
     lamps: PointShadows
-    mean_of_sky: Tensor
-    mean_of_lamps: Tensor
-
-    def ambient(self, light: LightSamples) -> Float[Tensor, " 3"]:
-        """The hand's mean diffuse light."""
-        return self.mean_of_sky @ light.sky.flux + self.mean_of_lamps @ light.lamps.rgb
+    probes: ProbeLight
 
 
 class SurfacePoints(NamedTuple):
@@ -86,9 +106,8 @@ class LightFeatures(NamedTuple):
         sky_vectors: [R, 3, 3] the same of the sky, for each colour.
         sky_gloss: [R, 2, 3] the sky in the glossy lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
-        ambient: [3] the hand's mean diffuse light, which it sheds on itself.
-        arriving: [R, 3] factor of all direct light, where it was measured; else 1.
-        reflected: [R, 3] diffuse light that was measured besides, and that stands for `ambient`; None: not measured.
+        arriving: [R, 3] factor of all of the above, where light was measured; else 1.
+        reflected: [R, 3] diffuse light besides: what the hand sheds on itself, or what was measured.
     """
 
     lamp_vectors: Tensor
@@ -97,9 +116,8 @@ class LightFeatures(NamedTuple):
     sky_vectors: Tensor
     sky_gloss: Tensor
     scattered: Tensor
-    ambient: Tensor
-    arriving: Tensor | None = None
-    reflected: Tensor | None = None
+    arriving: Tensor
+    reflected: Tensor
 
 
 def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
@@ -133,19 +151,20 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
         sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
-        ambient=shadows.ambient(light),
+        arriving=torch.ones_like(points.position),
+        reflected=bounced(points.position, points.normal, shadows.probes.probes, shadows.probes.shed(light)),
     )
 
 
-def mean_diffuse(
-    light: LightSamples, sky: PointShadows, lamps: PointShadows, position: Tensor, normal: Float[Tensor, "P 3"]
-) -> tuple[Float[Tensor, " K"], Float[Tensor, " L"]]:
-    """The mean diffuse light at points with these normals, as in `LightShadows`."""
-    towards, strength = light.lamps.arriving(position)
-    facing = (towards * normal).sum(-1).clamp(min=0)
-    of_samples = (strength * _unblocked(light.lamps, lamps) * facing).mean(1)
-    of_lamps = of_samples.new_zeros(len(light.lamps.rgb)).index_add(0, light.lamps.lamp, of_samples)
-    return (sky.lit * (light.sky.towards @ normal.T).clamp(min=0)).mean(1), of_lamps
+def light_at_probes(
+    light: LightSamples, sky: PointShadows, lamps: PointShadows, probes: Probes
+) -> tuple[Float[Tensor, "K P"], Float[Tensor, "L P"]]:
+    """`of_sky` and `of_lamps` of `ProbeLight`, by the shadows at the probes."""
+    towards, strength = light.lamps.arriving(probes.position)
+    facing = (towards * probes.normal).sum(-1).clamp(min=0)
+    of_samples = strength * _unblocked(light.lamps, lamps) * facing
+    of_lamps = of_samples.new_zeros(len(light.lamps.rgb), PROBES).index_add(0, light.lamps.lamp, of_samples)
+    return sky.lit * (light.sky.towards @ probes.normal.T).clamp(min=0), of_lamps
 
 
 def _unblocked(lamps: LampSamples, shadows: PointShadows) -> Float[Tensor, "K P"]:
@@ -208,10 +227,10 @@ def glossy(
     return torch.stack(lobes, -1)
 
 
-AMBIENT, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
-"""Where these lie among the coefficients."""
+UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
+"""Where these lie among the coefficients. The first were of a mean light, which nothing reads any more."""
 SMOOTH = 6
-"""The first coefficients, of ambient light and of light deep in the skin, have no detail."""
+"""The first coefficients, to light deep in the skin, have no detail."""
 COEFFICIENTS = 14
 LIT_FEATURES = 16
 """Features of a ray for super-resolution, beside its coefficients."""
@@ -241,10 +260,12 @@ def lit_colour(
         + (scattering * features.scattered).sum(1)
         + (coefficients[:, GLOSS, None] * gloss).sum(1)
     )
-    if features.arriving is None or features.reflected is None:
-        return direct + coefficients[:, AMBIENT] * features.ambient
-    reflectance = coefficients[:, DIFFUSE] + scattering.sum(1)
-    return direct * features.arriving + reflectance * features.reflected
+    return direct * features.arriving + reflectance(coefficients) * features.reflected
+
+
+def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:
+    """Of diffuse light, by the coefficients and whatever follows them; the albedo, if they are not premultiplied."""
+    return coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
 
 
 def diffuse_light(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:

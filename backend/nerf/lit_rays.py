@@ -7,13 +7,13 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
+from .bounce import Probes
 from .field import mean_features
 from .light_samples import LightSamples, SkySamples
-from .lighting import LightShadows, SurfacePoints, mean_diffuse
+from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .rays import HandInView, ray_directions, ray_origin
 from .relighting import SkinDepth
@@ -21,7 +21,6 @@ from .volume import Composite
 
 SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
 """Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
-_PROBES = 256
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
 _STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
@@ -72,18 +71,12 @@ def ray_positions(
     return ray_origin(hand.camera) + depth[:, None] * ray_directions(hand.camera, pixel)
 
 
-def probes(mesh: PosedMesh) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
-    """Positions and normals of vertices all over the hand, at which its mean light is taken."""
-    chosen = torch.linspace(0, len(mesh.vertices) - 1, _PROBES, device=mesh.vertices.device).round().long()
-    return mesh.vertices[chosen], mesh.normals[chosen]
-
-
 def sky_shadows(
     backend: RenderBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
     """The shadows of the sky's directions at points and then at the probes, whatever light comes from there."""
     views = SkySamples.of(None, position.device).views()
-    points = torch.cat([position, probes(hand.mesh)[0]])
+    points = torch.cat([position, Probes.of(hand.mesh, hand.topology).position])
     return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, SKY_MAP_PX)
 
 
@@ -94,17 +87,28 @@ def light_shadows(
     occluders: Float[Tensor, "T 3 3"],
     position: Float[Tensor, "R 3"],
     of_sky: PointShadows,
+    albedo: Tensor,
 ) -> LightShadows:
-    """The shadows of a light at points, by the hand itself and by occluders; `of_sky` as `sky_shadows` gives them."""
-    at_probes, normals = probes(hand.mesh)
+    """The shadows of a light at points, by the hand itself and by occluders.
+
+    Args:
+        backend: computes them.
+        hand: posed.
+        light: sampled.
+        occluders: what else stands in its way.
+        position: of the points, m, world.
+        of_sky: as `sky_shadows` gives them.
+        albedo: of the skin that sheds light on itself, [P, 3] or [3].
+    """
+    probes = Probes.of(hand.mesh, hand.topology)
     views = light.lamps.views(Bounds.of(hand.mesh))
 
     def of_lamps(points: Tensor, map_px: int) -> PointShadows:  # apart: a map is as fine as its points are near
         return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, map_px)
 
-    lamps, probe_lamps = of_lamps(position, LAMP_MAP_PX), of_lamps(at_probes, PROBE_MAP_PX)
+    lamps, probe_lamps = of_lamps(position, LAMP_MAP_PX), of_lamps(probes.position, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
-    return LightShadows(sky, lamps, *mean_diffuse(light, probe_sky, probe_lamps, at_probes, normals))
+    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *light_at_probes(light, probe_sky, probe_lamps, probes)))
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

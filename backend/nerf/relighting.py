@@ -20,7 +20,7 @@ from .superres import enlarge
 from .volume import Composite
 
 _OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
-"""The fields of `LightFeatures` that differ from ray to ray; the last two may be missing."""
+"""The fields of `LightFeatures` that differ from ray to ray."""
 MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""
 # Of the rays that meet a pixel's surface; with less, they are none.
@@ -173,7 +173,7 @@ def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tup
 
 
 def _of_rays(features: LightFeatures) -> dict[str, Tensor]:
-    return {name: value for name in _OF_RAYS if (value := getattr(features, name)) is not None}
+    return {name: getattr(features, name) for name in _OF_RAYS}
 
 
 def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: LitImage) -> LightFeatures:

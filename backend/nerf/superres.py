@@ -118,6 +118,7 @@ class ResidualSuperRes(nn.Module):
         The learnt ones are so only nearly, which shows on smooth skin as a lattice of two pixels. The four pixels' sums
         over the window are made equal by what they differ from their mean, in binomial shares.
         """
+        assert self.tail.bias is not None
         weight, bias = self.tail.weight.unflatten(0, (-1, 4)), self.tail.bias.unflatten(0, (-1, 4))
         sums = weight.sum((3, 4), keepdim=True)
         share = weight.new_tensor(_BINOMIAL) / 4

@@ -11,7 +11,7 @@ from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.conditions import FrameConditions
-from ..nerf.lighting import DIFFUSE, SCATTERED, Openness
+from ..nerf.lighting import Openness, reflectance
 from ..nerf.lit_field import LitField
 from ..nerf.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors
 from ..nerf.shade import shade
@@ -41,20 +41,17 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
     view = HandInView(mesh, topology, _camera())
     gathered = shade(field, rays, view, conditions, avatar.config.sampler.shell_m)
     coefficients = field.decode(gathered, rays.directions, open_sky).channels
-    scattered = coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
-    return (coefficients[:, DIFFUSE] + scattered).clamp(0, 1).numpy()
-
-
-def mean_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
-    """[3] of all vertices."""
-    return vertex_albedo(avatar, hand).mean(0)
+    return reflectance(coefficients).clamp(0, 1).numpy()
 
 
 def _rays_at_vertices(mesh: PosedMesh, topology: Topology) -> SurfaceRays:
     """One ray straight down on every vertex, with one opaque sample on the surface."""
     count = len(mesh.vertices)
-    corner = torch.zeros(count, dtype=torch.long)
-    corner[topology.faces.flatten()] = torch.arange(topology.faces.numel())  # any one of the vertex's corners
+    vertex = topology.faces.flatten()
+    # The first of the vertex's corners: an assignment would take any one, and another every time.
+    corner = torch.zeros(count, dtype=torch.long).scatter_reduce(
+        0, vertex, torch.arange(len(vertex)), "amin", include_self=False
+    )
     samples = SurfaceSamples(
         torch.div(corner, 3, rounding_mode="floor"),
         torch.nn.functional.one_hot(corner % 3, 3).float(),

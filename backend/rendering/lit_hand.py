@@ -55,6 +55,7 @@ class LitHand:
         open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
         profile: of the rays.
+        albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
     """
 
     shot: Shot
@@ -65,6 +66,7 @@ class LitHand:
     open_sky: PointShadows
     image: LitImage
     profile: DepthProfile
+    albedo: Tensor
 
     def shows(self, shot: Shot) -> bool:
         """Whether a shot differs by its light at most."""
@@ -88,7 +90,7 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
-        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky)
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo)
         features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
             return features
@@ -116,9 +118,10 @@ def render_lit_hand(
     superres: Callable[[Tensor], Tensor],
     backend: RenderBackend,
     decoder: Decoder,
+    albedo: Float[Tensor, "P 3"],
     on_stage: OnStage,
 ) -> LitHand:
-    """Decode and enlarge the gathered rays of a relightable field."""
+    """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`."""
     device = rays.t.device
     on_stage("light")
     view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
@@ -133,4 +136,4 @@ def render_lit_hand(
     skin = skin_depth(backend, at_full_size(hand))
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
-    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile)
+    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile, albedo)

@@ -23,6 +23,7 @@ from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
+from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
@@ -34,7 +35,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
-from .albedo import mean_albedo
+from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
@@ -144,7 +145,15 @@ class Renderer:
 
     @cached_property
     def _mean_albedo(self) -> np.ndarray | None:
-        return mean_albedo(self.avatar, self.hand) if isinstance(self.avatar.field, LitField) else None
+        return self._vertex_albedo.mean(0) if isinstance(self.avatar.field, LitField) else None
+
+    @cached_property
+    def _vertex_albedo(self) -> np.ndarray:
+        return vertex_albedo(self.avatar, self.hand)
+
+    @cached_property
+    def _probe_albedo(self) -> Tensor:
+        return self._tensor(self._vertex_albedo)[probe_vertices(len(self._vertex_albedo))]
 
     @cached_property
     def _rough_light(self) -> Light | None:
@@ -189,7 +198,9 @@ class Renderer:
         check: Callable[[], None],
     ) -> LitHand:
         backend, superres = self._backend, _asking(self._superres, check)
-        return render_lit_hand(shot, crop, hand, rays, field, superres, backend, self._decoder, on_stage)
+        return render_lit_hand(
+            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, on_stage
+        )
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

@@ -188,15 +188,16 @@ class LitTrainingViews(TrainingViews):
         if index not in self._kept_light:
             occluders = occluding_triangles(lights[0], self.device)
             of_sky = sky_shadows(self.backend, hand, occluders, position)
-            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky)
+            white = torch.ones(3, device=self.device)  # `step.render_view` knows better
+            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white)
             open_sky = shadows.sky
             if len(occluders):
                 alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
                 open_sky, _ = split_points(alone, len(position))
             kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
-            self._kept_light[index] = (*kept, shadows.mean_of_sky, shadows.mean_of_lamps)
-        sky, lamps, open_sky, of_sky, of_lamps = self._kept_light[index]
-        return LightShadows(_unpacked(sky), _unpacked(lamps), of_sky, of_lamps), _unpacked(open_sky)
+            self._kept_light[index] = (*kept, shadows.probes)
+        sky, lamps, open_sky, probes = self._kept_light[index]
+        return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
         """As in `TrainingViews`; the shadows are computed again, too."""

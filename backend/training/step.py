@@ -7,13 +7,14 @@ from math import isfinite
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d
 
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
-from ..nerf.lighting import openness
+from ..nerf.lighting import openness, reflectance
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import skin_depth, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
@@ -199,7 +200,8 @@ def _render_lit(
     open_to = openness(light.samples.sky, light.open_sky, points.normal)
     with autocast(views.device, precision):
         low = field.decode(gathered, directions, open_to)
-    features = views.backend.light_features(light.samples, light.shadows, points)
+    probes = light.shadows.probes._replace(albedo=_mean_albedo(low))
+    features = views.backend.light_features(light.samples, light.shadows._replace(probes=probes), points)
     pixel, size_px = view.rays.pixel, view.camera.size_px
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)
@@ -207,6 +209,12 @@ def _render_lit(
     image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
     colours = light.encoded(relit(image, features, pixel, size_px))
     return Rendered(maps, torch.cat([colours, image.alpha[None]]))
+
+
+@torch.no_grad()
+def _mean_albedo(low: Composite) -> Float[Tensor, " 3"]:
+    """Of the skin that a view shows."""
+    return (reflectance(low.channels).sum(0) / low.alpha.sum().clamp(min=1)).clamp(max=1)
 
 
 def _has_finite_gradients(parts: TrainedParts) -> bool:

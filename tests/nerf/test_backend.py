@@ -4,7 +4,6 @@ import pytest
 import torch
 from livehand.backend.nerf.backend import autocast, has_fast_bf16
 
-
 CPU = torch.device("cpu")
 
 

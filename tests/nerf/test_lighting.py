@@ -7,15 +7,16 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
+from livehand.backend.nerf.bounce import PROBES, Probes
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import (
-    AMBIENT,
     COEFFICIENTS,
     DIFFUSE,
     GLOSS,
     SCATTERED,
     LightFeatures,
     LightShadows,
+    ProbeLight,
     SurfacePoints,
     corrected,
     diffuse_light,
@@ -59,7 +60,15 @@ def some_shadows(light):
         return PointShadows(rand(count, POINTS), 0.02 * rand(count, POINTS))
 
     sky, lamps = of(len(light.sky.towards)), of(len(light.lamps.lamp))
-    return LightShadows(sky, lamps, rand(len(light.sky.towards)), rand(len(light.lamps.rgb)))
+    skin = Probes(0.1 * (rand(PROBES, 3) - 0.5), normalize(rand(PROBES, 3) - 0.5, dim=-1), torch.tensor(2e-4))
+    of_sky, of_lamps = rand(len(light.sky.towards), PROBES), rand(len(light.lamps.rgb), PROBES)
+    return LightShadows(sky, lamps, ProbeLight(skin, rand(PROBES, 3), of_sky, of_lamps))
+
+
+def no_probes(lamps):
+    """Skin that light does not reach."""
+    skin = Probes(torch.zeros(PROBES, 3), torch.tensor([0.0, 0, 1]).expand(PROBES, 3), torch.tensor(1e-4))
+    return ProbeLight(skin, torch.ones(3), torch.zeros(64, PROBES), torch.zeros(lamps, PROBES))
 
 
 def some_coefficients():
@@ -81,7 +90,7 @@ def scaled(light, sky, *lamps):
 
 def test_both_backends_agree(lit):
     ours, theirs = (backend.light_features(*lit) for backend in (NumbaBackend(), ReferenceBackend()))
-    for name in LightFeatures._fields[:-2]:
+    for name in LightFeatures._fields:
         torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), atol=1e-5, rtol=1e-4)
 
 
@@ -108,7 +117,7 @@ def test_a_white_diffuse_surface_reflects_irradiance_over_pi():
     sky = PointShadows(torch.ones(64, 3), torch.zeros(64, 3))
     normal = torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8], [0, 0, -1]])
     points = SurfacePoints(torch.zeros(3, 3), normal, normal, -normal)
-    shadows = LightShadows(sky, lit_fully, torch.zeros(64), torch.zeros(1))
+    shadows = LightShadows(sky, lit_fully, no_probes(1))
     coefficients = torch.zeros(3, COEFFICIENTS)
     coefficients[:, DIFFUSE] = 1
     found = lit_colour(coefficients, normal, -normal, light_features(light, shadows, points))
@@ -129,7 +138,7 @@ def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
     normal = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, -1]])
     points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal)
     sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
-    shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), torch.zeros(64), torch.zeros(1))
+    shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), no_probes(1))
     long, short = light_features(light, shadows, points).scattered[..., 0].T * pi
     assert short[0] == pytest.approx(1)
     assert long[0] == pytest.approx(1)
@@ -197,11 +206,10 @@ def test_openness_is_one_in_the_open_and_points_along_the_normal():
 
 
 def test_measured_light_replaces_what_is_computed(lit, backend):
-    """What is measured as computed changes nothing but the ambient light; half of it halves; none is dark."""
+    """What is measured as computed changes nothing but what is reflected; half of it halves; none is dark."""
     light, shadows, points = lit
-    features = backend.light_features(light, shadows, points)
     coefficients, none = some_coefficients(), torch.zeros(POINTS, 3)
-    coefficients[:, AMBIENT] = 0
+    features = backend.light_features(light, shadows, points)._replace(reflected=none)
 
     def colour(direct, indirect=none):
         given = corrected(features, points.normal, direct, indirect)

@@ -1,4 +1,4 @@
-"""Equals `nerf.lighting.light_features`, and `detailed`, `shares_of_rays` and `relit` of `nerf.relighting`."""
+"""Equals `light_features` of `nerf.lighting`, `bounced`, and `detailed`, `shares_of_rays` and `relit` of relighting."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from .compiled import compiled_loosely as compiled
 _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
+_LEAST_PROBE_SQUARED_M = np.float32(1e-8)
 _LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
 """As in `nerf.relighting`."""
-AMBIENT, SCATTERED, DIFFUSE, GLOSS = 0, 3, 9, 12
+SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
 BLOCK = 64
 """Points whose light from the sky is computed at once."""
@@ -24,7 +25,7 @@ _SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 
 
 @compiled
-def light_features(points, sky, lamps, lobes, first, last, out):
+def light_features(points, sky, lamps, probes, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
     both = np.empty(2, np.float32)
@@ -37,6 +38,30 @@ def light_features(points, sky, lamps, lobes, first, last, out):
         _store(start, count, sums, out)
     for point in range(first, last):
         _add_lamps(points, lamps, lobes, point, both, out)
+        _add_bounced(points.position[point], points.normal[point], probes, out.reflected[point])
+
+
+@compiled
+def _add_bounced(position, normal, probes, out):
+    """Add to out [3] what a point receives from the probes."""
+    x, y, z, area_m2 = position[0], position[1], position[2], probes.area_m2
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    (px, py, pz), (qx, qy, qz), (sr, sg, sb) = probes.position, probes.normal, probes.shed
+    total, red, green, blue = _0, _0, _0, _0
+    for k in range(len(px)):
+        dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
+        squared = dx * dx + dy * dy + dz * dz
+        here = max(dx * nx + dy * ny + dz * nz, _0)
+        there = max(-(dx * qx[k] + dy * qy[k] + dz * qz[k]), _0)
+        factor = here * there * area_m2 / (max(squared, _LEAST_PROBE_SQUARED_M) * (_PI * squared + area_m2))
+        total += factor
+        red += factor * sr[k]
+        green += factor * sg[k]
+        blue += factor * sb[k]
+    most = max(total, _1)
+    out[0] += red / most
+    out[1] += green / most
+    out[2] += blue / most
 
 
 @compiled
@@ -267,8 +292,7 @@ def relit_pixels(image, lobes, first, last, out):
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
-    sky_at, gloss_at, scattered_at, measured_at = 3 * lamps, 9 + 3 * lamps, 15 + 3 * lamps, 21 + 3 * lamps
-    is_measured = columns > measured_at
+    sky_at, gloss_at, scattered_at, arriving_at = 3 * lamps, 9 + 3 * lamps, 15 + 3 * lamps, 21 + 3 * lamps
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
@@ -294,12 +318,8 @@ def relit_pixels(image, lobes, first, last, out):
             for c in range(3):
                 rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)
         for c in range(3):
-            if is_measured:
-                white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
-                rgb[c] = rgb[c] * here[measured_at + c] + white * here[measured_at + 3 + c]
-            else:
-                rgb[c] += weights[AMBIENT + c] * image.ambient[c]
-            out[image.pixel[index], c] = rgb[c]
+            white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
+            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + white * here[arriving_at + 3 + c]
 
 
 @compiled

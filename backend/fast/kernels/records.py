@@ -257,6 +257,16 @@ class FeatureArrays(NamedTuple):
     sky_vectors: np.ndarray
     sky_gloss: np.ndarray
     scattered: np.ndarray
+    reflected: np.ndarray
+
+
+class ProbeArrays(NamedTuple):
+    """As `nerf.bounce.Probes`, and the radiance that they shed [3, P]; position and normal are [3, P]."""
+
+    position: np.ndarray
+    normal: np.ndarray
+    area_m2: np.float32
+    shed: np.ndarray
 
 
 class Lobes(NamedTuple):
@@ -278,12 +288,11 @@ class RelitImage(NamedTuple):
         normal: [P, 3].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
-        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, sky gloss, scattered light and,
-            if light was measured, `arriving` and `reflected`; zero elsewhere.
+        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, sky gloss, scattered light,
+            `arriving` and `reflected`; zero elsewhere.
         width: of the maps.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].
-        ambient: [3].
     """
 
     pixel: np.ndarray
@@ -295,7 +304,6 @@ class RelitImage(NamedTuple):
     width: int
     lamp_rgb: np.ndarray
     lamp_radius_rad: np.ndarray
-    ambient: np.ndarray
 
 
 class EnlargedArrays(NamedTuple):

@@ -1,8 +1,8 @@
 """Sums of products in vector registers: numba has no vector types, so these blocks are written as LLVM's own.
 
 Weights are 32-bit words: an fp32 each, or four int8 of one output, which are multiplied by four uint8 of the source
-(AVX-512 VNNI). On processors without these instructions `has_vectors` and `has_int8_products` are false. Where registers
-are half as wide and half as many (AVX2), a block's sums are computed in several passes, of the same values.
+(AVX-512 VNNI). On processors without these instructions `has_vectors` and `has_int8_products` are false. Where
+registers are half as wide and half as many (AVX2), a block's sums are computed in several passes, of the same values.
 """
 
 from __future__ import annotations
