@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +38,7 @@ _ORBIT = np.array(
 _FIELD_OF_VIEW_M = 0.272  # height of the image at this distance:
 _FIELD_DISTANCE_M = 0.75
 _COVERAGE_FRAMES = 8  # of the loop, over which the coverage is averaged
-_ZOOM_STEPS = 4
+_ZOOM_STEPS, _COVERAGE_TOLERANCE = 4, 0.005
 
 
 class MotionFrame(NamedTuple):
@@ -64,8 +64,7 @@ class MovingHand:
 
     def frames(self, count: int) -> list[MotionFrame]:
         """`count` frames, evenly over the loop."""
-        zoom = 1.0 if self.coverage is None else self._zoom(self.coverage)
-        return [self._frame(k / count, zoom) for k in range(count)]
+        return [self._frame(k / count, self._zoom) for k in range(count)]
 
     def shot(self, frame: MotionFrame) -> Shot:
         """The shot with the posed mesh; part of the stage `pose`."""
@@ -86,13 +85,17 @@ class MovingHand:
     def _axes(self) -> FingerAxes:
         return FingerAxes.of_default_hand()
 
-    def _zoom(self, coverage: float) -> float:
-        """The enlargement with that mean coverage. An arm leaves the picture as it grows, so one step does not do."""
-        zoom = 1.0
+    @cached_property
+    def _zoom(self) -> float:
+        """The enlargement with that mean coverage. An arm leaves the picture as it grows, so one step may not do."""
+        zoom, off = 1.0, inf
         for _ in range(_ZOOM_STEPS):
+            if self.coverage is None or abs(off - 1) < _COVERAGE_TOLERANCE:
+                break
             frames = (self._frame(k / _COVERAGE_FRAMES, zoom) for k in range(_COVERAGE_FRAMES))
-            zoom *= sqrt(coverage / np.mean([self.covered(frame) for frame in frames]))
-        return float(zoom)
+            off = float(self.coverage / np.mean([self.covered(frame) for frame in frames]))
+            zoom *= sqrt(off)
+        return zoom
 
     def _frame(self, phase: float, zoom: float) -> MotionFrame:
         angles = np.array([GESTURES[name].angles_deg() for name in _GESTURES])
