@@ -13,7 +13,8 @@ from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
 from livehand.livehand_blender.scene.studio import add_studio
-from mathutils import Matrix, Vector
+from mathutils import Matrix
+from photo_set import add_camera
 
 SIZE_PX = (640, 512)
 CURL = Gesture(
@@ -22,7 +23,7 @@ CURL = Gesture(
     ((12, 6, 10), (22, 0, 0), (14, 0, 0)),
 )
 TILT_DEG, APART_M = 42, 0.0175  # of each hand, from the plane between their palms
-CAMERA_M, TARGET_M = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0)
+CAMERA_M, TARGET_M, LENS_MM = (-0.28, -0.52, 0.22), (0.03, 0.0, 0.0), 85
 
 
 def build_clasp() -> bpy.types.Scene:
@@ -36,12 +37,7 @@ def build_clasp() -> bpy.types.Scene:
     about = Matrix.Rotation(np.pi, 4, "Z")
     add_hand("right", "light", Matrix.Translation((0, APART_M, 0)) @ tilt)
     add_hand("left", "deep", Matrix.Translation((0, -APART_M, 0)) @ tilt.inverted() @ about)
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = CAMERA_M
-    camera.rotation_euler = (Vector(TARGET_M) - Vector(CAMERA_M)).to_track_quat("-Z", "Y").to_euler()
-    camera.data.lens, camera.data.clip_start, camera.data.clip_end = 85, 0.01, 10
+    add_camera(scene, CAMERA_M, TARGET_M, LENS_MM)
     add_studio(bpy.context)
     return scene
 

@@ -14,7 +14,7 @@ from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.livehand_blender.capture.node_graph import enable_nodes
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
-from mathutils import Vector
+from photo_set import add_camera, add_lamp, add_room
 
 SIZE_PX = (960, 640)
 # Found by least squares: the pads of four fingers touch the egg, and none passes into it.
@@ -26,7 +26,7 @@ GRASP = Gesture(
 EGG_M, EGG_RADIUS_M, EGG_LENGTH_M, EGG_TAPER = (-0.0001, -0.0499, 0.0183), 0.0215, 0.055, 0.14
 TURN_DEG = (-6, 40, 0)  # of the whole hand: the fingers higher than the elbow
 CAMERA_M, TARGET_M, LENS_MM = (-0.25, -0.80, 0.16), (0.012, -0.02, -0.012), 120
-LAMPS = {  # place, m; side, m; power, W; colour
+LAMPS = {  # place, m; side, m; power, W; colour. A window at the left above, an edge of light from behind
     "Window": ((-0.60, -0.46, 0.50), 0.40, 15.0, (1.0, 0.95, 0.88)),
     "Edge": ((0.35, 0.45, 0.35), 0.25, 6.0, (0.85, 0.92, 1.0)),
 }
@@ -50,8 +50,10 @@ def build_egg() -> bpy.types.Scene:
     write_theta(RiggedHand.of(armature), theta_of(GRASP.angles_deg(), FingerAxes.of_default_hand()))
     add_egg(scene).parent = armature
     add_wall(scene)
-    add_light(scene)
-    add_camera(scene)
+    for name, (place_m, side_m, power_w, rgb) in LAMPS.items():
+        add_lamp(scene, name, place_m, side_m, power_w, rgb)
+    add_room(scene, ROOM_RGBA)
+    add_camera(scene, CAMERA_M, TARGET_M, LENS_MM)
     return scene
 
 
@@ -108,30 +110,6 @@ def add_wall(scene: bpy.types.Scene) -> None:
     shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = WALL_RGBA, 0.9
     mesh.materials.append(material)
     scene.collection.objects.link(bpy.data.objects.new("Wall", mesh))
-
-
-def add_light(scene: bpy.types.Scene) -> None:
-    """A window at the left above, an edge of light from behind, and a dim room."""
-    for name, (place, side, power, colour) in LAMPS.items():
-        data = bpy.data.lights.new(name, "AREA")
-        data.energy, data.size, data.color = power, side, colour
-        lamp = bpy.data.objects.new(name, data)
-        scene.collection.objects.link(lamp)
-        lamp.location = place
-        lamp.rotation_euler = Vector(place).to_track_quat("Z", "Y").to_euler()
-    scene.world = bpy.data.worlds.new("Room")
-    enable_nodes(scene.world).nodes["Background"].inputs["Color"].default_value = ROOM_RGBA
-
-
-def add_camera(scene: bpy.types.Scene) -> None:
-    """From the front, a little above; the forearm leaves the frame at the right."""
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = CAMERA_M
-    towards = Vector(TARGET_M) - Vector(CAMERA_M)
-    camera.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
-    camera.data.lens, camera.data.clip_start, camera.data.clip_end = LENS_MM, 0.01, 10
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
-from mathutils import Vector
+from photo_set import add_camera, add_lamp, add_room
 
 FRAMES = (1, 24)
 SIZE_PX = (512, 512)
@@ -25,7 +25,7 @@ GRASP = Gesture(
 )
 RADIUS_M, HEIGHT_M, WALL_M = 0.031, 0.125, 0.0025
 CENTRE_M = (-0.004, -0.0445, -0.066)  # of the tumbler's foot
-CAMERA_M, TARGET_M = (-0.33, -0.50, 0.31), (0.014, -0.025, 0.0)
+CAMERA_M, TARGET_M, LENS_MM = (-0.33, -0.50, 0.31), (0.014, -0.025, 0.0), 92
 WINDOW_M, WINDOW_SIDE_M, WINDOW_W, WINDOW_RGB = (-0.72, -0.42, 0.36), 0.22, 15.0, (1.0, 0.95, 0.88)
 ROOM_RGBA = (0.06, 0.066, 0.08, 1)
 GLAZE, TABLE = (0.10, 0.22, 0.30, 1), (0.36, 0.27, 0.19, 1)
@@ -46,8 +46,9 @@ def build_grasp() -> bpy.types.Scene:
     hold(bpy.context.active_object)
     add_tumbler(scene)
     add_table(scene)
-    add_light(scene)
-    add_camera(scene)
+    add_lamp(scene, "Window", WINDOW_M, WINDOW_SIDE_M, WINDOW_W, WINDOW_RGB)
+    add_room(scene, ROOM_RGBA)
+    add_camera(scene, CAMERA_M, TARGET_M, LENS_MM)
     scene.frame_set(FRAMES[0])
     return scene
 
@@ -107,31 +108,6 @@ def add_mesh(scene, name, vertices, faces, colour, roughness) -> bpy.types.Objec
     thing = bpy.data.objects.new(name, mesh)
     scene.collection.objects.link(thing)
     return thing
-
-
-def add_light(scene: bpy.types.Scene) -> None:
-    """A window and a dim room."""
-    data = bpy.data.lights.new("Window", "AREA")
-    data.energy, data.size, data.color = WINDOW_W, WINDOW_SIDE_M, WINDOW_RGB
-    window = bpy.data.objects.new("Window", data)
-    scene.collection.objects.link(window)
-    window.location = WINDOW_M
-    window.rotation_euler = Vector(WINDOW_M).to_track_quat("Z", "Y").to_euler()
-    scene.world = bpy.data.worlds.new("Room")
-    if scene.world.node_tree is None:
-        scene.world.use_nodes = True
-    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = ROOM_RGBA
-
-
-def add_camera(scene: bpy.types.Scene) -> None:
-    """From the front, a little above and from the thumb's side of the fingers."""
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = CAMERA_M
-    towards = Vector(TARGET_M) - Vector(CAMERA_M)
-    camera.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
-    camera.data.lens, camera.data.clip_start, camera.data.clip_end = 92, 0.01, 10
 
 
 if __name__ == "__main__":

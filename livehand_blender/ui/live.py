@@ -118,16 +118,20 @@ class LIVEHAND_OT_live(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LIVEHAND_OT_live_record(bpy.types.Operator):
-    """Keep what the camera shows from now on; pressed again, fit all of it and key it."""
-
-    bl_idname = "livehand.live_record"
-    bl_label = "Record Hands"
+class _WhileLive:
+    """Mixin of operators that need a session."""
 
     @classmethod
     def poll(cls, context):
         """Enabled while hands follow a camera."""
         return LiveSession.running is not None
+
+
+class LIVEHAND_OT_live_record(_WhileLive, bpy.types.Operator):
+    """Keep what the camera shows from now on; pressed again, fit all of it and key it."""
+
+    bl_idname = "livehand.live_record"
+    bl_label = "Record Hands"
 
     @reports_errors
     def execute(self, context):
@@ -140,16 +144,11 @@ class LIVEHAND_OT_live_record(bpy.types.Operator):
             session.record(context.scene)
 
 
-class LIVEHAND_OT_live_stop(bpy.types.Operator):
+class LIVEHAND_OT_live_stop(_WhileLive, bpy.types.Operator):
     """Stop to follow the camera; what is recorded is keyed."""
 
     bl_idname = "livehand.live_stop"
     bl_label = "Stop"
-
-    @classmethod
-    def poll(cls, context):
-        """Enabled while hands follow a camera."""
-        return LiveSession.running is not None
 
     def execute(self, context):
         """Key what is recorded, and end the session."""

@@ -12,7 +12,9 @@ import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model_file import ARM_KEY, WITHOUT_ARM, builtin_hand_path, load_default_hand, load_hand_model
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+from livehand.backend.tracking.weights import fetch_networks, has_networks
 from livehand.livehand_blender.rig.build import add_hand
 
 
@@ -152,6 +154,16 @@ def hand_scene():
     scene.view_layers[0].use_pass_z = True
     bpy.context.view_layer.update()
     return scene
+
+
+@pytest.fixture(scope="session")
+def tracker_networks():
+    """The tracker's networks are in the data folder, or the test is skipped."""
+    if not has_networks():
+        try:
+            fetch_networks()
+        except LiveHandError as error:
+            pytest.skip(f"the tracker's networks cannot be fetched: {error}")
 
 
 @pytest.fixture

@@ -111,7 +111,7 @@ def computed(hand, pose, camera, light):
     occluders = torch.as_tensor(light.occluders, dtype=torch.float32)
     samples = LightSamples.of(light, Bounds.of(mesh))
     of_sky = sky_shadows(backend, in_view, occluders, position)
-    shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky)
+    shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky, torch.ones(3))
     points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1))
     width, height = camera.size_px
     image = torch.zeros(width * height, 3)

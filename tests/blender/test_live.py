@@ -12,7 +12,6 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.tracking.live import CameraSource
-from livehand.backend.tracking.weights import fetch_networks, has_networks
 from livehand.livehand_blender.motion import live as live_hands
 from livehand.livehand_blender.motion.live import LiveSession, LiveSetup
 from livehand.livehand_blender.rig.build import add_hand
@@ -50,12 +49,7 @@ def write_film(path, fps):
 
 
 @pytest.fixture(autouse=True)
-def _tracker():
-    if not has_networks():
-        try:
-            fetch_networks()
-        except LiveHandError as error:
-            pytest.skip(f"the tracker's networks cannot be fetched: {error}")
+def _session(tracker_networks):
     yield
     LiveSession.stop()
 

@@ -240,13 +240,14 @@ def test_an_import_can_be_undone(model, tmp_path):
     assert is_untouched(bpy.data.objects[name])
 
 
-def test_ten_thousand_frames_take_seconds(tmp_path):
+def test_ten_thousand_frames_take_seconds_and_not_hours(tmp_path):
+    """Five on a fast core; an import that is quadratic in the frames takes more than ten minutes."""
     add_hand(bpy.context, load_default_hand())
     steps = np.random.default_rng(0).normal(size=(10_000, 16, 3)) * 0.01
     write_motion(motion_of(theta=np.cumsum(steps, 0), transl=np.zeros((10_000, 3))), tmp_path / "m.npz")
     started = time.process_time()
     bpy.ops.livehand.import_motion(filepath=str(tmp_path / "m.npz"), start_frame=1)
-    assert time.process_time() - started < 5
+    assert time.process_time() - started < 60
 
 
 def test_import_and_export_need_a_hand(tmp_path):

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+import torch
 import trimesh
 from livehand.backend.hand.builtin.generate import dense_surface, projected_quads, shipped_quads, split_quads
 from livehand.livehand_blender.capture.quad_remesh import quad_remesh
@@ -14,13 +15,16 @@ def remeshed():
 
 
 def test_the_remeshed_hand_can_be_a_template(remeshed):
-    """Closed, quads only, about as many as ours; identical if Blender's QuadriFlow is that of 4.5."""
+    """Closed, quads only, about as many as ours; identical with Blender 4.5 on the kind of processor that made ours.
+
+    That has AVX-512. From the same code, one with AVX2 alone found 1,080 quads instead of 1,270.
+    """
     quads = projected_quads(*remeshed)
     mesh = trimesh.Trimesh(quads.vertices, split_quads(quads), process=False)
     assert mesh.is_watertight
     assert mesh.euler_number == 2
     assert 1000 < len(quads.quads) < 1600
-    if bpy.app.version[:2] == (4, 5):
+    if bpy.app.version[:2] == (4, 5) and torch.backends.cpu.get_cpu_capability() == "AVX512":
         np.testing.assert_array_equal(quads.quads, shipped_quads().quads)
         np.testing.assert_allclose(quads.vertices, shipped_quads().vertices, atol=1e-9)
 

@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.tracking.weights import fetch_networks, has_networks
 from livehand.livehand_blender.motion.movie import Movie
 from livehand.livehand_blender.rig.hand import RiggedHand
 from PIL import Image
@@ -40,15 +39,6 @@ def movie(hands_picture, tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def _tracker():
-    if not has_networks():
-        try:
-            fetch_networks()
-        except LiveHandError as error:
-            pytest.skip(f"the tracker's networks cannot be fetched: {error}")
-
-
 @pytest.fixture
 def _without_pyav(monkeypatch):
     find = importlib.util.find_spec
@@ -77,7 +67,7 @@ def test_blenders_own_decoder(movie, hands_picture):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("_tracker", "_without_pyav")
+@pytest.mark.usefixtures("tracker_networks", "_without_pyav")
 def test_both_hands_of_a_video_are_keyed_before_the_movie(movie):
     assert bpy.ops.livehand.import_video(filepath=str(movie), start_frame=11) == {"FINISHED"}
     hands = {hand.side: hand for hand in RiggedHand.all_in(bpy.context.scene)}
@@ -106,7 +96,7 @@ def test_both_hands_of_a_video_are_keyed_before_the_movie(movie):
         assert (0.1 < across < 0.45) if side == "right" else (0.55 < across < 0.95)
 
 
-@pytest.mark.usefixtures("_tracker")
+@pytest.mark.usefixtures("tracker_networks")
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_video_without_a_hand_or_no_video_changes_nothing(movie, tmp_path, is_there):
     av = pytest.importorskip("av")
