@@ -70,7 +70,7 @@ def test_cycles_shows_the_atlas_as_the_backend_draws_it(hand_scene, hand, side, 
     off = np.abs(shown - expected[:3])[:, inside]
     assert np.median(off) < 0.005
     assert np.quantile(off, 0.9) < 0.03
-    assert np.quantile(expected[:3][:, inside], [0.1, 0.9]).ptp() > 0.4
+    assert np.ptp(np.quantile(expected[:3][:, inside], [0.1, 0.9])) > 0.4
 
 
 def test_it_is_worn_replaced_and_taken_off(hand, shader, picture, tmp_path):
