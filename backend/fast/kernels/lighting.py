@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
 
 _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
@@ -28,7 +29,7 @@ _SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 def light_features(points, sky, lamps, probes, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
-    both = np.empty(2, np.float32)
+    both, factors = np.empty(2, np.float32), np.empty(probes.shed.shape[1], np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         _load(points, lobes, start, count, work)
@@ -38,26 +39,33 @@ def light_features(points, sky, lamps, probes, lobes, first, last, out):
         _store(start, count, sums, out)
     for point in range(first, last):
         _add_lamps(points, lamps, lobes, point, both, out)
-        _add_bounced(points.position[point], points.normal[point], probes, out.reflected[point])
+        _fill_factors(points.position[point], points.normal[point], probes, factors)
+        _add_shed(factors, probes.shed, out.reflected[point])
 
 
-@compiled
-def _add_bounced(position, normal, probes, out):
-    """Add to out [3] what a point receives from the probes."""
+@part
+def _fill_factors(position, normal, probes, factors):
+    """The form factors of a point and all probes; apart from their sums, so that this becomes vector instructions."""
     x, y, z, area_m2 = position[0], position[1], position[2], probes.area_m2
     nx, ny, nz = normal[0], normal[1], normal[2]
-    (px, py, pz), (qx, qy, qz), (sr, sg, sb) = probes.position, probes.normal, probes.shed
-    total, red, green, blue = _0, _0, _0, _0
-    for k in range(len(px)):
-        dx, dy, dz = px[k] - x, py[k] - y, pz[k] - z
+    for k in range(np.uintp(len(factors))):
+        dx, dy, dz = probes.position[0, k] - x, probes.position[1, k] - y, probes.position[2, k] - z
         squared = dx * dx + dy * dy + dz * dz
         here = max(dx * nx + dy * ny + dz * nz, _0)
-        there = max(-(dx * qx[k] + dy * qy[k] + dz * qz[k]), _0)
-        factor = here * there * area_m2 / (max(squared, _LEAST_PROBE_SQUARED_M) * (_PI * squared + area_m2))
+        there = max(-(dx * probes.normal[0, k] + dy * probes.normal[1, k] + dz * probes.normal[2, k]), _0)
+        factors[k] = here * there * area_m2 / (max(squared, _LEAST_PROBE_SQUARED_M) * (_PI * squared + area_m2))
+
+
+@part
+def _add_shed(factors, shed, out):
+    """Add to out [3] what arrives by these form factors."""
+    total, red, green, blue = _0, _0, _0, _0
+    for k in range(np.uintp(len(factors))):
+        factor = factors[k]
         total += factor
-        red += factor * sr[k]
-        green += factor * sg[k]
-        blue += factor * sb[k]
+        red += factor * shed[0, k]
+        green += factor * shed[1, k]
+        blue += factor * shed[2, k]
     most = max(total, _1)
     out[0] += red / most
     out[1] += green / most
