@@ -10,7 +10,7 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
-from .bounce import Probes
+from .bounce import Probes, probe_vertices
 from .field import mean_features
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
@@ -76,7 +76,7 @@ def sky_shadows(
 ) -> PointShadows:
     """The shadows of the sky's directions at points and then at the probes, whatever light comes from there."""
     views = SkySamples.of(None, position.device).views()
-    points = torch.cat([position, Probes.of(hand.mesh, hand.topology).position])
+    points = torch.cat([position, hand.mesh.vertices[probe_vertices(len(hand.mesh.vertices))]])
     return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, SKY_MAP_PX)
 
 

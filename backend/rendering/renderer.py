@@ -141,10 +141,6 @@ class Renderer:
     @property
     def mean_albedo(self) -> np.ndarray | None:
         """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
-        return self._mean_albedo
-
-    @cached_property
-    def _mean_albedo(self) -> np.ndarray | None:
         return self._vertex_albedo.mean(0) if isinstance(self.avatar.field, LitField) else None
 
     @cached_property

@@ -101,7 +101,7 @@ def _received(light: Light, hand: HandInView, backend: RenderBackend, points: Su
     samples, position = LightSamples.of(light, Bounds.of(hand.mesh)), points.position
     occluders = occluding_triangles(light, position.device)
     of_sky = sky_shadows(backend, hand, occluders, position)
-    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, torch.zeros(3))
+    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, position.new_zeros(3))
     features = backend.light_features(samples, shadows, points)
     diffuse = 0.5 * (diffuse_light(features, points.normal) + features.scattered[:, 1])
     return diffuse + _REFLECTED * shadows.probes.received(samples).mean(0) + 1e-6
