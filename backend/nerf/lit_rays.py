@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -15,8 +17,8 @@ from .field import mean_features
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
-from .rays import HandInView, ray_directions, ray_origin
-from .relighting import SkinDepth
+from .rays import HandInView, RenderedRays, ray_directions, ray_origin
+from .relighting import SkinDepth, neighbours
 from .volume import Composite
 
 SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
@@ -42,16 +44,54 @@ def surface_points(
     return SurfacePoints(position, normal.detach(), relief_normal, view)
 
 
-def skin_depth(backend: RenderBackend, hand: HandInView) -> SkinDepth:
-    """Where the rays of all pixels first meet the skin.
+class SkinLayers(NamedTuple):
+    """The skin in an image of P pixels.
 
-    That is the mesh, but beside its outline the skin that stands out of it, and not what lies behind.
+    Attributes:
+        mesh: [P] depth of the mesh, m; infinite beside it.
+        outer: [P] depth of the mesh with all skin that may stand out of it.
+        edge_m: [] depths that differ by more are of two surfaces.
     """
+
+    mesh: Tensor
+    outer: Tensor
+    edge_m: Tensor
+
+    @property
+    def first(self) -> SkinDepth:
+        """Where rays first meet the skin: the mesh, but beside its outline the skin that may stand out of it."""
+        return SkinDepth(torch.where(self.mesh - self.outer > self.edge_m, self.outer, self.mesh), self.edge_m)
+
+    def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
+        """The same, but behind what may stand out where the rays' opacity is rather there.
+
+        A ray that passes a finger's outline shows the palm behind it, and has the palm's shadow.
+
+        Args:
+            rays: rendered.
+            size_px: of the rays' image; these layers are of that size, or twice as large.
+        """
+        at = ((self.mesh - self.outer > self.edge_m) & self.mesh.isfinite()).nonzero()[:, 0]
+        is_of_rays = len(self.mesh) == size_px[0] * size_px[1]
+        around, share = (at[:, None], torch.ones_like(self.mesh[at, None])) if is_of_rays else neighbours(at, size_px)
+        ray = torch.full((size_px[0] * size_px[1],), -1, device=at.device).index_put(
+            (rays.pixel,), torch.arange(len(rays.pixel), device=at.device)
+        )[around]
+        opacity = rays.composite.weights[ray].float() * (share * (ray >= 0))[..., None]
+        is_behind = rays.t[ray] > (0.5 * (self.mesh + self.outer))[at, None, None]
+        shows_behind = (opacity * is_behind).sum((1, 2)) > 0.5 * opacity.sum((1, 2))
+        first = self.first
+        return first._replace(
+            depth=first.depth.index_put((at,), torch.where(shows_behind, self.mesh[at], self.outer[at]))
+        )
+
+
+def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:
+    """The skin that the rays of all pixels may meet."""
     vertices, normals, scale = hand.mesh
     outer = hand.mesh._replace(vertices=vertices + _STANDS_OUT_M * scale * normals)
     of_mesh, of_outer = (backend.first_hit(hand._replace(mesh=mesh)) for mesh in (hand.mesh, outer))
-    edge_m = _EDGE_M * scale
-    return SkinDepth(torch.where(of_mesh - of_outer > edge_m, of_outer, of_mesh), edge_m)
+    return SkinLayers(of_mesh, of_outer, _EDGE_M * scale)
 
 
 def ray_positions(

@@ -26,7 +26,7 @@ from ..nerf.lit_rays import (
     light_shadows,
     occluding_triangles,
     ray_positions,
-    skin_depth,
+    skin_layers,
     sky_shadows,
     split_points,
     surface_points,
@@ -125,7 +125,9 @@ def render_lit_hand(
     device = rays.t.device
     on_stage("light")
     view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
-    position = ray_positions(hand, skin_depth(backend, hand), rays.pixel, rays.t, rays.dt)
+    size_px = hand.camera.size_px
+    skin = skin_layers(backend, hand).seen_by(rays, size_px)
+    position = ray_positions(hand, skin, rays.pixel, rays.t, rays.dt)
     points = surface_points(field, rays.composite, position, view)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
@@ -133,7 +135,7 @@ def render_lit_hand(
     on_stage("field")
     low = field.decode(rays.composite, view, open_to, decoder)
     on_stage("superres")
-    skin = skin_depth(backend, at_full_size(hand))
+    skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile, albedo)

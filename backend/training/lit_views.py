@@ -28,7 +28,7 @@ from ..nerf.lit_rays import (
     light_shadows,
     occluding_triangles,
     ray_positions,
-    skin_depth,
+    skin_layers,
     sky_shadows,
     split_points,
 )
@@ -165,7 +165,9 @@ class LitTrainingViews(TrainingViews):
         skies = [SkySamples.of(light.sky, self.device) for light in lights]
         sky_flux = torch.stack([sky.flux for sky in skies])
         hand = HandInView(view.mesh, self.topology, view.camera)
-        position = ray_positions(hand, skin_depth(self.backend, hand), view.rays.pixel, view.rays.t, view.rays.dt)
+        position = ray_positions(
+            hand, skin_layers(self.backend, hand).first, view.rays.pixel, view.rays.t, view.rays.dt
+        )
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
         shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)

@@ -16,7 +16,7 @@ from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
 from ..nerf.lighting import openness, reflectance
 from ..nerf.lit_field import LitField
-from ..nerf.lit_rays import skin_depth, surface_points
+from ..nerf.lit_rays import skin_layers, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
@@ -205,7 +205,7 @@ def _render_lit(
     pixel, size_px = view.rays.pixel, view.camera.size_px
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)
-    skin = skin_depth(views.backend, at_full_size(hand))
+    skin = skin_layers(views.backend, at_full_size(hand)).first
     image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
     colours = light.encoded(relit(image, features, pixel, size_px))
     return Rendered(maps, torch.cat([colours, image.alpha[None]]))

@@ -1,0 +1,54 @@
+"""Which skin a ray shows beside the outline of a finger: what may stand out of it, or what lies behind."""
+
+import pytest
+import torch
+from livehand.backend.nerf.lit_rays import SkinLayers
+from livehand.backend.nerf.rays import RenderedRays
+from livehand.backend.nerf.volume import Composite
+
+SIZE = (4, 1)
+FINGER_M, PALM_M = 0.50, 0.60
+EDGE = torch.tensor(0.003)
+INF = torch.inf
+
+
+def rays(before, pixel=(0, 1, 2, 3)):
+    """Rays of two samples, at the finger and at the palm, with these shares of their opacity on the first."""
+    before = torch.tensor(before)
+    weights = torch.stack([before, 1 - before], 1)
+    composite = Composite(torch.zeros(len(before), 1), torch.ones(len(before)), torch.ones(len(before)), weights)
+    depth = torch.tensor([FINGER_M, PALM_M]).expand(len(before), 2)
+    return RenderedRays(torch.tensor(pixel), composite, depth, torch.full((len(before),), 0.001))
+
+
+def layers(mesh, outer):
+    return SkinLayers(torch.tensor(mesh), torch.tensor(outer), EDGE)
+
+
+def test_what_may_stand_out_counts_beside_the_outline_alone():
+    """On the finger its mesh; beside it, before palm or background, what stands out; on the palm the palm."""
+    found = layers([FINGER_M, PALM_M, INF, PALM_M], [FINGER_M - 0.0006, FINGER_M, FINGER_M, PALM_M - 0.0006]).first
+    assert found.depth.tolist() == pytest.approx([FINGER_M, FINGER_M, FINGER_M, PALM_M])
+
+
+def test_rays_that_pass_the_outline_show_what_lies_behind():
+    both = layers([FINGER_M, PALM_M, PALM_M, INF], [FINGER_M - 0.0006, FINGER_M, FINGER_M, FINGER_M])
+    found = both.seen_by(rays([0.9, 0.6, 0.4, 0.1]), SIZE)
+    assert found.depth.tolist() == pytest.approx([FINGER_M, FINGER_M, PALM_M, FINGER_M])
+    assert found.edge_m == EDGE
+
+
+def test_at_full_size_the_rays_around_a_pixel_tell_by_their_shares():
+    """Between a ray on the finger and one on the palm, the outline lies where their bilinear shares are equal."""
+    beside = layers([[PALM_M] * 8] * 2, [[FINGER_M] * 8] * 2)
+    beside = SkinLayers(beside.mesh.flatten(), beside.outer.flatten(), EDGE)
+    found = beside.seen_by(rays([1.0, 1.0, 0.0, 0.0]), SIZE).depth.reshape(2, 8)
+    expected = torch.tensor([FINGER_M] * 4 + [PALM_M] * 4).expand(2, 8)
+    torch.testing.assert_close(found, expected)
+
+
+def test_pixels_without_rays_have_no_say():
+    beside = SkinLayers(torch.full((16,), PALM_M), torch.full((16,), FINGER_M), EDGE)
+    found = beside.seen_by(rays([0.0], pixel=(1,)), SIZE).depth.reshape(2, 8)
+    has_ray = torch.tensor([False, True, True, True, True, False, False, False])
+    torch.testing.assert_close(found, torch.where(has_ray, PALM_M, FINGER_M).expand(2, 8))
