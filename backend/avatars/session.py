@@ -28,6 +28,7 @@ class Device:
     name: str = "auto"
     precision: Literal["fp32", "bf16"] = "fp32"
     has_rough_light: bool = False
+    has_skin_detail: bool = True
 
 
 Item = TypeVar("Item")
@@ -49,7 +50,12 @@ def load_renderer(avatar_path: Path, hand: HandModel, device: Device) -> HandRen
 
     avatar = load_avatar(avatar_path)
     return Renderer(
-        avatar, hand, device=device.name, precision=device.precision, has_rough_light=device.has_rough_light
+        avatar,
+        hand,
+        device=device.name,
+        precision=device.precision,
+        has_rough_light=device.has_rough_light,
+        has_skin_detail=device.has_skin_detail,
     )
 
 

@@ -26,6 +26,7 @@ from .lighting import enlarged_rays, light_features, relit, shares_of_rays
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
+from .skin_detail import detailed_image
 from .superres import superres
 from .trace import trace
 
@@ -52,6 +53,7 @@ class NumbaBackend:
     decoder = staticmethod(decoder)
     superres = staticmethod(superres)
     lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, shares=shares_of_rays))
+    detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

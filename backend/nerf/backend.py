@@ -24,6 +24,7 @@ from .lighting import LightFeatures, LightShadows, SurfacePoints
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
+from .skin_detail import DetailMaps
 from .volume import Composite
 
 Precision = Literal["fp32", "bf16"]
@@ -97,6 +98,12 @@ class RenderBackend(Protocol):
         skin: SkinDepth,
     ) -> LitImage:
         """As `nerf.relighting.lit_image`, without gradients."""
+        ...
+
+    def detailed_image(
+        self, image: LitImage, hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]
+    ) -> LitImage:
+        """As `nerf.skin_detail.detailed_image`, without gradients."""
         ...
 
     def relit(

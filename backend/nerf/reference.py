@@ -16,6 +16,7 @@ from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
 from .shade import shade
+from .skin_detail import detailed_image
 from .trace import trace
 from .volume import Composite
 
@@ -30,6 +31,7 @@ class ReferenceBackend:
     decoder = staticmethod(decoder_in_precision)
     superres = staticmethod(in_precision)
     lit_image = staticmethod(lit_image)
+    detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)

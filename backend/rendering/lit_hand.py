@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -34,12 +35,20 @@ from ..nerf.lit_rays import (
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size
+from ..nerf.skin_detail import DetailMaps
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
 from .decode import linear_frame
 from .measured_light import measured_at
+
+
+class PosedDetail(NamedTuple):
+    """The detail of a person's skin in a pose: the maps, and the bend of the skin at the vertices [V]."""
+
+    maps: DetailMaps
+    flex: Tensor
 
 
 @dataclass(frozen=True)
@@ -119,6 +128,7 @@ def render_lit_hand(
     backend: RenderBackend,
     decoder: Decoder,
     albedo: Float[Tensor, "P 3"],
+    detail: PosedDetail | None,
     on_stage: OnStage,
 ) -> LitHand:
     """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`."""
@@ -137,5 +147,7 @@ def render_lit_hand(
     on_stage("superres")
     skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
+    if detail is not None:
+        image = backend.detailed_image(image, at_full_size(hand), *detail)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile, albedo)

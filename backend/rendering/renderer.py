@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from ..geometry.mesh import Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
+from ..hand.skin_detail import SkinDetail
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
@@ -30,6 +31,7 @@ from ..nerf.field import MlpField, PlaneField
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
+from ..nerf.skin_detail import DetailMaps
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
@@ -39,8 +41,9 @@ from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
-from .lit_hand import LitHand, render_lit_hand
+from .lit_hand import LitHand, PosedDetail, render_lit_hand
 from .rough_light import baked_light, roughly_relit
+from .skin_detail import detail_of
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
 Network = TypeVar("Network", bound=nn.Module)
@@ -61,6 +64,7 @@ class Renderer:
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
         has_rough_light: whether an avatar with baked light is relit roughly, if its own light is known (`rough_light`).
+        has_skin_detail: whether the fine detail of the skin is added, where it is known (`skin_detail`).
 
     Raises:
         LiveHandError: the avatar belongs to another hand model, or the device is not available.
@@ -72,6 +76,7 @@ class Renderer:
     precision: Precision = "fp32"
     backend: RenderBackend | None = None
     has_rough_light: bool = False
+    has_skin_detail: bool = True
 
     def __post_init__(self):
         if self.hand.sha256 != self.avatar.hand_sha256:
@@ -193,10 +198,18 @@ class Renderer:
         on_stage: OnStage,
         check: Callable[[], None],
     ) -> LitHand:
-        backend, superres = self._backend, _asking(self._superres, check)
+        backend, superres, detail = self._backend, _asking(self._superres, check), None
+        if self._detail is not None:
+            maps, skin = self._detail
+            detail = PosedDetail(maps, self._tensor(skin.flex(self._canonical_theta(shot.pose))))
         return render_lit_hand(
-            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, on_stage
+            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, detail, on_stage
         )
+
+    @cached_property
+    def _detail(self) -> tuple[DetailMaps, SkinDetail] | None:
+        """The fine detail of the avatar's skin, where it is known."""
+        return detail_of(self.avatar, self.torch_device) if self.has_skin_detail else None
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

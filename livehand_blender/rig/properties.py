@@ -142,6 +142,12 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         description="Avatars with a baked light take the scene's roughly, if their own is known: its shadows and "
         "colors, without relief and gloss",
     )
+    skin_detail: BoolProperty(
+        name="Skin Detail",
+        description="Folds, fine lines and rims of nails that are finer than an avatar learns, where they are known: "
+        "those of the avatars that ship, in the scene's light",
+        default=True,
+    )
     file_version: IntProperty(
         name="File Version", description="Of LiveHand's settings in the saved file; 0: none yet", options={"HIDDEN"}
     )

@@ -91,7 +91,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
             layout.prop(context.scene.livehand, name)
         column = layout.column(heading="")
         column.use_property_split = False  # their names are too long to stand in half a tab
-        for name in ("keep_look", "free_after_render"):
+        for name in ("skin_detail", "keep_look", "free_after_render"):
             column.prop(context.scene.livehand, name)
         draw_studio(layout, context.scene, context.view_layer)
         layout.operator("livehand.free_memory", icon="TRASH")

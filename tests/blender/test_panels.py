@@ -209,7 +209,7 @@ def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
     assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "rough_light", "blur_samples", "device"]
-    assert "keep_look" in draw(panels.LIVEHAND_PT_render)
+    assert {"skin_detail", "keep_look"} <= set(draw(panels.LIVEHAND_PT_render))
 
 
 @pytest.mark.parametrize("panel", [panels.LIVEHAND_PT_render, LIVEHAND_AP_preferences])

@@ -45,7 +45,8 @@ LIGHT = Light((KEY, FILL), SKY)
 @pytest.fixture(scope="module")
 def renderer(hand):
     avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
-    avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)))
+    person = {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.2, "folds": 1.2}}}
+    avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)), provenance={"capture": person})
     return Renderer(avatar, hand, "cpu")
 
 
@@ -148,6 +149,14 @@ def test_a_mirrored_hand_in_mirrored_light_is_the_mirror_image(hand, renderer, s
     ours = renderer.render(left).rgb[:, ::-1]
     theirs = renderer.render(replace(shot, light=Light((KEY,)))).rgb
     assert np.abs(ours - theirs).mean() < 0.03 * theirs.mean()
+
+
+def test_the_detail_of_a_known_skin_shows_where_it_is_wanted(hand, renderer, shot):
+    plain = Renderer(renderer.avatar, hand, "cpu", has_skin_detail=False).render(shot)
+    detailed = renderer.render(shot)
+    assert np.array_equal(plain.alpha, detailed.alpha)
+    share = np.abs(plain.rgb - detailed.rgb).mean() / plain.rgb.mean()
+    assert 0.002 < share < 0.1  # fine lines, not another hand
 
 
 def test_bf16_changes_little(hand, renderer, shot):

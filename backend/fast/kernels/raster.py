@@ -51,6 +51,23 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
 
 
 @compiled
+def nearest_faces(mesh, width, first_row, last_row, nearest, face_at):
+    """Lower `nearest` [P], m, to the first front face in rows [first_row, last_row), and note the face in `face_at`."""
+    positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
+    for face in range(faces.shape[0]):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        area = _area(positions_px, depth, a, b, c)
+        if area > _0 or abs(area) <= _MIN_AREA:
+            continue
+        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                if z > _0 and z < nearest[y * width + x]:
+                    nearest[y * width + x], face_at[y * width + x] = z, face
+
+
+@compiled
 def nearest_sides(projected, faces, size, fronts, backs):
     """Lower `fronts` and `backs` [P] to the first front and the first back face in an image of size x size.
 

@@ -312,3 +312,60 @@ class EnlargedArrays(NamedTuple):
     coefficients: np.ndarray
     normal: np.ndarray
     alpha: np.ndarray
+
+
+class SeenFaces(NamedTuple):
+    """The first front face at each of P pixels: face [P], -1 for none, depth [P] m, and the image's width in px."""
+
+    face: np.ndarray
+    depth: np.ndarray
+    width: int
+
+
+class DetailedSkin(NamedTuple):
+    """A posed skin: corner_uv [F, 3, 2], gradients [F, 2, 3] of u and v, 1/m, and flex [V]."""
+
+    corner_uv: np.ndarray
+    gradients: np.ndarray
+    flex: np.ndarray
+
+
+class DetailTable(NamedTuple):
+    """A pyramid of maps: table [T, 9] int8, the first row of each level, and the finest level's resolution."""
+
+    table: np.ndarray
+    first: np.ndarray
+    resolution: int
+
+
+class DetailConstants(NamedTuple):
+    """Constants of `nerf.skin_detail`.
+
+    Attributes:
+        texels: of the finest level in a pixel's width at a depth of 1 m.
+        least_cosine: of normal and view.
+        flattened: share of dorsal folds that bending takes.
+        deepened_from: what bending leaves of palmar creases at least.
+        deepened_by: what it adds.
+        bump: of a stored step of a slope, m.
+        shade: what a stored step of shades is worth, of which a share shows.
+        fold_log_albedo: [3].
+    """
+
+    texels: np.float32
+    least_cosine: np.float32
+    flattened: np.float32
+    deepened_from: np.float32
+    deepened_by: np.float32
+    bump: np.float32
+    shade: np.float32
+    fold_log_albedo: np.ndarray
+
+
+class DetailedArrays(NamedTuple):
+    """P pixels, changed in place: pixel [P], coefficients [P, 14], normal [P, 3], view_direction [P, 3]."""
+
+    pixel: np.ndarray
+    coefficients: np.ndarray
+    normal: np.ndarray
+    view_direction: np.ndarray

@@ -64,9 +64,9 @@ def wear_avatar(armature: bpy.types.Object, path: Path) -> None:
 
 
 def read_device(scene: bpy.types.Scene) -> Device:
-    """The scene's device and precision, and whether it relights roughly."""
+    """The scene's device and precision, whether it relights roughly, and whether it adds the skin's detail."""
     settings = scene.livehand
-    return Device(settings.device, settings.precision, settings.rough_light)
+    return Device(settings.device, settings.precision, settings.rough_light, settings.skin_detail)
 
 
 def read_grade(armature: bpy.types.Object) -> Grade:

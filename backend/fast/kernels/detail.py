@@ -1,0 +1,93 @@
+"""Equals `nerf.skin_detail.detailed_image`, where `raster.nearest_faces` tells which face each pixel sees."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import compiled_loosely as compiled
+
+_0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
+_CHANNELS, _SLOPES = 9, 6
+_COLOURS = 3  # where the coefficients of colours begin, RGB three times
+_COLOURED = 3
+
+
+@compiled
+def add_detail(seen, mesh, skin, maps, constants, first, last, image):
+    """Bend the normals of pixels [first, last) of `image` (`DetailedArrays`), and darken their colours."""
+    corner, weights, values = np.empty(4, np.int64), np.empty(3, np.float32), np.empty(_CHANNELS, np.float32)
+    for index in range(first, last):
+        face = seen.face[image.pixel[index]]
+        if face < 0:
+            continue
+        depth = seen.depth[image.pixel[index]]
+        _weigh(image.pixel[index] % seen.width, image.pixel[index] // seen.width, mesh, face, weights)
+        u, v, flex = _0, _0, _0
+        for k in range(3):
+            u += weights[k] * skin.corner_uv[face, k, 0]
+            v += weights[k] * skin.corner_uv[face, k, 1]
+            flex += weights[k] * skin.flex[mesh.faces[face, k]]
+        normal, view = image.normal[index], image.view_direction[index]
+        cosine = abs(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
+        texels = depth * constants.texels / max(cosine, constants.least_cosine)
+        _sample(maps, u, v, np.log2(texels), corner, values)
+        dorsal = max(_1 - constants.flattened * flex, _0)
+        palmar = constants.deepened_from + constants.deepened_by * flex
+        along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * constants.bump
+        along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * constants.bump
+        squared = _TINY
+        for k in range(3):
+            normal[k] += along_u * skin.gradients[face, 0, k] + along_v * skin.gradients[face, 1, k]
+            squared += normal[k] * normal[k]
+        length = np.sqrt(squared)
+        folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
+        for k in range(3):
+            normal[k] /= length
+            factor = np.exp(values[_SLOPES] * constants.shade + folded * constants.fold_log_albedo[k])
+            for group in range(_COLOURED):
+                image.coefficients[index, _COLOURS + 3 * group + k] *= factor
+
+
+@compiled
+def _weigh(x, y, mesh, face, weights):
+    """Fill the barycentric coordinates, in space, of a face's point at a pixel's centre."""
+    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
+    px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
+    ax, ay = mesh.positions_px[a, 0], mesh.positions_px[a, 1]
+    bx, by = mesh.positions_px[b, 0], mesh.positions_px[b, 1]
+    cx, cy = mesh.positions_px[c, 0], mesh.positions_px[c, 1]
+    weights[0] = ((cx - bx) * (py - by) - (cy - by) * (px - bx)) / mesh.depth[a]
+    weights[1] = ((ax - cx) * (py - cy) - (ay - cy) * (px - cx)) / mesh.depth[b]
+    weights[2] = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / mesh.depth[c]
+    total = weights[0] + weights[1] + weights[2]
+    for k in range(3):
+        weights[k] /= total
+
+
+@compiled
+def _sample(maps, u, v, level, corner, values):
+    """Fill the values at a place between two levels, in stored steps."""
+    level = min(max(level, _0), np.float32(len(maps.first) - 1))
+    fine = int(level)
+    share = level - np.float32(fine)
+    values[:] = _0
+    _add_level(maps, u, v, fine, _1 - share, corner, values)
+    if share > _0:
+        _add_level(maps, u, v, fine + 1, share, corner, values)
+
+
+@compiled
+def _add_level(maps, u, v, level, share, corner, values):
+    """Add one level's values, bilinear, times a share."""
+    size = maps.resolution >> level
+    x = min(max(u * np.float32(size) - _HALF, _0), np.float32(size - 1))
+    y = min(max(v * np.float32(size) - _HALF, _0), np.float32(size - 1))
+    column, row = min(int(x), size - 2), min(int(y), size - 2)
+    right, above = x - np.float32(column), y - np.float32(row)
+    corner[0] = maps.first[level] + row * size + column
+    corner[1], corner[2], corner[3] = corner[0] + 1, corner[0] + size, corner[0] + size + 1
+    wa, wb = share * (_1 - right) * (_1 - above), share * right * (_1 - above)
+    wc, wd = share * (_1 - right) * above, share * right * above
+    a, b, c, d = maps.table[corner[0]], maps.table[corner[1]], maps.table[corner[2]], maps.table[corner[3]]
+    for k in range(_CHANNELS):
+        values[k] += wa * np.float32(a[k]) + wb * np.float32(b[k]) + wc * np.float32(c[k]) + wd * np.float32(d[k])

@@ -1,0 +1,78 @@
+"""The fine detail of the built-in hand's skin: folds, fine lines, ridges, rims of nails, as maps over the atlas.
+
+An avatar learns from pictures what its planes resolve, some 0.7 mm; these maps hold what is finer, as the generator of
+the skin made it (`livehand_blender/capture/skin_detail.py`), and nothing that is coarser.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from .model_file import WITH_ARM, builtin_hand_path, builtin_hashes
+
+ATLAS_MM = 270.0
+"""Side of the atlas on the skin."""
+COARSEST_MM = 0.8
+"""Deviation of the blur that was subtracted."""
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP = 0.002, 0.01, 0.01
+"""What one step of the stored whole numbers is worth."""
+FULL_FLEX_RAD = float(np.deg2rad(65))
+"""Bend at which folds on the back of a joint are gone."""
+# Skin far from any joint moves with a share of the mean bend of the four knuckles.
+_KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
+
+
+@dataclass(frozen=True)
+class SkinDetail:
+    """Maps [N, N] over the atlas, the row of the smallest v first, without all that is coarser than `COARSEST_MM`.
+
+    Attributes:
+        relief_mm: height of lines, ridges and rims.
+        dorsal: depth of the folds on the back of joints, 1 at the deepest.
+        palmar: depth of the creases of the palm and below the fingers.
+        pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
+        joint: [V] whose bend stretches the skin at each vertex; 0: that of the palm.
+        flexion: [16, 3] unit axes about which joints bend, right hand, template frame.
+    """
+
+    relief_mm: np.ndarray
+    dorsal: np.ndarray
+    palmar: np.ndarray
+    pigment_light: np.ndarray
+    pigment_deep: np.ndarray
+    joint: np.ndarray
+    flexion: np.ndarray
+
+    def flex(self, theta: np.ndarray) -> np.ndarray:
+        """[V] bend of the skin, 1 at `FULL_FLEX_RAD`, in a pose [16, 3] of the right hand, rad."""
+        bend = np.clip((theta * self.flexion).sum(1) / FULL_FLEX_RAD, 0, _MOST_FLEX)
+        return np.where(self.joint > 0, bend[self.joint], bend[list(_KNUCKLES)].mean() * _PALM_SHARE)
+
+
+def write_skin_detail(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write the maps as `load_skin_detail` reads them."""
+    np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+@cache
+def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
+    """The detail of the skin of a built-in hand; None: this hand has none."""
+    if builtin_hashes().get(hand_sha256) != WITH_ARM:
+        return None
+    with np.load(builtin_hand_path(WITH_ARM).with_name("skin_of_hand_with_arm.npz"), allow_pickle=False) as arrays:
+        maps = {name: arrays[name].astype(np.float32) for name in arrays.files if arrays[name].ndim == 2}
+        joint, flexion = arrays["joint"].astype(int), arrays["flexion"]
+    return SkinDetail(
+        relief_mm=maps["relief"] * RELIEF_STEP_MM,
+        dorsal=maps["dorsal"] * FOLD_STEP,
+        palmar=maps["palmar"] * FOLD_STEP,
+        pigment_light=maps["pigment_light"] * PIGMENT_STEP,
+        pigment_deep=maps["pigment_deep"] * PIGMENT_STEP,
+        joint=joint,
+        flexion=flexion,
+    )

@@ -1,0 +1,34 @@
+"""Whose skin an avatar shows: the fine detail of people whom `livehand capture` made is known (`hand.skin_detail`)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+
+from ..hand.skin_detail import SkinDetail, load_skin_detail
+from ..nerf.avatar import Avatar
+from ..nerf.skin_detail import DetailMaps
+
+
+def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinDetail] | None:
+    """The detail of the skin that the avatar was trained on; None: its capture showed another than the built-in one."""
+    person = _person(avatar.provenance.get("capture"))
+    detail = None if person is None else load_skin_detail(avatar.hand_sha256)
+    if person is None or detail is None:
+        return None
+    return DetailMaps.of(detail, *person, device=device), detail
+
+
+def _person(capture: Any) -> tuple[float, float] | None:
+    """(melanin, folds) of the person in a capture of the built-in skin, by its provenance."""
+    if not isinstance(capture, dict) or capture.get("made_by") != "livehand capture" or "look_sha256" in capture:
+        return None
+    plan = capture.get("plan")
+    person = plan.get("person") if isinstance(plan, dict) else None
+    if not isinstance(person, dict) or person.get("nail_polish") is not None:
+        return None
+    numbers = person.get("melanin"), person.get("folds")
+    known = [float(value) for value in numbers if isinstance(value, int | float) and math.isfinite(value)]
+    return (known[0], known[1]) if len(known) == len(numbers) else None

@@ -1,0 +1,63 @@
+"""The maps of the built-in skin's fine detail, as they ship."""
+
+import numpy as np
+import pytest
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FULL_FLEX_RAD, load_skin_detail, write_skin_detail
+
+
+@pytest.fixture(scope="module")
+def detail(hand):
+    return load_skin_detail(hand.sha256)
+
+
+def blocks(values, size):
+    """Means over blocks."""
+    count = len(values) // size
+    return values[: count * size, : count * size].reshape(count, size, count, size).mean((1, 3))
+
+
+@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "pigment_light", "pigment_deep"])
+def test_maps_hold_detail_and_nothing_coarse(detail, name):
+    values = getattr(detail, name)
+    texel_mm = ATLAS_MM / len(values)
+    coarse = blocks(values, round(8 * COARSEST_MM / texel_mm))
+    assert values.std() > 0.005
+    assert coarse.std() < 0.15 * values.std()
+
+
+def test_nails_have_rims_and_ridges_lie_on_the_palm_alone(hand, detail):
+    assert detail.relief_mm.max() > 0.1  # the rim of a nail
+    at = np.floor(hand.vt[:, ::-1] * len(detail.palmar)).astype(int).clip(0, len(detail.palmar) - 1)
+    assert (detail.palmar[tuple(at.T)] != 0).mean() > 0.1
+
+
+def test_skin_bends_with_its_joint_and_the_palm_with_a_share_of_the_knuckles(detail):
+    theta = np.zeros((16, 3))
+    theta[5] = 0.5 * FULL_FLEX_RAD * detail.flexion[5]
+    flex = detail.flex(theta)
+    assert flex[detail.joint == 5] == pytest.approx(0.5)
+    assert not flex[(detail.joint > 0) & (detail.joint != 5)].any()
+    assert not flex[detail.joint == 0].any()
+    theta[4] = FULL_FLEX_RAD * detail.flexion[4]
+    assert detail.flex(theta)[detail.joint == 0] == pytest.approx(0.6 / 4)
+    assert detail.flex(-theta).max() == 0  # stretched
+
+
+def test_every_vertex_has_a_joint_of_its_own_hand(hand, detail):
+    assert detail.joint.shape == (len(hand.v_template),)
+    assert set(np.unique(detail.joint)) <= set(range(16))
+    lengths = np.linalg.norm(detail.flexion, axis=1)
+    assert lengths[1:] == pytest.approx(1, abs=1e-5)
+
+
+def test_other_hands_have_no_known_detail():
+    assert load_skin_detail(load_hand_model(WITHOUT_ARM).sha256) is None
+    assert load_skin_detail("0" * 64) is None
+
+
+def test_files_are_read_as_written(tmp_path):
+    path = tmp_path / "skin.npz"
+    write_skin_detail(path, {"relief": np.full((4, 4), 3, np.int8)})
+    with np.load(path) as arrays:
+        assert (arrays["relief"] == 3).all()

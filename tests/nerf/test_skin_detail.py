@@ -1,0 +1,156 @@
+"""Bump mapping at full size: slopes of known heights on a flat patch, folds that follow the pose, both backends."""
+
+from math import exp, pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.geometry.mesh import Topology, posed_mesh
+from livehand.backend.hand.skin_detail import ATLAS_MM, SkinDetail
+from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
+from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions
+from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.relighting import LitImage
+from livehand.backend.nerf.skin_detail import (
+    BUMP,
+    DORSAL_MM,
+    FOLD_LOG_ALBEDO,
+    PALMAR_MM,
+    TINT,
+    DetailMaps,
+    face_gradients,
+    seen_skin,
+)
+from livehand.backend.records.camera import Camera
+from torch.nn.functional import normalize
+
+N, SIDE_M, SIZE = 64, 0.27, (24, 20)
+TEXEL_MM = ATLAS_MM / N
+ZERO = np.zeros((N, N), np.float32)
+FLAT = {"relief_mm": ZERO, "dorsal": ZERO, "palmar": ZERO, "pigment_light": ZERO, "pigment_deep": ZERO}
+JOINTS = {"joint": np.zeros(4, int), "flexion": np.zeros((16, 3))}
+ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  # mm
+
+
+def skin(**maps):
+    return SkinDetail(**{**FLAT, **maps}, **JOINTS)
+
+
+def patch(depth_m=0.5, focal_px=400.0):
+    """A square as large as its atlas, u to the right and v up, seen from the front."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * SIDE_M - [SIDE_M / 2, SIDE_M / 2, 0]
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    topology = Topology.of(vertices, faces, uv[faces])
+    cam2world = np.diag([1.0, -1, -1, 1])
+    cam2world[2, 3] = depth_m
+    K = np.array([[focal_px, 0, SIZE[0] / 2], [0, focal_px, SIZE[1] / 2], [0, 0, 1]])
+    mesh = posed_mesh(topology, torch.as_tensor(vertices, dtype=torch.float32))
+    return HandInView(mesh, topology, camera_tensors(Camera(K, cam2world, SIZE), "cpu"))
+
+
+def image_of(hand):
+    pixel = torch.arange(SIZE[0] * SIZE[1])
+    view = normalize(ray_directions(hand.camera, pixel), dim=-1)
+    normal = torch.tensor([0.0, 0, 1]).expand(len(pixel), 3)
+    ones = torch.ones(len(pixel), COEFFICIENTS)
+    alpha = torch.ones(SIZE[1], SIZE[0])
+    return LitImage(pixel, ones, normal, view, torch.full((len(pixel), 4), 0.25), alpha, alpha)
+
+
+def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, hand=None):
+    hand = hand or patch()
+    return backend.detailed_image(image_of(hand), hand, DetailMaps.of(detail, melanin, folds), torch.full((4,), flex))
+
+
+def tilt(slope):
+    return normalize(torch.tensor([-BUMP * slope, 0.0, 1.0]), dim=0)
+
+
+def test_a_ramp_tilts_the_normal_by_a_share_of_its_slope(backend):
+    found = detailed(backend, skin(relief_mm=0.02 * ALONG_U))
+    torch.testing.assert_close(found.normal, tilt(0.02).expand_as(found.normal), atol=2e-4, rtol=0)
+    torch.testing.assert_close(found.coefficients, torch.ones_like(found.coefficients))
+
+
+def test_a_larger_hand_has_larger_relief_and_the_same_slopes(backend):
+    hand = patch()
+    large = posed_mesh(hand.topology, 1.5 * hand.mesh.vertices)
+    found = detailed(backend, skin(relief_mm=0.02 * ALONG_U), hand=hand._replace(mesh=large))
+    torch.testing.assert_close(found.normal, tilt(0.02).expand_as(found.normal), atol=2e-4, rtol=0)
+
+
+@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
+def test_folds_on_the_back_flatten_as_the_joint_bends(backend, flex, factor):
+    found = detailed(backend, skin(dorsal=0.05 * ALONG_U), flex)
+    torch.testing.assert_close(found.normal[0], tilt(-0.05 * DORSAL_MM * factor), atol=4e-4, rtol=0)
+
+
+@pytest.mark.parametrize(("flex", "factor"), [(0.0, 0.75), (0.5, 1.0)])
+def test_creases_deepen_as_the_joint_bends_and_with_age(backend, flex, factor):
+    found = detailed(backend, skin(palmar=0.03 * ALONG_U), flex, folds=1.4)
+    torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * PALMAR_MM * factor), atol=4e-4, rtol=0)
+
+
+def test_pigment_is_mixed_by_melanin_and_darkens_colours_but_not_gloss(backend):
+    light, deep = np.full((N, N), -0.2, np.float32), np.full((N, N), -0.6, np.float32)
+    found = detailed(backend, skin(pigment_light=light, pigment_deep=deep), melanin=0.5).coefficients
+    for coloured in (SCATTERED, DIFFUSE):
+        torch.testing.assert_close(found[:, coloured], torch.full_like(found[:, coloured], exp(-0.4 * TINT)))
+    torch.testing.assert_close(found[:, GLOSS], torch.ones_like(found[:, GLOSS]))
+
+
+def test_folds_have_their_colour(backend):
+    found = detailed(backend, skin(palmar=np.full((N, N), 0.5, np.float32)), flex=0.5).coefficients
+    expected = torch.exp(TINT * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
+    torch.testing.assert_close(found[0, DIFFUSE], expected, atol=2e-2, rtol=0)
+
+
+def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
+    """Waves of four texels: seen at a texel a pixel, and averaged away at 16."""
+    waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32))
+    near, far = (detailed(backend, waves, hand=patch(focal_px=0.5 / (k * TEXEL_MM / 1000))) for k in (1, 16))
+    assert near.normal[:, 0].abs().max() > 0.01
+    assert far.normal[:, 0].abs().max() < 1e-3
+
+
+def test_the_image_before_is_unchanged_and_pixels_beside_the_mesh_stay(backend):
+    hand = patch(focal_px=40.0)  # the patch covers 21.6 px
+    before = image_of(hand)
+    maps = DetailMaps.of(skin(relief_mm=0.1 * ALONG_U), 0.0, 1.0)
+    after = backend.detailed_image(before, hand, maps, torch.zeros(4))
+    beside = torch.ones(len(before.pixel), dtype=torch.bool)
+    beside[seen_skin(hand, before.pixel).row] = False
+    assert 0 < beside.sum() < len(beside)
+    assert torch.equal(after.normal[beside], before.normal[beside])
+    assert (after.normal[~beside] != before.normal[~beside]).any(1).all()
+    assert torch.equal(before.normal[:, 2], torch.ones(len(beside)))
+
+
+def test_gradients_of_the_atlas_are_those_of_the_plane():
+    hand = patch()
+    expected = torch.tensor([[1 / SIDE_M, 0, 0], [0, 1 / SIDE_M, 0]])
+    torch.testing.assert_close(face_gradients(hand.mesh, hand.topology), expected.expand(2, 2, 3))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
+    found = posed("fist", side)
+    view = seen_from(found.mesh, (0.2, -1, 0.4), size_px=(120, 110))
+    hand_in_view = HandInView(found.mesh, found.topology, view)
+    generator = np.random.default_rng(3)
+    maps = {name: generator.normal(0, 0.05, (N, N)).astype(np.float32) for name in FLAT}
+    pixel = torch.arange(hand_in_view.camera.size_px[0] * hand_in_view.camera.size_px[1])
+    view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
+    image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3)
+    flex = torch.rand(len(hand_in_view.mesh.vertices), generator=torch.Generator().manual_seed(0))
+    of_person = DetailMaps.of(SkinDetail(**maps, **JOINTS), 0.3, 1.2)
+    ours, theirs = (
+        b.detailed_image(image, hand_in_view, of_person, flex) for b in (NumbaBackend(), ReferenceBackend())
+    )
+    assert (theirs.normal != image.normal).any(1).sum() > 100
+    same = ((ours.normal - theirs.normal).abs().amax(1) < 1e-3).float().mean()
+    assert same > 0.999  # a pixel on an edge may see the face beside it
+    close = ((ours.coefficients - theirs.coefficients).abs().amax(1) < 1e-3).float().mean()
+    assert close > 0.999
