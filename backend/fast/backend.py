@@ -22,7 +22,7 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import enlarged_rays, light_features, relit, shares_of_rays
+from .lighting import enlarged_rays, light_features, relit, shares_of_rays, smoothed_rays
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -52,7 +52,7 @@ class NumbaBackend:
     light_features = staticmethod(light_features)
     decoder = staticmethod(decoder)
     superres = staticmethod(superres)
-    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, shares=shares_of_rays))
+    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, smoothed=smoothed_rays, shares=shares_of_rays))
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

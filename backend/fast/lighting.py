@@ -23,7 +23,7 @@ from ..nerf.lighting import (
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, SkinDepth, feature_maps, ray_depths
 from .kernels.compiled import in_parallel
-from .kernels.lighting import enlarge_pixels, ray_shares, relit_pixels
+from .kernels.lighting import enlarge_pixels, ray_shares, relit_pixels, smooth_pixels
 from .kernels.lighting import light_features as fill_features
 from .kernels.records import (
     EnlargedArrays,
@@ -75,6 +75,21 @@ def enlarged_rays(
         torch.get_num_threads(),
     )
     return EnlargedRays(*buffers)
+
+
+def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
+    """As `nerf.relighting.smoothed_rays`."""
+    row = np.full(len(large.alpha), -1, np.int32)
+    row[covered.numpy()] = np.arange(len(covered), dtype=np.int32)
+    smooth = large._replace(coefficients=torch.empty_like(large.coefficients), normal=torch.empty_like(large.normal))
+    before, after = (EnlargedArrays(*_arrays(*rays)) for rays in (large, smooth))
+    pixels = covered.numpy()
+    in_parallel(
+        lambda first, last: smooth_pixels(pixels, row, width, MIN_ALPHA_32, before, first, last, after),
+        len(covered),
+        torch.get_num_threads(),
+    )
+    return smooth
 
 
 def shares_of_rays(

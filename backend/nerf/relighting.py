@@ -11,7 +11,7 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import normalize, relu
+from torch.nn.functional import conv2d, normalize, relu
 
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps
@@ -25,6 +25,8 @@ MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""
 # Of the rays that meet a pixel's surface; with less, they are none.
 _LEAST_SHARE = 0.01
+# Binomial, along both axes: it lets nothing of the pixel frequency through.
+SMOOTHED = (0.25, 0.5, 0.25)
 # Of a pixel and of the four beside it: soft edges.
 _OF_PIXEL, _OF_NEXT = 0.5, 0.125
 
@@ -95,6 +97,7 @@ def lit_image(
     camera: CameraTensors,
     skin: SkinDepth,
     enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
+    smoothed: Callable[[EnlargedRays, Tensor, int], EnlargedRays] | None = None,
     shares: Shares | None = None,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
@@ -107,11 +110,13 @@ def lit_image(
         camera: of the low-resolution image.
         skin: in the full-size image.
         enlarged: as `enlarged_rays`.
+        smoothed: as `smoothed_rays`, which stands for None.
         shares: as `shares_of_rays`, which stands for None.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
-    coefficients, normal, alpha = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
+    large = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
+    coefficients, normal, alpha = (smoothed or smoothed_rays)(large, covered, full.size_px[0])
     return LitImage(
         pixel=covered,
         coefficients=coefficients,
@@ -120,6 +125,26 @@ def lit_image(
         share=(shares or shares_of_rays)(points.position, pixel, camera, covered, skin),
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
+    )
+
+
+def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
+    """Coefficients and normals without what alternates from pixel to pixel, as means over 3 x 3 pixels of the hand.
+
+    Super-resolution leaves such a pattern where coverage is partial: outlines against a rim light are dotted without.
+    Alpha stays.
+    """
+    weight = large.alpha[covered].clamp(MIN_ALPHA, 1)
+    values = torch.cat([large.coefficients, large.normal * weight[:, None], weight[:, None]], 1)
+    image = values.new_zeros(len(large.alpha), values.shape[1]).index_put((covered,), values)
+    planes = image.T.reshape(-1, 1, len(large.alpha) // width, width)
+    kernel = values.new_tensor(SMOOTHED)
+    planes = conv2d(planes, kernel.reshape(1, 1, 1, 3), padding=(0, 1))
+    planes = conv2d(planes, kernel.reshape(1, 1, 3, 1), padding=(1, 0))
+    mean = planes.flatten(1)[:, covered].T
+    share = weight / mean[:, -1]
+    return large._replace(
+        coefficients=mean[:, :COEFFICIENTS] * share[:, None], normal=normalize(mean[:, COEFFICIENTS:-1], dim=-1)
     )
 
 

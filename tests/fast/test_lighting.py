@@ -1,10 +1,13 @@
 """The light's kernels against `nerf.relighting`, where no other test does."""
 
 import torch
-from livehand.backend.fast.lighting import shares_of_rays
+from livehand.backend.fast.lighting import shares_of_rays, smoothed_rays
+from livehand.backend.nerf.lighting import COEFFICIENTS
 from livehand.backend.nerf.rays import CameraTensors, ray_directions
-from livehand.backend.nerf.relighting import SkinDepth, covered_pixels
+from livehand.backend.nerf.relighting import EnlargedRays, SkinDepth, covered_pixels
 from livehand.backend.nerf.relighting import shares_of_rays as reference
+from livehand.backend.nerf.relighting import smoothed_rays as smoothed_reference
+from torch.nn.functional import normalize
 
 SIZE_PX = (13, 9)
 CAMERA = CameraTensors(torch.tensor([[20.0, 0, 6.5], [0, 20, 4.5], [0, 0, 1]]), torch.eye(4), SIZE_PX)
@@ -25,3 +28,18 @@ def test_shares_are_those_of_torch_at_steps_of_depth_borders_and_where_nothing_i
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
     torch.testing.assert_close(ours.sum(1), torch.ones(len(at)))
     assert ((theirs > 0.1) & (theirs < 0.3)).any()
+
+
+def test_smoothed_rays_are_those_of_torch_with_holes_and_at_borders():
+    random = torch.Generator().manual_seed(5)
+    covered = torch.rand(9 * 13, generator=random).lt(0.6).nonzero()[:, 0]
+    covered = torch.cat([covered, torch.tensor([0, 12, 104, 116])]).unique()
+    alpha = 1.3 * torch.rand(9 * 13, generator=random) - 0.1
+    coefficients = torch.rand(len(covered), COEFFICIENTS, generator=random)
+    normal = normalize(torch.randn(len(covered), 3, generator=random), dim=-1)
+    rays = EnlargedRays(coefficients, normal, alpha)
+    ours, theirs = smoothed_rays(rays, covered, 13), smoothed_reference(rays, covered, 13)
+    torch.testing.assert_close(ours.coefficients, theirs.coefficients)
+    torch.testing.assert_close(ours.normal, theirs.normal, atol=1e-5, rtol=0)
+    assert ours.alpha is alpha
+    assert (ours.coefficients - coefficients).abs().max() > 0.1

@@ -10,12 +10,14 @@ from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, 
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import (
+    EnlargedRays,
     SkinDepth,
     covered_pixels,
     lit_image,
     neighbours,
     relit_rays,
     shares_of_rays,
+    smoothed_rays,
 )
 from livehand.backend.nerf.superres import SuperResConfig, build_superres, enlarge
 from livehand.backend.nerf.volume import Composite
@@ -184,3 +186,21 @@ def test_light_stays_on_its_surface():
     expected = torch.tensor([1.0] * 8 + [7 / 8] + [0.0] * 9)  # a soft edge: an eighth is of the pixel beside it
     torch.testing.assert_close(of_finger, expected.expand_as(of_finger), atol=1e-3, rtol=0)
     torch.testing.assert_close(share.sum(1), torch.ones(len(at)))
+
+
+def test_what_alternates_from_pixel_to_pixel_is_gone_and_partial_coverage_keeps_its_colour():
+    """Stripes one pixel wide, under a coverage that falls from left to right; straight values are even afterwards."""
+    width, height = 12, 8
+    covered = torch.arange(width * height)
+    stripes = 1 + 0.5 * (-1.0) ** (covered % width + covered // width)
+    alpha = 1 - (covered % width) / (2 * width)
+    tilt = 0.3 * (-1.0) ** (covered // width)
+    normal = normalize(torch.stack([tilt, torch.zeros(len(covered)), torch.ones(len(covered))], 1), dim=-1)
+    rays = EnlargedRays((stripes * alpha)[:, None].expand(-1, COEFFICIENTS), normal, alpha)
+    found = smoothed_rays(rays, covered, width)
+    inner = (covered % width > 0) & (covered % width < width - 1) & (covered // width > 0)
+    inner &= covered // width < height - 1
+    straight = found.coefficients[:, 0] / alpha
+    torch.testing.assert_close(straight[inner], torch.ones(int(inner.sum())), atol=0.02, rtol=0)
+    torch.testing.assert_close(found.normal[inner, 0], torch.zeros(int(inner.sum())), atol=1e-3, rtol=0)
+    assert torch.equal(found.alpha, alpha)

@@ -156,7 +156,7 @@ def test_the_detail_of_a_known_skin_shows_where_it_is_wanted(hand, renderer, sho
     detailed = renderer.render(shot)
     assert np.array_equal(plain.alpha, detailed.alpha)
     share = np.abs(plain.rgb - detailed.rgb).mean() / plain.rgb.mean()
-    assert 0.002 < share < 0.1  # fine lines, not another hand
+    assert 0.0005 < share < 0.1  # fine lines, of which a small picture shows few
 
 
 def test_bf16_changes_little(hand, renderer, shot):

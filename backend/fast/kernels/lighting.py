@@ -295,6 +295,39 @@ def enlarge_pixels(maps, detail, pixels, world2cam, width, smooth, min_alpha, fi
 
 
 @compiled
+def smooth_pixels(pixels, row, width, min_alpha, before, first, last, after):
+    """Fill `after` for pixels [first, last): means of `before` (`EnlargedArrays`) over 3 x 3 pixels of the hand.
+
+    `row` [H * W] tells where a pixel stands among `pixels`, -1 for none.
+    """
+    height, count = len(row) // width, before.coefficients.shape[1]
+    for index in range(first, last):
+        y, x = pixels[index] // width, pixels[index] % width
+        coefficients, normal, total = after.coefficients[index], after.normal[index], _0
+        coefficients[:] = _0
+        normal[:] = _0
+        for dy in range(max(-y, -1), min(height - y, 2)):
+            for dx in range(max(-x, -1), min(width - x, 2)):
+                there = pixels[index] + dy * width + dx
+                other = row[there]
+                if other < 0:
+                    continue
+                share = (_HALF if dy == 0 else _QUARTER) * (_HALF if dx == 0 else _QUARTER)
+                weight = share * min(max(before.alpha[there], min_alpha), _1)
+                total += weight
+                for k in range(count):
+                    coefficients[k] += share * before.coefficients[other, k]
+                for k in range(3):
+                    normal[k] += weight * before.normal[other, k]
+        scale = min(max(before.alpha[pixels[index]], min_alpha), _1) / total
+        for k in range(count):
+            coefficients[k] *= scale
+        length = max(np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]), _TINY)
+        for k in range(3):
+            normal[k] /= length
+
+
+@compiled
 def relit_pixels(image, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
