@@ -41,7 +41,7 @@ from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
 from .decode import linear_frame
-from .measured_light import measured_at
+from .measured_light import measured_at, without_noise
 
 
 class PosedDetail(NamedTuple):
@@ -103,8 +103,10 @@ class LitHand:
         features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
             return features
-        measured = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
-        return corrected(features, self.points.normal, *measured)
+        direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
+        low_px, scale = self.hand.camera.size_px, self.hand.mesh.scale
+        indirect = without_noise(indirect, self.points, self.pixel, low_px, scale)
+        return corrected(features, self.points.normal, direct, indirect)
 
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""
