@@ -1,0 +1,50 @@
+"""How the maps of the skin's fine detail are made: nothing coarse is in them, and nothing from beside the skin."""
+
+import numpy as np
+import pytest
+from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.capture.skin_detail import fine_part, skin_detail_arrays
+
+N = 512
+EVERYWHERE = np.ones((N, N), bool)
+TEXEL_MM = ATLAS_MM / N
+
+
+def waves(length_texels):
+    return np.tile(np.sin(2 * np.pi * np.arange(N) / length_texels), (N, 1))
+
+
+@pytest.mark.parametrize(("length", "left"), [(4, 1.0), (200, 0.0)])
+def test_short_waves_stay_and_long_ones_go(length, left):
+    found = fine_part(waves(length), EVERYWHERE, 3.0)
+    inner = found[N // 4 : -N // 4, N // 4 : -N // 4]
+    assert inner.max() == pytest.approx(left, abs=0.02)
+
+
+def test_skin_beside_an_empty_place_has_no_edge():
+    is_skin = EVERYWHERE.copy()
+    is_skin[:, 100:] = False
+    found = fine_part(np.where(is_skin, 5.0, 0.0), is_skin, 3.0)
+    assert np.abs(found).max() < 1e-5
+
+
+def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
+    hand = load_default_hand()
+    height = np.stack([0.05 * waves(3), 0.5 * waves(3), 0.3 * waves(3)], -1)
+    maps = [{"height": height, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)]
+    arrays = skin_detail_arrays(hand, *maps)
+    sigma = 2 * np.pi / 3 * COARSEST_MM / TEXEL_MM
+    kept = 1 - np.exp(-(sigma**2) / 2)
+    middle = slice(N // 4, -N // 4)
+    for name, amplitude, step in (
+        ("relief", 0.05, RELIEF_STEP_MM),
+        ("dorsal", 0.5, FOLD_STEP),
+        ("palmar", 0.3, FOLD_STEP),
+        ("pigment_light", 0.2, PIGMENT_STEP),
+        ("pigment_deep", 0.4, PIGMENT_STEP),
+    ):
+        assert arrays[name].dtype == np.int8
+        expected = amplitude * np.sin(2 * np.pi / 3) * kept
+        assert arrays[name][middle, middle].max() * step == pytest.approx(expected, rel=0.05)
+    assert arrays["joint"].shape == (len(hand.v_template),)
