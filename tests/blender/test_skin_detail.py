@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
 from livehand.livehand_blender.capture.skin_detail import fine_part, skin_detail_arrays
 
 N = 512
