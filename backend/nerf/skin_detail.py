@@ -128,23 +128,25 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
         flex: bend of the skin at the vertices (`SkinDetail.flex`).
     """
     seen = seen_skin(hand, image.pixel)
-    uv = _blend(hand.topology.corner_uv[seen.face], seen.barycentric)
-    flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)[:, 0]
-    normal, view = image.normal[seen.row], image.view[seen.row]
-    cosine = (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
-    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine)
-    values = maps.sample(uv, torch.log2(footprint_m / maps.texel_m))
+    normal = image.normal[seen.row]
+    values = _detail_at(seen, maps, hand, (normal * image.view[seen.row]).sum(-1).abs())
+    flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)
     dorsal, palmar = (1 - FLATTENED * flexed).clamp(min=0), DEEPENED_FROM + DEEPENED_BY * flexed
-    slopes = values[:, 0:2] - dorsal[:, None] * values[:, 2:4] - palmar[:, None] * values[:, 4:6]
-    of_uv = face_gradients(hand.mesh, hand.topology)[seen.face]
-    factor = -BUMP * 1e-3 * maps.resolution * hand.mesh.scale
-    bent = normalize(normal + factor * (slopes[:, :, None] * of_uv).sum(1), dim=-1)
-    folded = dorsal * values[:, 7] + palmar * values[:, 8]
-    albedo = torch.exp(TINT * (values[:, 6:7] + folded[:, None] * values.new_tensor(FOLD_LOG_ALBEDO)))
+    slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
+    along = (slopes[:, :, None] * face_gradients(hand.mesh, hand.topology)[seen.face]).sum(1)
+    bent = normalize(normal - BUMP * 1e-3 * maps.resolution * hand.mesh.scale * along, dim=-1)
+    folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
+    albedo = torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO)))
     coefficients = image.coefficients.clone()
-    of_colour = slice(SCATTERED.start, DIFFUSE.stop)
-    coefficients[seen.row, of_colour] *= albedo.repeat(1, 3)
+    coefficients[seen.row, SCATTERED.start : DIFFUSE.stop] *= albedo.repeat(1, 3)
     return image._replace(normal=image.normal.index_put((seen.row,), bent), coefficients=coefficients)
+
+
+def _detail_at(seen: SeenSkin, maps: DetailMaps, hand: HandInView, cosine: Float[Tensor, " K"]) -> Float[Tensor, "K 9"]:
+    """What the maps hold at the places, without what is finer than a pixel there."""
+    uv = _blend(hand.topology.corner_uv[seen.face], seen.barycentric)
+    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine.clamp(min=LEAST_COSINE))
+    return maps.sample(uv, torch.log2(footprint_m / maps.texel_m))
 
 
 def seen_skin(hand: HandInView, pixel: Int[Tensor, " P"]) -> SeenSkin:
