@@ -35,6 +35,7 @@ class SkinDetail:
         relief_mm: height of lines, ridges and rims.
         dorsal: depth of the folds on the back of joints, 1 at the deepest.
         palmar: depth of the creases of the palm and below the fingers.
+        veins: height of the veins on the back of hand and arm, 1 at the highest.
         pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
         joint: [V] whose bend stretches the skin at each vertex; 0: that of the palm.
         flexion: [16, 3] unit axes about which joints bend, right hand, template frame.
@@ -43,6 +44,7 @@ class SkinDetail:
     relief_mm: np.ndarray
     dorsal: np.ndarray
     palmar: np.ndarray
+    veins: np.ndarray
     pigment_light: np.ndarray
     pigment_deep: np.ndarray
     joint: np.ndarray
@@ -71,6 +73,7 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
         relief_mm=maps["relief"] * RELIEF_STEP_MM,
         dorsal=maps["dorsal"] * FOLD_STEP,
         palmar=maps["palmar"] * FOLD_STEP,
+        veins=maps["veins"] * FOLD_STEP,
         pigment_light=maps["pigment_light"] * PIGMENT_STEP,
         pigment_deep=maps["pigment_deep"] * PIGMENT_STEP,
         joint=joint,

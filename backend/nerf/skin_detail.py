@@ -44,6 +44,20 @@ _LEVELS = 6
 _TINY = 1e-12
 
 
+class SkinLook(NamedTuple):
+    """A person's skin.
+
+    Attributes:
+        melanin: 0 light to 1 deep.
+        folds: depth of folds; 1 is a young adult's.
+        veins_mm: height of veins.
+    """
+
+    melanin: float
+    folds: float
+    veins_mm: float
+
+
 class DetailMaps(NamedTuple):
     """A person's detail as a pyramid of maps, each level half as wide as the one before.
 
@@ -58,17 +72,17 @@ class DetailMaps(NamedTuple):
     texel_m: float
 
     @classmethod
-    def of(cls, detail: SkinDetail, melanin: float, folds: float, device: torch.device | str = "cpu") -> DetailMaps:
+    def of(cls, detail: SkinDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
         """The maps of a person.
 
         Args:
             detail: of the hand.
-            melanin: of the person, 0 light to 1 deep.
-            folds: depth of folds; 1 is a young adult's.
+            look: of the person.
             device: of the table.
         """
-        pigment = (1 - melanin) * detail.pigment_light + melanin * detail.pigment_deep
-        heights = detail.relief_mm, detail.dorsal * (DORSAL_MM * folds), detail.palmar * (PALMAR_MM * folds)
+        pigment = (1 - look.melanin) * detail.pigment_light + look.melanin * detail.pigment_deep
+        relief_mm = detail.relief_mm + look.veins_mm * detail.veins
+        heights = relief_mm, detail.dorsal * (DORSAL_MM * look.folds), detail.palmar * (PALMAR_MM * look.folds)
         values = [slope for height in heights for slope in _slopes(height)]
         shades = [pigment, detail.dorsal * DORSAL_SHADE, detail.palmar * PALMAR_SHADE]
         steps = [SLOPE_STEP_MM] * len(values) + [SHADE_STEP] * len(shades)

@@ -9,7 +9,7 @@ import torch
 
 from ..hand.skin_detail import SkinDetail, load_skin_detail
 from ..nerf.avatar import Avatar
-from ..nerf.skin_detail import DetailMaps
+from ..nerf.skin_detail import DetailMaps, SkinLook
 
 
 def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinDetail] | None:
@@ -18,17 +18,17 @@ def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinDet
     detail = None if person is None else load_skin_detail(avatar.hand_sha256)
     if person is None or detail is None:
         return None
-    return DetailMaps.of(detail, *person, device=device), detail
+    return DetailMaps.of(detail, person, device), detail
 
 
-def _person(capture: Any) -> tuple[float, float] | None:
-    """(melanin, folds) of the person in a capture of the built-in skin, by its provenance."""
+def _person(capture: Any) -> SkinLook | None:
+    """The person in a capture of the built-in skin, by its provenance."""
     if not isinstance(capture, dict) or capture.get("made_by") != "livehand capture" or "look_sha256" in capture:
         return None
     plan = capture.get("plan")
     person = plan.get("person") if isinstance(plan, dict) else None
     if not isinstance(person, dict) or person.get("nail_polish") is not None:
         return None
-    numbers = person.get("melanin"), person.get("folds")
+    numbers = [person.get(name) for name in SkinLook._fields]
     known = [float(value) for value in numbers if isinstance(value, int | float) and math.isfinite(value)]
-    return (known[0], known[1]) if len(known) == len(numbers) else None
+    return SkinLook(*known) if len(known) == len(numbers) else None

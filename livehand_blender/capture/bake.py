@@ -35,6 +35,19 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
     return paths
 
 
+def bake_mask(surface: bpy.types.Object, name: str, path: Path, size_px: int = 2048) -> None:
+    """Write one of the surface's masks as a map (linear)."""
+    material = bpy.data.materials.new("bake")
+    surface.data.materials.clear()
+    surface.data.materials.append(material)
+    graph, emission = _emissive(material)
+    with _bake_sampling(bpy.context.scene.cycles):
+        graph.connect(graph.attribute(name), emission.inputs[0])
+        _bake_emission(surface, graph, path, size_px)
+    surface.data.materials.clear()
+    bpy.data.materials.remove(material)
+
+
 @contextlib.contextmanager
 def _bake_sampling(cycles: bpy.types.PropertyGroup) -> Iterator[None]:
     """Emission is noise-free: within, a few samples filter the texture, and nothing is denoised."""

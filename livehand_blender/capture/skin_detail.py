@@ -28,7 +28,7 @@ from ...backend.hand.skin_detail import (
     RELIEF_STEP_MM,
     write_skin_detail,
 )
-from .bake import bake_skin
+from .bake import bake_mask, bake_skin
 from .scene import capture_scene
 from .skin import SkinTone
 from .surface import SkinSurface
@@ -51,7 +51,7 @@ def fine_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float) -
 def skin_detail_arrays(
     model: HandModel, light: dict[str, np.ndarray], deep: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """The arrays of the file, from the maps of a light and of a deep skin: `height` and `albedo` [N, N, 3]."""
+    """The arrays of the file, from the maps of a light and of a deep skin: `height`, `albedo` and `vein` [N, N, 3]."""
     is_skin = light["albedo"].sum(-1) > _LEAST_ALBEDO
     coarsest = COARSEST_MM / (ATLAS_MM / len(is_skin))
     relief, dorsal, palmar = (fine_part(light["height"][..., k], is_skin, coarsest) for k in range(3))
@@ -64,6 +64,7 @@ def skin_detail_arrays(
         "relief": _steps(relief, RELIEF_STEP_MM),
         "dorsal": _steps(dorsal, FOLD_STEP),
         "palmar": _steps(palmar, FOLD_STEP),
+        "veins": _steps(fine_part(light["vein"][..., 0], is_skin, coarsest), FOLD_STEP),
         "pigment_light": _steps(pigments[0], PIGMENT_STEP),
         "pigment_deep": _steps(pigments[1], PIGMENT_STEP),
         "joint": coarse.masks["jid"].astype(np.int8),
@@ -79,7 +80,9 @@ def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[st
     surface = SkinSurface.create(model, detail, person.veins_mm)
     with tempfile.TemporaryDirectory() as folder:
         paths = bake_skin(surface.object, Path(folder), SkinTone.of(person))
-        maps = {name: _read(paths[name]) for name in ("albedo", "height")}
+        paths["vein"] = Path(folder) / "vein.exr"
+        bake_mask(surface.object, "vein", paths["vein"])
+        maps = {name: _read(paths[name]) for name in ("albedo", "height", "vein")}
     bpy.data.objects.remove(surface.object)
     return maps
 

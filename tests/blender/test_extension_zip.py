@@ -148,7 +148,7 @@ def install_and_render(zip_path, image_path, *missing):
         cwd=image_path.parent,
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=400,
         check=False,
     )
 

@@ -32,7 +32,10 @@ def test_skin_beside_an_empty_place_has_no_edge():
 def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
     hand = load_default_hand()
     height = np.stack([0.05 * waves(3), 0.5 * waves(3), 0.3 * waves(3)], -1)
-    maps = [{"height": height, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)]
+    vein = 0.6 * waves(3)[..., None]
+    maps = [
+        {"height": height, "vein": vein, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)
+    ]
     arrays = skin_detail_arrays(hand, *maps)
     sigma = 2 * np.pi / 3 * COARSEST_MM / TEXEL_MM
     kept = 1 - np.exp(-(sigma**2) / 2)
@@ -41,6 +44,7 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
         ("relief", 0.05, RELIEF_STEP_MM),
         ("dorsal", 0.5, FOLD_STEP),
         ("palmar", 0.3, FOLD_STEP),
+        ("veins", 0.6, FOLD_STEP),
         ("pigment_light", 0.2, PIGMENT_STEP),
         ("pigment_deep", 0.4, PIGMENT_STEP),
     ):

@@ -17,7 +17,7 @@ def blocks(values, size):
     return values[: count * size, : count * size].reshape(count, size, count, size).mean((1, 3))
 
 
-@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "pigment_light", "pigment_deep"])
+@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "veins", "pigment_light", "pigment_deep"])
 def test_maps_hold_detail_and_nothing_coarse(detail, name):
     values = getattr(detail, name)
     texel_mm = ATLAS_MM / len(values)

@@ -19,6 +19,7 @@ from livehand.backend.nerf.skin_detail import (
     PALMAR_MM,
     TINT,
     DetailMaps,
+    SkinLook,
     face_gradients,
     seen_skin,
 )
@@ -28,7 +29,7 @@ from torch.nn.functional import normalize
 N, SIDE_M, SIZE = 64, 0.27, (24, 20)
 TEXEL_MM = ATLAS_MM / N
 ZERO = np.zeros((N, N), np.float32)
-FLAT = {"relief_mm": ZERO, "dorsal": ZERO, "palmar": ZERO, "pigment_light": ZERO, "pigment_deep": ZERO}
+FLAT = {"relief_mm": ZERO, "dorsal": ZERO, "palmar": ZERO, "veins": ZERO, "pigment_light": ZERO, "pigment_deep": ZERO}
 JOINTS = {"joint": np.zeros(4, int), "flexion": np.zeros((16, 3))}
 ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  # mm
 
@@ -59,9 +60,9 @@ def image_of(hand):
     return LitImage(pixel, ones, normal, view, torch.full((len(pixel), 4), 0.25), alpha, alpha)
 
 
-def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, hand=None):
-    hand = hand or patch()
-    return backend.detailed_image(image_of(hand), hand, DetailMaps.of(detail, melanin, folds), torch.full((4,), flex))
+def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, veins_mm=0.25, hand=None):
+    hand, look = hand or patch(), SkinLook(melanin, folds, veins_mm)
+    return backend.detailed_image(image_of(hand), hand, DetailMaps.of(detail, look), torch.full((4,), flex))
 
 
 def tilt(slope):
@@ -93,6 +94,11 @@ def test_creases_deepen_as_the_joint_bends_and_with_age(backend, flex, factor):
     torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * PALMAR_MM * factor), atol=4e-4, rtol=0)
 
 
+def test_veins_are_as_high_as_the_person_s(backend):
+    found = detailed(backend, skin(veins=0.05 * ALONG_U), veins_mm=0.4)
+    torch.testing.assert_close(found.normal[0], tilt(0.05 * 0.4), atol=4e-4, rtol=0)
+
+
 def test_pigment_is_mixed_by_melanin_and_darkens_colours_but_not_gloss(backend):
     light, deep = np.full((N, N), -0.2, np.float32), np.full((N, N), -0.6, np.float32)
     found = detailed(backend, skin(pigment_light=light, pigment_deep=deep), melanin=0.5).coefficients
@@ -118,7 +124,7 @@ def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
 def test_the_image_before_is_unchanged_and_pixels_beside_the_mesh_stay(backend):
     hand = patch(focal_px=40.0)  # the patch covers 21.6 px
     before = image_of(hand)
-    maps = DetailMaps.of(skin(relief_mm=0.1 * ALONG_U), 0.0, 1.0)
+    maps = DetailMaps.of(skin(relief_mm=0.1 * ALONG_U), SkinLook(0.0, 1.0, 0.0))
     after = backend.detailed_image(before, hand, maps, torch.zeros(4))
     beside = torch.ones(len(before.pixel), dtype=torch.bool)
     beside[seen_skin(hand, before.pixel).row] = False
@@ -145,7 +151,7 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
     view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
     image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3)
     flex = torch.rand(len(hand_in_view.mesh.vertices), generator=torch.Generator().manual_seed(0))
-    of_person = DetailMaps.of(SkinDetail(**maps, **JOINTS), 0.3, 1.2)
+    of_person = DetailMaps.of(SkinDetail(**maps, **JOINTS), SkinLook(0.3, 1.2, 0.4))
     ours, theirs = (
         b.detailed_image(image, hand_in_view, of_person, flex) for b in (NumbaBackend(), ReferenceBackend())
     )

@@ -45,7 +45,7 @@ LIGHT = Light((KEY, FILL), SKY)
 @pytest.fixture(scope="module")
 def renderer(hand):
     avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
-    person = {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.2, "folds": 1.2}}}
+    person = {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.2, "folds": 1.2, "veins_mm": 0.3}}}
     avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)), provenance={"capture": person})
     return Renderer(avatar, hand, "cpu")
 

@@ -30,12 +30,19 @@ def test_the_avatars_that_ship_have_their_persons_detail():
     "capture",
     [
         None,
-        {"made_by": "livehand import", "plan": {"person": {"melanin": 0.0, "folds": 1.0}}},
+        {"made_by": "livehand import", "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2}}},
         {"made_by": "livehand capture", "plan": {"tone": "light"}},
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.0, "folds": 1.0}}, "look_sha256": None},
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": "a", "folds": 1.0}}},
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": float("nan"), "folds": 1.0}}},
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.0, "folds": 1.0, "nail_polish": [1, 0, 0]}}},
+        {
+            "made_by": "livehand capture",
+            "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2}},
+            "look_sha256": None,
+        },
+        {"made_by": "livehand capture", "plan": {"person": {"melanin": "a", "folds": 1.0, "veins_mm": 0.2}}},
+        {"made_by": "livehand capture", "plan": {"person": {"melanin": float("nan"), "folds": 1.0, "veins_mm": 0.2}}},
+        {
+            "made_by": "livehand capture",
+            "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2, "nail_polish": [1, 0, 0]}},
+        },
     ],
 )
 def test_another_skin_has_none(avatar, capture):
@@ -48,7 +55,10 @@ def test_an_avatar_of_another_hand_has_none(avatar):
 
 def test_deeper_folds_are_steeper(avatar):
     young, old = (
-        of_person(avatar, {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.0, "folds": folds}}})[0]
+        of_person(
+            avatar,
+            {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.0, "folds": folds, "veins_mm": 0.0}}},
+        )[0]
         for folds in (0.7, 1.4)
     )
     slopes = [maps.table[:, 2:6].float().abs().mean().item() for maps in (young, old)]
