@@ -70,6 +70,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="measure how much L* varies in bands of 1 to 16 mm on the hand, in the truth and in the render",
     )
+    parser.add_argument(
+        "--without-skin-detail",
+        action="store_true",
+        help="measure what the avatar learnt alone, without the known fine detail of its skin",
+    )
     parser.add_argument("--record", action="store_true", help="write the results into the avatar's metadata")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda", "mps"), default="auto")
     parser.add_argument("--precision", choices=("fp32", "bf16"), default="fp32")
@@ -87,7 +92,8 @@ def _run(args: argparse.Namespace) -> dict:
 
     avatar = load_avatar(args.avatar)
     hand = load_hand_of(avatar.hand_sha256, args.hand)
-    renderer = Renderer(avatar, hand, args.device, args.precision)
+    has_detail = not args.without_skin_detail
+    renderer = Renderer(avatar, hand, args.device, args.precision, has_skin_detail=has_detail)
     capture = load_capture(args.capture)
     views = _views_of(capture, args.split, args.max_images)
     sheets = SheetViews(len(views), *((_SHEET_VIEWS, args.worst) if args.output else (0, 0)))

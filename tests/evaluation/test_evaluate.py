@@ -307,6 +307,19 @@ def test_the_command_can_measure_fewer_views(own_capture, avatar_path, capsys):
         assert "must be" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("more", "expected"), [((), True), (("--without-skin-detail",), False)])
+def test_what_the_avatar_learnt_alone_is_measured_on_request(own_capture, avatar_path, monkeypatch, more, expected):
+    seen = []
+    render = Renderer.render
+    monkeypatch.setattr(
+        Renderer,
+        "render",
+        lambda self, *args, **named: seen.append(self.has_skin_detail) or render(self, *args, **named),
+    )
+    assert evaluate(own_capture.folder, "--avatar", avatar_path, "--device", "cpu", *more) == 0
+    assert set(seen) == {expected}
+
+
 def test_without_flip_its_columns_are_absent_and_the_remedy_is_printed(own_capture, avatar_path, monkeypatch, capsys):
     arguments = (own_capture.folder, "--avatar", avatar_path, "--device", "cpu")
     monkeypatch.setattr("livehand.backend.evaluation.figures.has_flip", lambda: False)
