@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,25 +27,14 @@ _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
 
 
 @dataclass(frozen=True)
-class SkinDetail:
-    """Maps [N, N] over the atlas, the row of the smallest v first, without all that is coarser than `COARSEST_MM`.
+class SkinBend:
+    """How a pose bends the skin.
 
     Attributes:
-        relief_mm: height of lines, ridges and rims.
-        dorsal: depth of the folds on the back of joints, 1 at the deepest.
-        palmar: depth of the creases of the palm and below the fingers.
-        veins: height of the veins on the back of hand and arm, 1 at the highest.
-        pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
         joint: [V] whose bend stretches the skin at each vertex; 0: that of the palm.
         flexion: [16, 3] unit axes about which joints bend, right hand, template frame.
     """
 
-    relief_mm: np.ndarray
-    dorsal: np.ndarray
-    palmar: np.ndarray
-    veins: np.ndarray
-    pigment_light: np.ndarray
-    pigment_deep: np.ndarray
     joint: np.ndarray
     flexion: np.ndarray
 
@@ -56,12 +44,33 @@ class SkinDetail:
         return np.where(self.joint > 0, bend[self.joint], bend[list(_KNUCKLES)].mean() * _PALM_SHARE)
 
 
+@dataclass(frozen=True)
+class SkinDetail:
+    """Maps [N, N] over the atlas, the row of the smallest v first, without all that is coarser than `COARSEST_MM`.
+
+    Attributes:
+        relief_mm: height of lines, ridges and rims.
+        dorsal: depth of the folds on the back of joints, 1 at the deepest.
+        palmar: depth of the creases of the palm and below the fingers.
+        veins: height of the veins on the back of hand and arm, 1 at the highest.
+        pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
+        bend: which folds follow.
+    """
+
+    relief_mm: np.ndarray
+    dorsal: np.ndarray
+    palmar: np.ndarray
+    veins: np.ndarray
+    pigment_light: np.ndarray
+    pigment_deep: np.ndarray
+    bend: SkinBend
+
+
 def write_skin_detail(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Write the maps as `load_skin_detail` reads them."""
     np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
 
 
-@cache
 def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     """The detail of the skin of a built-in hand; None: this hand has none."""
     if builtin_hashes().get(hand_sha256) != WITH_ARM:
@@ -76,6 +85,5 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
         veins=maps["veins"] * FOLD_STEP,
         pigment_light=maps["pigment_light"] * PIGMENT_STEP,
         pigment_deep=maps["pigment_deep"] * PIGMENT_STEP,
-        joint=joint,
-        flexion=flexion,
+        bend=SkinBend(joint, flexion),
     )

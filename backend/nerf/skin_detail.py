@@ -139,7 +139,7 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
         image: of the hand, at full size.
         hand: posed, in the image's view.
         maps: of the person.
-        flex: bend of the skin at the vertices (`SkinDetail.flex`).
+        flex: bend of the skin at the vertices (`SkinBend.flex`).
     """
     seen = seen_skin(hand, image.pixel)
     normal = image.normal[seen.row]

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from ..geometry.mesh import Topology, posed_mesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
-from ..hand.skin_detail import SkinDetail
+from ..hand.skin_detail import SkinBend
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
@@ -200,14 +200,14 @@ class Renderer:
     ) -> LitHand:
         backend, superres, detail = self._backend, _asking(self._superres, check), None
         if self._detail is not None:
-            maps, skin = self._detail
-            detail = PosedDetail(maps, self._tensor(skin.flex(self._canonical_theta(shot.pose))))
+            maps, bend = self._detail
+            detail = PosedDetail(maps, self._tensor(bend.flex(self._canonical_theta(shot.pose))))
         return render_lit_hand(
             shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, detail, on_stage
         )
 
     @cached_property
-    def _detail(self) -> tuple[DetailMaps, SkinDetail] | None:
+    def _detail(self) -> tuple[DetailMaps, SkinBend] | None:
         """The fine detail of the avatar's skin, where it is known."""
         return detail_of(self.avatar, self.torch_device) if self.has_skin_detail else None
 

@@ -7,18 +7,18 @@ from typing import Any
 
 import torch
 
-from ..hand.skin_detail import SkinDetail, load_skin_detail
+from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
 from ..nerf.skin_detail import DetailMaps, SkinLook
 
 
-def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinDetail] | None:
+def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinBend] | None:
     """The detail of the skin that the avatar was trained on; None: its capture showed another than the built-in one."""
     person = _person(avatar.provenance.get("capture"))
     detail = None if person is None else load_skin_detail(avatar.hand_sha256)
     if person is None or detail is None:
         return None
-    return DetailMaps.of(detail, person, device), detail
+    return DetailMaps.of(detail, person, device), detail.bend
 
 
 def _person(capture: Any) -> SkinLook | None:

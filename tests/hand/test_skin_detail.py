@@ -34,20 +34,20 @@ def test_nails_have_rims_and_ridges_lie_on_the_palm_alone(hand, detail):
 
 def test_skin_bends_with_its_joint_and_the_palm_with_a_share_of_the_knuckles(detail):
     theta = np.zeros((16, 3))
-    theta[5] = 0.5 * FULL_FLEX_RAD * detail.flexion[5]
-    flex = detail.flex(theta)
-    assert flex[detail.joint == 5] == pytest.approx(0.5)
-    assert not flex[(detail.joint > 0) & (detail.joint != 5)].any()
-    assert not flex[detail.joint == 0].any()
-    theta[4] = FULL_FLEX_RAD * detail.flexion[4]
-    assert detail.flex(theta)[detail.joint == 0] == pytest.approx(0.6 / 4)
-    assert detail.flex(-theta).max() == 0  # stretched
+    theta[5] = 0.5 * FULL_FLEX_RAD * detail.bend.flexion[5]
+    flex = detail.bend.flex(theta)
+    assert flex[detail.bend.joint == 5] == pytest.approx(0.5)
+    assert not flex[(detail.bend.joint > 0) & (detail.bend.joint != 5)].any()
+    assert not flex[detail.bend.joint == 0].any()
+    theta[4] = FULL_FLEX_RAD * detail.bend.flexion[4]
+    assert detail.bend.flex(theta)[detail.bend.joint == 0] == pytest.approx(0.6 / 4)
+    assert detail.bend.flex(-theta).max() == 0  # stretched
 
 
 def test_every_vertex_has_a_joint_of_its_own_hand(hand, detail):
-    assert detail.joint.shape == (len(hand.v_template),)
-    assert set(np.unique(detail.joint)) <= set(range(16))
-    lengths = np.linalg.norm(detail.flexion, axis=1)
+    assert detail.bend.joint.shape == (len(hand.v_template),)
+    assert set(np.unique(detail.bend.joint)) <= set(range(16))
+    lengths = np.linalg.norm(detail.bend.flexion, axis=1)
     assert lengths[1:] == pytest.approx(1, abs=1e-5)
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.mesh import Topology, posed_mesh
-from livehand.backend.hand.skin_detail import ATLAS_MM, SkinDetail
+from livehand.backend.hand.skin_detail import ATLAS_MM, SkinBend, SkinDetail
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
@@ -30,12 +30,12 @@ N, SIDE_M, SIZE = 64, 0.27, (24, 20)
 TEXEL_MM = ATLAS_MM / N
 ZERO = np.zeros((N, N), np.float32)
 FLAT = {"relief_mm": ZERO, "dorsal": ZERO, "palmar": ZERO, "veins": ZERO, "pigment_light": ZERO, "pigment_deep": ZERO}
-JOINTS = {"joint": np.zeros(4, int), "flexion": np.zeros((16, 3))}
+BEND = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
 ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  # mm
 
 
 def skin(**maps):
-    return SkinDetail(**{**FLAT, **maps}, **JOINTS)
+    return SkinDetail(**{**FLAT, **maps}, bend=BEND)
 
 
 def patch(depth_m=0.5, focal_px=400.0):
@@ -151,7 +151,7 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
     view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
     image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3)
     flex = torch.rand(len(hand_in_view.mesh.vertices), generator=torch.Generator().manual_seed(0))
-    of_person = DetailMaps.of(SkinDetail(**maps, **JOINTS), SkinLook(0.3, 1.2, 0.4))
+    of_person = DetailMaps.of(SkinDetail(**maps, bend=BEND), SkinLook(0.3, 1.2, 0.4))
     ours, theirs = (
         b.detailed_image(image, hand_in_view, of_person, flex) for b in (NumbaBackend(), ReferenceBackend())
     )
