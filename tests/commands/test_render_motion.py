@@ -116,11 +116,12 @@ def my_hand(folder):
 
 def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
     hand = my_hand(tmp_path)
-    avatar = replace(load_avatar(), hand_sha256=load_hand_model(hand).sha256)
-    save_avatar(avatar, tmp_path / "mine.safetensors")
+    avatar = replace(load_avatar(), provenance={})  # of nobody known: the built-in skin's detail is not another hand's
+    save_avatar(avatar, tmp_path / "stranger.safetensors")
+    save_avatar(replace(avatar, hand_sha256=load_hand_model(hand).sha256), tmp_path / "mine.safetensors")
     for folder, arguments in (
         ("own", ["--hand", str(hand), "--avatar", str(tmp_path / "mine.safetensors")]),
-        ("built_in", []),
+        ("built_in", ["--avatar", str(tmp_path / "stranger.safetensors")]),
     ):
         asked = ["render", str(gestures), "-o", str(tmp_path / folder), "--size", "48x64", "--frames", "1", *arguments]
         assert main(asked) == 0
