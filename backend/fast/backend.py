@@ -22,7 +22,7 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import enlarged_rays, light_features, relit, shares_of_rays, smoothed_rays
+from .lighting import enlarged_rays, light_features, relit, shares_of_rays, smoothed_rays, surface_means
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -50,6 +50,7 @@ class NumbaBackend:
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)
     superres = staticmethod(superres)
     lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, smoothed=smoothed_rays, shares=shares_of_rays))

@@ -22,8 +22,9 @@ from ..nerf.lighting import (
 )
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, SkinDepth, feature_maps, ray_depths
+from ..nerf.surface_means import FACING_POWER, SHARES, RayPlaces
 from .kernels.compiled import in_parallel
-from .kernels.lighting import enlarge_pixels, ray_shares, relit_pixels, smooth_pixels
+from .kernels.lighting import enlarge_pixels, mean_over_surface, ray_shares, relit_pixels, smooth_pixels
 from .kernels.lighting import light_features as fill_features
 from .kernels.records import (
     EnlargedArrays,
@@ -32,11 +33,13 @@ from .kernels.records import (
     Lobes,
     PointArrays,
     ProbeArrays,
+    RaysOnSurface,
     RelitImage,
     SkyArrays,
 )
 
 MIN_ALPHA_32 = np.float32(MIN_ALPHA)
+_MEAN_SHARES = np.array(SHARES, np.float32)
 
 
 def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
@@ -58,6 +61,24 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     )
     *direct, reflected = buffers[1:]
     return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *direct, torch.ones(count, 3), reflected))
+
+
+def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
+    """As `nerf.surface_means.surface_means`."""
+    width, height = places.size_px
+    row = np.full(width * height, -1, np.int32)
+    row[places.pixel.numpy()] = np.arange(len(values), dtype=np.int32)
+    means = torch.empty(values.shape)
+    record = RaysOnSurface(
+        *_arrays(places.pixel), row, width, *_arrays(places.position, places.normal), np.float32(places.off_plane_m)
+    )
+    (before,), after = _arrays(values), means.numpy()
+    in_parallel(
+        lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
+        len(values),
+        torch.get_num_threads(),
+    )
+    return means
 
 
 def enlarged_rays(

@@ -25,6 +25,7 @@ from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
 from .skin_detail import DetailMaps
+from .surface_means import RayPlaces
 from .volume import Composite
 
 Precision = Literal["fp32", "bf16"]
@@ -78,6 +79,10 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def surface_means(self, values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
+        """As `nerf.surface_means.surface_means`, without gradients."""
         ...
 
     def decoder(self, field: PlaneField, device: torch.device, precision: Precision) -> Decoder:

@@ -17,6 +17,7 @@ from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
 from .shade import shade
 from .skin_detail import detailed_image
+from .surface_means import surface_means
 from .trace import trace
 from .volume import Composite
 
@@ -28,6 +29,7 @@ class ReferenceBackend:
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)
     light_features = staticmethod(light_features)
+    surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder_in_precision)
     superres = staticmethod(in_precision)
     lit_image = staticmethod(lit_image)

@@ -192,25 +192,28 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
 
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
     """The features on the low-resolution grid, zero where there is no ray."""
-    rows = torch.cat([value.flatten(1) for value in _of_rays(features).values()], 1)
-    width, height = size_px
+    rows, (width, height) = ray_rows(features), size_px
     return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
 
 
-def _of_rays(features: LightFeatures) -> dict[str, Tensor]:
-    return {name: getattr(features, name) for name in _OF_RAYS}
+def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:
+    """All that differs from ray to ray, a row for each."""
+    return torch.cat([getattr(features, name).flatten(1) for name in _OF_RAYS], 1)
+
+
+def with_ray_rows(features: LightFeatures, rows: Float[Tensor, "P C"]) -> LightFeatures:
+    """The same light at other points, whose rows are as `ray_rows` gives them."""
+    shapes = [getattr(features, name).shape[1:] for name in _OF_RAYS]
+    parts = rows.split([shape.numel() for shape in shapes], 1)
+    named = zip(_OF_RAYS, shapes, parts, strict=True)
+    return features._replace(**{name: part.reshape(len(rows), *shape) for name, shape, part in named})
 
 
 def _enlarged(features: LightFeatures, pixel: Tensor, size_px: tuple[int, int], image: LitImage) -> LightFeatures:
     """The features at the pixels of the full-size image."""
     maps = feature_maps(features, pixel, size_px)
     around, _ = neighbours(image.pixel, size_px)
-    large = (maps[around] * image.share[..., None]).sum(1)
-    shapes = {name: value.shape[1:] for name, value in _of_rays(features).items()}
-    split = large.split([shape.numel() for shape in shapes.values()], 1)
-    return features._replace(
-        **{name: part.reshape(len(large), *shapes[name]) for name, part in zip(shapes, split, strict=True)}
-    )
+    return with_ray_rows(features, (maps[around] * image.share[..., None]).sum(1))
 
 
 def neighbours(at: Int[Tensor, " P"], size_px: tuple[int, int]) -> tuple[Int[Tensor, "P 4"], Float[Tensor, "P 4"]]:

@@ -36,6 +36,7 @@ from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size
 from ..nerf.skin_detail import DetailMaps
+from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
 from ..records.light import Light
@@ -100,12 +101,12 @@ class LitHand:
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo)
-        features = backend.light_features(samples, shadows, self.points)
+        places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
+        features = smoothed_light(backend.light_features(samples, shadows, self.points), places, backend.surface_means)
         if light.measured is None:
             return features
         direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
-        low_px, scale = self.hand.camera.size_px, self.hand.mesh.scale
-        indirect = without_noise(indirect, self.points, self.pixel, low_px, scale)
+        indirect = without_noise(indirect, places, backend.surface_means)
         return corrected(features, self.points.normal, direct, indirect)
 
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:

@@ -9,19 +9,13 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from ..nerf.crop import Crop
-from ..nerf.lighting import SurfacePoints
+from ..nerf.surface_means import RayPlaces, SurfaceMeans, surface_means
 from ..records.light import MeasuredLight
 
 # Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller shows no hand, as
 # for rays that pass beside the bare mesh, through the shell.
 _SIDES = (3, 9, 27)
-# Distances, in rays, of the neighbours in each pass of `without_noise`, and their shares by the number of coordinates
-# in which they differ.
 _STRIDES = (1, 2, 4)
-_SHARES = (4.0, 2.0, 1.0)
-# Neighbours count for less, the farther they lie off the surface's tangent plane, and the more it turns.
-_OFF_PLANE_M = 0.003
-_FACING_POWER = 4
 _TINY = 1e-6
 
 
@@ -53,35 +47,12 @@ def measured_at(
 
 
 def without_noise(
-    values: Float[Tensor, "R 3"], points: SurfacePoints, pixel: Tensor, size_px: tuple[int, int], scale: Tensor
+    values: Float[Tensor, "R 3"], places: RayPlaces, means: SurfaceMeans = surface_means
 ) -> Float[Tensor, "R 3"]:
     """Means of what varies slowly over the skin, as light that other surfaces reflect, over rays on the same surface.
 
-    Three passes over 3 x 3 rays, each twice as far apart (Dammertz et al. 2010, edge-avoiding a-trous wavelets).
-
-    Args:
-        values: at the rays.
-        points: where they meet the skin.
-        pixel: of the rays.
-        size_px: of their image.
-        scale: of the posed mesh.
+    Three passes over 3 x 3 rays, each twice as far apart.
     """
-    width, height = size_px
-    border = max(_STRIDES)
-    row = torch.full((height + 2 * border, width + 2 * border), -1, device=pixel.device)
-    at_y, at_x = torch.div(pixel, width, rounding_mode="floor") + border, pixel % width + border
-    row[at_y, at_x] = torch.arange(len(pixel), device=pixel.device)
     for stride in _STRIDES:
-        summed, total = _SHARES[0] * values, values.new_full((len(values), 1), _SHARES[0])
-        for dy in (-1, 0, 1):
-            for dx in (-1, 0, 1):
-                if dx == dy == 0:
-                    continue
-                other = row[at_y + stride * dy, at_x + stride * dx]
-                off_m = ((points.position[other] - points.position) * points.normal).sum(-1)
-                facing = (points.normal[other] * points.normal).sum(-1).clamp(min=0) ** _FACING_POWER
-                near = torch.exp(-((off_m / (_OFF_PLANE_M * scale)) ** 2))
-                weight = (_SHARES[abs(dx) + abs(dy)] * facing * near * (other >= 0))[:, None]
-                summed, total = summed + weight * values[other], total + weight
-        values = summed / total
+        values = means(values, places, stride)
     return values

@@ -328,6 +328,40 @@ def smooth_pixels(pixels, row, width, min_alpha, before, first, last, after):
 
 
 @compiled
+def mean_over_surface(rays, shares, facing_power, stride, before, first, last, after):
+    """Fill `after` [R, C] for rays [first, last): means of `before` over rays beside them (`RaysOnSurface`)."""
+    height, columns = len(rays.row) // rays.width, before.shape[1]
+    for index in range(first, last):
+        y, x = rays.pixel[index] // rays.width, rays.pixel[index] % rays.width
+        normal, position = rays.normal[index], rays.position[index]
+        total = shares[0]
+        for k in range(columns):
+            after[index, k] = shares[0] * before[index, k]
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                there_y, there_x = y + stride * dy, x + stride * dx
+                is_inside = 0 <= there_y < height and 0 <= there_x < rays.width
+                if (dy == 0 and dx == 0) or not is_inside:
+                    continue
+                other = rays.row[there_y * rays.width + there_x]
+                if other < 0:
+                    continue
+                off_m, facing = _0, _0
+                for k in range(3):
+                    off_m += (rays.position[other, k] - position[k]) * normal[k]
+                    facing += rays.normal[other, k] * normal[k]
+                if facing <= _0:
+                    continue
+                off = off_m / rays.off_plane_m
+                weight = shares[abs(dy) + abs(dx)] * facing**facing_power * np.exp(-off * off)
+                total += weight
+                for k in range(columns):
+                    after[index, k] += weight * before[other, k]
+        for k in range(columns):
+            after[index, k] /= total
+
+
+@compiled
 def relit_pixels(image, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]

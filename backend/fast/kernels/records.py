@@ -322,6 +322,26 @@ class SeenFaces(NamedTuple):
     width: int
 
 
+class RaysOnSurface(NamedTuple):
+    """Where R rays meet a surface, in an image of P pixels.
+
+    Attributes:
+        pixel: [R] of each ray.
+        row: [P] which ray a pixel has, -1 for none.
+        width: of the image, px.
+        position: [R, 3] m.
+        normal: [R, 3].
+        off_plane_m: at which distance from the tangent plane rays are of another surface.
+    """
+
+    pixel: np.ndarray
+    row: np.ndarray
+    width: int
+    position: np.ndarray
+    normal: np.ndarray
+    off_plane_m: np.float32
+
+
 class DetailedSkin(NamedTuple):
     """A posed skin: corner_uv [F, 3, 2], gradients [F, 2, 3] of u and v, 1/m, and flex [V]."""
 
