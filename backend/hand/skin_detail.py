@@ -1,7 +1,7 @@
 """The fine detail of the built-in hand's skin: folds, fine lines, ridges, rims of nails, as maps over the atlas.
 
-An avatar learns from pictures what its planes resolve, some 0.7 mm; these maps hold what is finer, as the generator of
-the skin made it (`livehand_blender/capture/skin_detail.py`), and nothing that is coarser.
+An avatar learns from pictures what its planes resolve, some 0.7 mm, and shows of it what the rays of a frame resolve.
+These maps hold what is finer, as the generator of the skin made it (`livehand_blender/capture/skin_detail.py`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from .model_file import WITH_ARM, builtin_hand_path, builtin_hashes
 
 ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
-COARSEST_MM = 0.8
-"""Deviation of the blur that was subtracted."""
+COARSEST_MM, WIDEST_MM = 0.8, 6.0
+"""Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
 RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP = 0.002, 0.01, 0.01
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
@@ -45,8 +45,8 @@ class SkinBend:
 
 
 @dataclass(frozen=True)
-class SkinDetail:
-    """Maps [N, N] over the atlas, the row of the smallest v first, without all that is coarser than `COARSEST_MM`.
+class SkinMaps:
+    """Maps [N, N] over the atlas, the row of the smallest v first.
 
     Attributes:
         relief_mm: height of lines, ridges and rims.
@@ -54,7 +54,6 @@ class SkinDetail:
         palmar: depth of the creases of the palm and below the fingers.
         veins: height of the veins on the back of hand and arm, 1 at the highest.
         pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
-        bend: which folds follow.
     """
 
     relief_mm: np.ndarray
@@ -63,11 +62,25 @@ class SkinDetail:
     veins: np.ndarray
     pigment_light: np.ndarray
     pigment_deep: np.ndarray
+
+
+@dataclass(frozen=True)
+class SkinDetail:
+    """The skin's detail by its size.
+
+    Attributes:
+        fine: without all that is coarser than `COARSEST_MM`.
+        coarse: what lies between that and `WIDEST_MM`.
+        bend: which folds follow.
+    """
+
+    fine: SkinMaps
+    coarse: SkinMaps
     bend: SkinBend
 
 
-def write_skin_detail(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write the maps as `load_skin_detail` reads them."""
+def write_skin_maps(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write maps as `load_skin_detail` reads them."""
     np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
 
 
@@ -75,15 +88,22 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     """The detail of the skin of a built-in hand; None: this hand has none."""
     if builtin_hashes().get(hand_sha256) != WITH_ARM:
         return None
-    with np.load(builtin_hand_path(WITH_ARM).with_name("skin_of_hand_with_arm.npz"), allow_pickle=False) as arrays:
-        maps = {name: arrays[name].astype(np.float32) for name in arrays.files if arrays[name].ndim == 2}
-        joint, flexion = arrays["joint"].astype(int), arrays["flexion"]
-    return SkinDetail(
-        relief_mm=maps["relief"] * RELIEF_STEP_MM,
-        dorsal=maps["dorsal"] * FOLD_STEP,
-        palmar=maps["palmar"] * FOLD_STEP,
-        veins=maps["veins"] * FOLD_STEP,
-        pigment_light=maps["pigment_light"] * PIGMENT_STEP,
-        pigment_deep=maps["pigment_deep"] * PIGMENT_STEP,
-        bend=SkinBend(joint, flexion),
+    fine = _arrays(f"skin_of_{WITH_ARM}.npz")
+    bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
+    return SkinDetail(_maps(fine), _maps(_arrays(f"coarse_skin_of_{WITH_ARM}.npz")), bend)
+
+
+def _arrays(name: str) -> dict[str, np.ndarray]:
+    with np.load(builtin_hand_path(WITH_ARM).with_name(name), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:
+    return SkinMaps(
+        relief_mm=steps["relief"] * np.float32(RELIEF_STEP_MM),
+        dorsal=steps["dorsal"] * np.float32(FOLD_STEP),
+        palmar=steps["palmar"] * np.float32(FOLD_STEP),
+        veins=steps["veins"] * np.float32(FOLD_STEP),
+        pigment_light=steps["pigment_light"] * np.float32(PIGMENT_STEP),
+        pigment_deep=steps["pigment_deep"] * np.float32(PIGMENT_STEP),
     )

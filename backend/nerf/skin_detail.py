@@ -2,7 +2,8 @@
 
 The rays of a relightable field tell colour and normal at half the image's size and to the resolution of its planes.
 Folds, lines and the rims of nails are finer; where they are known (`hand.skin_detail`) they bend the normals of the
-full-size image, in which lamps and gloss are evaluated, and darken its coefficients.
+full-size image, in which lamps and gloss are evaluated, and darken its coefficients. From afar, where rays lie farther
+apart than the planes resolve, what they pass over is added too.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, normalize
+from torch.nn.functional import avg_pool2d, conv2d, normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
-from ..hand.skin_detail import ATLAS_MM, SkinDetail
+from ..hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
 from .lighting import DIFFUSE, SCATTERED
 from .rays import HandInView, project
 from .relighting import LitImage
@@ -32,15 +33,20 @@ FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
 BUMP = 0.6
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
-TINT = 0.5
-"""Share of the pigment and of the colour of folds: the rest is in an avatar's own planes."""
+TINT, COARSE_TINT = 0.5, 1.0
+"""Shares of the pigment and of the colour of folds, fine and coarse: the rest is in an avatar's own planes."""
+RESOLVED_PX = 1.5
+"""Deviation of the blur beyond which the rays, two pixels apart, show all."""
 LEAST_COSINE = 0.25
 """Of normal and view: flatter views are filtered as this one."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
 CHANNELS = 9
 """Slopes along u and v of relief, dorsal folds and palmar creases; pigment; dorsal folds; palmar creases."""
+_SHADES = slice(6, 9)
+_STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 3
 _LEVELS = 6
+_BLUR_REACH = 3  # deviations
 _TINY = 1e-12
 
 
@@ -80,15 +86,14 @@ class DetailMaps(NamedTuple):
             look: of the person.
             device: of the table.
         """
-        pigment = (1 - look.melanin) * detail.pigment_light + look.melanin * detail.pigment_deep
-        relief_mm = detail.relief_mm + look.veins_mm * detail.veins
-        heights = relief_mm, detail.dorsal * (DORSAL_MM * look.folds), detail.palmar * (PALMAR_MM * look.folds)
-        values = [slope for height in heights for slope in _slopes(height)]
-        shades = [pigment, detail.dorsal * DORSAL_SHADE, detail.palmar * PALMAR_SHADE]
-        steps = [SLOPE_STEP_MM] * len(values) + [SHADE_STEP] * len(shades)
-        columns = [_pyramid(value, step) for value, step in zip([*values, *shades], steps, strict=True)]
-        resolution = len(detail.relief_mm)
-        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
+        resolution = len(detail.fine.relief_mm)
+        fine = _channels(detail.fine, look, 1.0)
+        coarse = _channels(detail.coarse, look, len(detail.coarse.relief_mm) / resolution)
+        coarse[_SHADES] *= COARSE_TINT / TINT
+        levels = [_level(fine, coarse, level).flatten(1) for level in range(_LEVELS)]
+        whole_steps = (torch.cat(levels, 1).T / torch.tensor(_STEPS)).round().clamp(-127, 127)
+        table = whole_steps.to(torch.int8).contiguous()
+        return cls(table.to(device), resolution, ATLAS_MM / 1000 / resolution)
 
     @property
     def levels(self) -> list[tuple[int, int]]:
@@ -102,7 +107,7 @@ class DetailMaps(NamedTuple):
         share = (level.clamp(0, _LEVELS - 1) - fine)[:, None]
         coarse = (fine + 1).clamp(max=_LEVELS - 1)
         both = self._bilinear(uv, fine) * (1 - share) + self._bilinear(uv, coarse) * share
-        return both * both.new_tensor([SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 3)
+        return both * both.new_tensor(_STEPS)
 
     def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 9"]:
         start, size = torch.tensor(self.levels, device=uv.device)[level].unbind(1)
@@ -192,20 +197,38 @@ def face_gradients(mesh: PosedMesh, topology: Topology) -> Float[Tensor, "F 2 3"
     return (uv_b - uv_a)[:, :, None] * along_ab[:, None] + (uv_c - uv_a)[:, :, None] * along_ac[:, None]
 
 
-def _slopes(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Central differences along u (columns) and v (rows), mm a texel."""
-    along_v, along_u = np.gradient(height)
-    return along_u, along_v
+def _channels(maps: SkinMaps, look: SkinLook, texels: float) -> Float[Tensor, "9 N N"]:
+    """What the table holds, of a person; slopes in mm a texel of the finest level, whose width is `texels` of these."""
+    pigment = (1 - look.melanin) * maps.pigment_light + look.melanin * maps.pigment_deep
+    relief_mm = maps.relief_mm + look.veins_mm * maps.veins
+    heights = relief_mm, maps.dorsal * (DORSAL_MM * look.folds), maps.palmar * (PALMAR_MM * look.folds)
+    slopes = [texels * slope for height in heights for slope in reversed(np.gradient(height))]  # along u, along v
+    shades = [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
+    return torch.as_tensor(np.stack([*slopes, *shades]), dtype=torch.float32)
 
 
-def _pyramid(values: np.ndarray, step: float) -> Tensor:
-    """[T] int8: means over blocks, level after level."""
-    level = torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32)[None]
-    flat = []
-    for _ in range(_LEVELS):
-        flat.append((level / step).round().clamp(-127, 127).to(torch.int8).flatten())
-        level = avg_pool2d(level, 2)
-    return torch.cat(flat)
+def _level(fine: Float[Tensor, "9 N N"], coarse: Float[Tensor, "9 n n"], level: int) -> Float[Tensor, "9 m m"]:
+    """A level of the pyramid: for images whose pixels are its texels, with what their rays pass over."""
+    kept = _halved(fine, level)
+    resolution, widest = kept.shape[-1], coarse.shape[-1]
+    if resolution > widest or RESOLVED_PX * ATLAS_MM / resolution <= COARSEST_MM:
+        return kept  # rays resolve more than the planes
+    passed_over = coarse - _blurred(coarse, RESOLVED_PX * widest / resolution)
+    return kept + _halved(passed_over, (widest // resolution).bit_length() - 1)
+
+
+def _halved(maps: Float[Tensor, "C N N"], times: int) -> Float[Tensor, "C n n"]:
+    """Means over blocks."""
+    return avg_pool2d(maps, 1 << times)
+
+
+def _blurred(maps: Float[Tensor, "C N N"], deviation: float) -> Float[Tensor, "C N N"]:
+    """Gaussian blur; 0 lies around the maps."""
+    reach = int(_BLUR_REACH * deviation + 0.5)
+    weight = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / deviation) ** 2)
+    weight = weight / weight.sum()
+    along_u = conv2d(maps[:, None], weight.reshape(1, 1, 1, -1), padding=(0, reach))
+    return conv2d(along_u, weight.reshape(1, 1, -1, 1), padding=(reach, 0))[:, 0]
 
 
 def _on_screen(

@@ -1,8 +1,8 @@
 """Makes the maps of the built-in skin's fine detail (`backend/hand/skin_detail.py`) from the skin that captures show.
 
-The command line below needs bpy, takes some minutes and writes the file that ships beside the hand.
+The command line below needs bpy, takes some minutes and writes the two files that ship beside the hand.
 
-    python -m livehand.livehand_blender.capture.skin_detail OUT.npz
+    python -m livehand.livehand_blender.capture.skin_detail FOLDER
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from ...backend.captures.person import PERSONS, Person
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.hand.model import HandModel
-from ...backend.hand.model_file import load_default_hand
+from ...backend.hand.model_file import WITH_ARM, load_default_hand
 from ...backend.hand.skin_detail import (
     ATLAS_MM,
     COARSEST_MM,
     FOLD_STEP,
     PIGMENT_STEP,
     RELIEF_STEP_MM,
-    write_skin_detail,
+    WIDEST_MM,
+    write_skin_maps,
 )
 from .bake import bake_mask, bake_skin
 from .scene import capture_scene
@@ -38,42 +39,67 @@ with needs("scipy"):
 
 _LEAST_ALBEDO = 1e-3  # what no chart covers is black
 # Freckles differ from person to person, and are large enough for an avatar's own planes.
+_STEPS = {
+    "relief": RELIEF_STEP_MM,
+    "dorsal": FOLD_STEP,
+    "palmar": FOLD_STEP,
+    "veins": FOLD_STEP,
+    "pigment_light": PIGMENT_STEP,
+    "pigment_deep": PIGMENT_STEP,
+}
+COARSER = 4
+"""How many texels of the fine maps make one of the coarse, along each side."""
 _LIGHT, _DEEP = (replace(PERSONS[name], freckles=0.0) for name in ("light", "deep"))
 
 
+def blurred(values: np.ndarray, is_skin: np.ndarray, texels: float) -> np.ndarray:
+    """[N, N] Gaussian blur of this deviation over the skin alone; 0 beside the skin."""
+    weight = gaussian_filter(is_skin.astype(np.float32), texels)
+    total = gaussian_filter(np.where(is_skin, values, 0).astype(np.float32), texels)
+    return np.where(is_skin, total / np.maximum(weight, 1e-6), 0)
+
+
 def fine_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float) -> np.ndarray:
-    """[N, N] minus a Gaussian blur of this deviation over the skin alone; 0 beside the skin."""
-    weight = gaussian_filter(is_skin.astype(np.float32), coarsest_texels)
-    blurred = gaussian_filter(np.where(is_skin, values, 0).astype(np.float32), coarsest_texels)
-    return np.where(is_skin, values - blurred / np.maximum(weight, 1e-6), 0)
+    """[N, N] minus its blur of this deviation; 0 beside the skin."""
+    return np.where(is_skin, values - blurred(values, is_skin, coarsest_texels), 0)
+
+
+def coarse_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float, widest_texels: float) -> np.ndarray:
+    """[N / 4, N / 4] blur of the one deviation minus that of the other; 0 beside the skin."""
+    share = _blocks(is_skin.astype(np.float32))
+    small = _blocks(blurred(values, is_skin, coarsest_texels)) / np.maximum(share, 1e-6)
+    return fine_part(small, share > 0.5, widest_texels / COARSER)
 
 
 def skin_detail_arrays(
     model: HandModel, light: dict[str, np.ndarray], deep: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """The arrays of the file, from the maps of a light and of a deep skin: `height`, `albedo` and `vein` [N, N, 3]."""
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The arrays of both files, fine and coarse, from a light and a deep skin: `height`, `albedo`, `vein` [N, N, 3]."""
     is_skin = light["albedo"].sum(-1) > _LEAST_ALBEDO
-    coarsest = COARSEST_MM / (ATLAS_MM / len(is_skin))
-    relief, dorsal, palmar = (fine_part(light["height"][..., k], is_skin, coarsest) for k in range(3))
-    pigments = [
-        fine_part(np.log(np.maximum(maps["albedo"], _LEAST_ALBEDO)).mean(-1), is_skin, coarsest)
-        for maps in (light, deep)
-    ]
-    coarse = detailed_surface(model, levels=0)
-    return {
-        "relief": _steps(relief, RELIEF_STEP_MM),
-        "dorsal": _steps(dorsal, FOLD_STEP),
-        "palmar": _steps(palmar, FOLD_STEP),
-        "veins": _steps(fine_part(light["vein"][..., 0], is_skin, coarsest), FOLD_STEP),
-        "pigment_light": _steps(pigments[0], PIGMENT_STEP),
-        "pigment_deep": _steps(pigments[1], PIGMENT_STEP),
-        "joint": coarse.masks["jid"].astype(np.int8),
-        "flexion": coarse.flex_axis.astype(np.float32),
-    }
+    texel_mm = ATLAS_MM / len(is_skin)
+    coarsest, widest = COARSEST_MM / texel_mm, WIDEST_MM / texel_mm
+    maps = _maps(light, deep)
+    surface = detailed_surface(model, levels=0)
+    bend = {"joint": surface.masks["jid"].astype(np.int8), "flexion": surface.flex_axis.astype(np.float32)}
+    fine = {name: fine_part(values, is_skin, coarsest) for name, values in maps.items()}
+    coarse = {name: coarse_part(values, is_skin, coarsest, widest) for name, values in maps.items()}
+    return _whole_steps(fine) | bend, _whole_steps(coarse)
 
 
-def _steps(values: np.ndarray, step: float) -> np.ndarray:
-    return np.clip(np.round(values / step), -127, 127).astype(np.int8)
+def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """[N, N] each, in the units of `SkinMaps`."""
+    pigments = (np.log(np.maximum(maps["albedo"], _LEAST_ALBEDO)).mean(-1) for maps in (light, deep))
+    return dict(zip(_STEPS, (*np.moveaxis(light["height"], -1, 0), light["vein"][..., 0], *pigments), strict=True))
+
+
+def _blocks(values: np.ndarray) -> np.ndarray:
+    """Means over blocks."""
+    count = len(values) // COARSER
+    return values.reshape(count, COARSER, count, COARSER).mean((1, 3))
+
+
+def _whole_steps(maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.clip(np.round(values / _STEPS[name]), -127, 127).astype(np.int8) for name, values in maps.items()}
 
 
 def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[str, np.ndarray]:
@@ -100,12 +126,14 @@ def _read(path: Path) -> np.ndarray:
 def main() -> None:
     """Command line: bake both skins and write the file."""
     parser = argparse.ArgumentParser(description="Make the maps of the built-in skin's fine detail.")
-    parser.add_argument("out", type=Path, help="the .npz to write")
-    out = parser.parse_args().out
+    parser.add_argument("folder", type=Path, help="where to write both files")
+    folder = parser.parse_args().folder
     model = load_default_hand()
     capture_scene(None)
-    detail = detailed_surface(model)
-    write_skin_detail(out, skin_detail_arrays(model, _baked(model, detail, _LIGHT), _baked(model, detail, _DEEP)))
+    surface = detailed_surface(model)
+    fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
+    write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
+    write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
-from livehand.livehand_blender.capture.skin_detail import fine_part, skin_detail_arrays
+from livehand.livehand_blender.capture.skin_detail import COARSER, coarse_part, fine_part, skin_detail_arrays
 
 N = 512
 EVERYWHERE = np.ones((N, N), bool)
@@ -22,6 +22,16 @@ def test_short_waves_stay_and_long_ones_go(length, left):
     assert inner.max() == pytest.approx(left, abs=0.02)
 
 
+@pytest.mark.parametrize(("length", "left"), [(8, 0.06), (60, 0.9), (500, 0.03)])
+def test_waves_between_both_stay_in_the_coarse_part(length, left):
+    found = coarse_part(waves(length), EVERYWHERE, 3.0, 22.0)
+    inner = found[N // 16 : -N // 16, N // 16 : -N // 16]
+    sigma = 2 * np.pi / length
+    expected = np.exp(-((sigma * 3) ** 2) / 2) * (1 - np.exp(-((sigma * 22) ** 2) / 2))
+    assert inner.max() == pytest.approx(expected, abs=0.03)
+    assert expected == pytest.approx(left, abs=0.05)
+
+
 def test_skin_beside_an_empty_place_has_no_edge():
     is_skin = EVERYWHERE.copy()
     is_skin[:, 100:] = False
@@ -36,7 +46,7 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
     maps = [
         {"height": height, "vein": vein, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)
     ]
-    arrays = skin_detail_arrays(hand, *maps)
+    arrays, coarse = skin_detail_arrays(hand, *maps)
     sigma = 2 * np.pi / 3 * COARSEST_MM / TEXEL_MM
     kept = 1 - np.exp(-(sigma**2) / 2)
     middle = slice(N // 4, -N // 4)
@@ -51,4 +61,5 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
         assert arrays[name].dtype == np.int8
         expected = amplitude * np.sin(2 * np.pi / 3) * kept
         assert arrays[name][middle, middle].max() * step == pytest.approx(expected, rel=0.05)
+        assert coarse[name].shape == (N // COARSER, N // COARSER)
     assert arrays["joint"].shape == (len(hand.v_template),)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
-from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FULL_FLEX_RAD, load_skin_detail, write_skin_detail
+from livehand.backend.hand.skin_detail import (
+    ATLAS_MM,
+    COARSEST_MM,
+    FULL_FLEX_RAD,
+    WIDEST_MM,
+    load_skin_detail,
+    write_skin_maps,
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,17 +26,27 @@ def blocks(values, size):
 
 @pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "veins", "pigment_light", "pigment_deep"])
 def test_maps_hold_detail_and_nothing_coarse(detail, name):
-    values = getattr(detail, name)
+    values = getattr(detail.fine, name)
     texel_mm = ATLAS_MM / len(values)
     coarse = blocks(values, round(8 * COARSEST_MM / texel_mm))
     assert values.std() > 0.005
     assert coarse.std() < 0.15 * values.std()
 
 
+@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "veins", "pigment_light", "pigment_deep"])
+def test_coarse_maps_hold_what_lies_between(detail, name):
+    values = getattr(detail.coarse, name)
+    texel_mm = ATLAS_MM / len(values)
+    fine = np.abs(np.diff(values, axis=1)).mean()
+    assert values.std() > 0.01
+    assert fine < 0.5 * values.std()  # smooth from texel to texel
+    assert blocks(values, round(6 * WIDEST_MM / texel_mm)).std() < 0.15 * values.std()
+
+
 def test_nails_have_rims_and_ridges_lie_on_the_palm_alone(hand, detail):
-    assert detail.relief_mm.max() > 0.1  # the rim of a nail
-    at = np.floor(hand.vt[:, ::-1] * len(detail.palmar)).astype(int).clip(0, len(detail.palmar) - 1)
-    assert (detail.palmar[tuple(at.T)] != 0).mean() > 0.1
+    assert detail.fine.relief_mm.max() > 0.1  # the rim of a nail
+    at = np.floor(hand.vt[:, ::-1] * len(detail.fine.palmar)).astype(int).clip(0, len(detail.fine.palmar) - 1)
+    assert (detail.fine.palmar[tuple(at.T)] != 0).mean() > 0.1
 
 
 def test_skin_bends_with_its_joint_and_the_palm_with_a_share_of_the_knuckles(detail):
@@ -58,6 +75,6 @@ def test_other_hands_have_no_known_detail():
 
 def test_files_are_read_as_written(tmp_path):
     path = tmp_path / "skin.npz"
-    write_skin_detail(path, {"relief": np.full((4, 4), 3, np.int8)})
+    write_skin_maps(path, {"relief": np.full((4, 4), 3, np.int8)})
     with np.load(path) as arrays:
         assert (arrays["relief"] == 3).all()

@@ -7,16 +7,18 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.mesh import Topology, posed_mesh
-from livehand.backend.hand.skin_detail import ATLAS_MM, SkinBend, SkinDetail
+from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
 from livehand.backend.nerf.skin_detail import (
     BUMP,
+    COARSE_TINT,
     DORSAL_MM,
     FOLD_LOG_ALBEDO,
     PALMAR_MM,
+    RESOLVED_PX,
     TINT,
     DetailMaps,
     SkinLook,
@@ -35,7 +37,12 @@ ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  #
 
 
 def skin(**maps):
-    return SkinDetail(**{**FLAT, **maps}, bend=BEND)
+    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), BEND)
+
+
+def coarse_maps(**maps):
+    """A quarter as wide."""
+    return SkinMaps(**{**{name: ZERO[::4, ::4] for name in FLAT}, **maps})
 
 
 def patch(depth_m=0.5, focal_px=400.0):
@@ -121,6 +128,25 @@ def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     assert far.normal[:, 0].abs().max() < 1e-3
 
 
+def seen_tint(texels_a_pixel, wave_texels):
+    """What is seen of waves of coarse pigment, as a share of them."""
+    wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
+    coarse = coarse_maps(pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
+    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, BEND), SkinLook(0.0, 1.0, 0.0))
+    at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
+    seen = TINT * maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
+    inner = slice(4, 12)  # nothing is known beyond the borders
+    return (seen[inner] * wave[inner]).sum() / (wave[inner] ** 2).sum()
+
+
+def test_rays_pass_over_what_is_coarse_from_afar_only():
+    assert RESOLVED_PX * TEXEL_MM > COARSEST_MM  # even the finest of these maps is coarser than the planes
+    assert seen_tint(1, 4) == seen_tint(2, 4) == 0.0  # pixels finer than the coarse maps
+    passed_over = COARSE_TINT * (1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2))
+    assert seen_tint(4, 4) == pytest.approx(passed_over, rel=0.1)
+    assert 0 < seen_tint(4, 16) < 0.5 * passed_over
+
+
 def test_the_image_before_is_unchanged_and_pixels_beside_the_mesh_stay(backend):
     hand = patch(focal_px=40.0)  # the patch covers 21.6 px
     before = image_of(hand)
@@ -146,12 +172,16 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
     view = seen_from(found.mesh, (0.2, -1, 0.4), size_px=(120, 110))
     hand_in_view = HandInView(found.mesh, found.topology, view)
     generator = np.random.default_rng(3)
-    maps = {name: generator.normal(0, 0.05, (N, N)).astype(np.float32) for name in FLAT}
+    fine, coarse = (
+        SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
+        for size in (N, N // 4)
+    )
+    both = SkinDetail(fine, coarse, BEND)
     pixel = torch.arange(hand_in_view.camera.size_px[0] * hand_in_view.camera.size_px[1])
     view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
     image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3)
     flex = torch.rand(len(hand_in_view.mesh.vertices), generator=torch.Generator().manual_seed(0))
-    of_person = DetailMaps.of(SkinDetail(**maps, bend=BEND), SkinLook(0.3, 1.2, 0.4))
+    of_person = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4))
     ours, theirs = (
         b.detailed_image(image, hand_in_view, of_person, flex) for b in (NumbaBackend(), ReferenceBackend())
     )
