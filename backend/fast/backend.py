@@ -22,7 +22,15 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import enlarged_rays, light_features, relit, shares_of_rays, smoothed_rays, surface_means
+from .lighting import (
+    enlarged_rays,
+    light_features,
+    normals_at_steps,
+    relit,
+    shares_of_rays,
+    smoothed_rays,
+    surface_means,
+)
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -53,7 +61,11 @@ class NumbaBackend:
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)
     superres = staticmethod(superres)
-    lit_image = staticmethod(partial(lit_image, enlarged=enlarged_rays, smoothed=smoothed_rays, shares=shares_of_rays))
+    lit_image = staticmethod(
+        partial(
+            lit_image, enlarged=enlarged_rays, smoothed=smoothed_rays, shares=shares_of_rays, normals=normals_at_steps
+        )
+    )
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

@@ -21,10 +21,10 @@ from ..nerf.lighting import (
     SurfacePoints,
 )
 from ..nerf.rays import CameraTensors
-from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, SkinDepth, feature_maps, ray_depths
+from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
 from ..nerf.surface_means import FACING_POWER, SHARES, RayPlaces
 from .kernels.compiled import in_parallel
-from .kernels.lighting import enlarge_pixels, mean_over_surface, ray_shares, relit_pixels, smooth_pixels
+from .kernels.lighting import enlarge_pixels, mean_over_surface, ray_shares, relit_pixels, smooth_pixels, step_normals
 from .kernels.lighting import light_features as fill_features
 from .kernels.records import (
     EnlargedArrays,
@@ -66,8 +66,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
 def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
     """As `nerf.surface_means.surface_means`."""
     width, height = places.size_px
-    row = np.full(width * height, -1, np.int32)
-    row[places.pixel.numpy()] = np.arange(len(values), dtype=np.int32)
+    row = _row_of(places.pixel, width * height)
     means = torch.empty(values.shape)
     record = RaysOnSurface(
         *_arrays(places.pixel), row, width, *_arrays(places.position, places.normal), np.float32(places.off_plane_m)
@@ -100,8 +99,7 @@ def enlarged_rays(
 
 def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
     """As `nerf.relighting.smoothed_rays`."""
-    row = np.full(len(large.alpha), -1, np.int32)
-    row[covered.numpy()] = np.arange(len(covered), dtype=np.int32)
+    row = _row_of(covered, len(large.alpha))
     smooth = large._replace(coefficients=torch.empty_like(large.coefficients), normal=torch.empty_like(large.normal))
     before, after = (EnlargedArrays(*_arrays(*rays)) for rays in (large, smooth))
     pixels = covered.numpy()
@@ -128,6 +126,22 @@ def shares_of_rays(
     return shares
 
 
+def normals_at_steps(
+    normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
+) -> Float[Tensor, "P 3"]:
+    """As `nerf.relighting.normals_at_steps`."""
+    width, height = rays.size_px
+    row, normals = _row_of(rays.pixel, width * height), torch.empty_like(normal)
+    at, share, of_rays, before = _arrays(rays.at, rays.share, relief_normal, normal)
+    after = normals.numpy()
+    in_parallel(
+        lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after),
+        len(normal),
+        torch.get_num_threads(),
+    )
+    return normals
+
+
 def relit(
     image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
 ) -> Float[Tensor, "3 H W"]:
@@ -142,6 +156,13 @@ def relit(
         lambda first, last: relit_pixels(record, _lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()
     )
     return out.T.reshape(3, 2 * height, 2 * width)
+
+
+def _row_of(pixel: Tensor, count: int) -> np.ndarray:
+    """[count] where each pixel of an image stands among these, -1 for none."""
+    row = np.full(count, -1, np.int32)
+    row[pixel.numpy()] = np.arange(len(pixel), dtype=np.int32)
+    return row
 
 
 def _lobes() -> Lobes:

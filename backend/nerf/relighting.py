@@ -73,7 +73,24 @@ class EnlargedRays(NamedTuple):
     alpha: Tensor
 
 
+class RaysAround(NamedTuple):
+    """Which rays P pixels of the full-size image take their light from.
+
+    Attributes:
+        pixel: [R] of the rays, in the low-resolution image.
+        at: [P] pixels of the full-size image.
+        share: [P, 4] as in `LitImage`.
+        size_px: of the low-resolution image.
+    """
+
+    pixel: Tensor
+    at: Tensor
+    share: Tensor
+    size_px: tuple[int, int]
+
+
 Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
+Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
 
 
 def enlarged_rays(
@@ -99,6 +116,7 @@ def lit_image(
     enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
     smoothed: Callable[[EnlargedRays, Tensor, int], EnlargedRays] | None = None,
     shares: Shares | None = None,
+    normals: Normals | None = None,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
@@ -112,17 +130,20 @@ def lit_image(
         enlarged: as `enlarged_rays`.
         smoothed: as `smoothed_rays`, which stands for None.
         shares: as `shares_of_rays`, which stands for None.
+        normals: as `normals_at_steps`, which stands for None.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
     large = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
     coefficients, normal, alpha = (smoothed or smoothed_rays)(large, covered, full.size_px[0])
+    share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
+    around = RaysAround(pixel, covered, share, camera.size_px)
     return LitImage(
         pixel=covered,
         coefficients=coefficients,
-        normal=normal,
+        normal=(normals or normals_at_steps)(normal, points.relief_normal, around),
         view=normalize(ray_directions(full, covered), dim=-1),
-        share=(shares or shares_of_rays)(points.position, pixel, camera, covered, skin),
+        share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
     )
@@ -255,6 +276,29 @@ def shares_of_rays(
     at_edge = ((beside - skin.depth[at]).abs().nan_to_num() > skin.edge_m).any(0).nonzero()[:, 0]
     softened = [_guided(share[at_edge], depth_of[at_edge], one[at_edge], skin.edge_m) for one in beside]
     return result.index_put((at_edge,), _OF_PIXEL * result[at_edge] + _OF_NEXT * torch.stack(softened).sum(0))
+
+
+def normals_at_steps(
+    normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
+) -> Float[Tensor, "P 3"]:
+    """The normals, at steps of depth as the rays have them that tell of the light there.
+
+    Else the light that falls on a finger would, beside its outline, shine on the normal of the palm behind it.
+
+    Args:
+        normal: unit, of the pixels.
+        relief_normal: unit, at the rays.
+        rays: around the pixels.
+    """
+    around, bilinear = neighbours(rays.at, rays.size_px)
+    row = torch.full((rays.size_px[0] * rays.size_px[1],), -1, device=normal.device)
+    row[rays.pixel] = torch.arange(len(rays.pixel), device=normal.device)
+    beside = row[around]
+    even = bilinear * (beside >= 0)
+    even = even / even.sum(1, keepdim=True)
+    is_step = (rays.share - even).abs().sum(1, keepdim=True).clamp(max=1)
+    of_rays = (relief_normal[beside.clamp(min=0)] * rays.share[..., None]).sum(1)
+    return normalize(torch.lerp(normal, normalize(of_rays, dim=-1), is_step), dim=-1)
 
 
 def ray_depths(position: Float[Tensor, "R 3"], pixel: Int[Tensor, " R"], camera: CameraTensors) -> Float[Tensor, " P"]:

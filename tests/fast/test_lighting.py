@@ -1,10 +1,11 @@
 """The light's kernels against `nerf.relighting`, where no other test does."""
 
 import torch
-from livehand.backend.fast.lighting import shares_of_rays, smoothed_rays
+from livehand.backend.fast.lighting import normals_at_steps, shares_of_rays, smoothed_rays
 from livehand.backend.nerf.lighting import COEFFICIENTS
 from livehand.backend.nerf.rays import CameraTensors, ray_directions
-from livehand.backend.nerf.relighting import EnlargedRays, SkinDepth, covered_pixels
+from livehand.backend.nerf.relighting import EnlargedRays, RaysAround, SkinDepth, covered_pixels
+from livehand.backend.nerf.relighting import normals_at_steps as normals_reference
 from livehand.backend.nerf.relighting import shares_of_rays as reference
 from livehand.backend.nerf.relighting import smoothed_rays as smoothed_reference
 from torch.nn.functional import normalize
@@ -43,3 +44,18 @@ def test_smoothed_rays_are_those_of_torch_with_holes_and_at_borders():
     torch.testing.assert_close(ours.normal, theirs.normal, atol=1e-5, rtol=0)
     assert ours.alpha is alpha
     assert (ours.coefficients - coefficients).abs().max() > 0.1
+
+
+def test_normals_at_steps_are_those_of_torch_with_holes_and_at_borders():
+    random = torch.Generator().manual_seed(6)
+    pixel = torch.rand(9 * 13, generator=random).lt(0.7).nonzero()[:, 0]
+    pixel = torch.cat([pixel, torch.tensor([0, 12, 104, 116])]).unique()
+    at = covered_pixels(pixel, SIZE_PX)
+    depth = torch.where(torch.rand(len(pixel), generator=random) < 0.5, 0.5, 0.52)
+    position = depth[:, None] * ray_directions(CAMERA, pixel)
+    skin = SkinDepth(torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52), torch.tensor(0.003))
+    rays = RaysAround(pixel, at, reference(position, pixel, CAMERA, at, skin), SIZE_PX)
+    normal, of_rays = (normalize(torch.randn(len(x), 3, generator=random), dim=-1) for x in (at, pixel))
+    ours, theirs = normals_at_steps(normal, of_rays, rays), normals_reference(normal, of_rays, rays)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+    assert ((ours - normal).abs().amax(1) > 0.5).sum() > 10

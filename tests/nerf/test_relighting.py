@@ -11,10 +11,12 @@ from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import (
     EnlargedRays,
+    RaysAround,
     SkinDepth,
     covered_pixels,
     lit_image,
     neighbours,
+    normals_at_steps,
     relit_rays,
     shares_of_rays,
     smoothed_rays,
@@ -140,6 +142,22 @@ def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty():
     outside[theirs.pixel] = False
     assert theirs.alpha.flatten()[outside].abs().max() == 0
     assert theirs.alpha.flatten()[~outside].min() > 0
+
+
+def test_at_a_step_of_depth_the_normal_is_that_of_the_rays_whose_light_falls_there():
+    right = ALL % SIZE[0] >= 5
+    of_rays = torch.where(right[:, None], torch.tensor([1.0, 0, 0]), torch.tensor([0.0, 0, 1]))
+    at = torch.arange(4 * len(ALL))
+    _, even = neighbours(at, SIZE)
+    blurred = torch.tensor([0.6, 0.0, 0.8]).expand(len(at), 3)
+    torch.testing.assert_close(normals_at_steps(blurred, of_rays, RaysAround(ALL, at, even, SIZE)), blurred)
+    share = torch.zeros_like(even)
+    share[:, 0] = 1  # all of the ray to the upper left
+    found = normals_at_steps(blurred, of_rays, RaysAround(ALL, at, share, SIZE))
+    around, _ = neighbours(at, SIZE)
+    is_whole = (share - even).abs().sum(1) >= 1
+    assert is_whole.sum() > 100
+    torch.testing.assert_close(found[is_whole], of_rays[around[is_whole, 0]])
 
 
 def test_gradients_reach_coefficients_and_normals():

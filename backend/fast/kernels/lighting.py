@@ -437,6 +437,36 @@ def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, sha
 
 
 @compiled
+def step_normals(at, share, row, width, of_rays, normal, first, last, out):
+    """Fill out [P, 3] for pixels [first, last) as `nerf.relighting.normals_at_steps`.
+
+    `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
+    """
+    around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
+    for index in range(first, last):
+        _neighbours(len(row), width, at[index], around, even)
+        total, off, squared = _0, _0, _0
+        for k in range(4):
+            even[k] = even[k] if row[around[k]] >= 0 else _0
+            total += even[k]
+        for k in range(4):
+            off += abs(share[index, k] - even[k] / total)
+        off = min(off, _1)
+        mean[:] = _0
+        for k in range(4):
+            if row[around[k]] >= 0:
+                for x in range(3):
+                    mean[x] += share[index, k] * of_rays[row[around[k]], x]
+        length = max(np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]), _TINY)
+        for x in range(3):
+            out[index, x] = (_1 - off) * normal[index, x] + off * mean[x] / length
+            squared += out[index, x] * out[index, x]
+        length = max(np.sqrt(squared), _TINY)
+        for x in range(3):
+            out[index, x] /= length
+
+
+@compiled
 def _guided(share, depths, depth, edge_m, out):
     """The shares of the rays at a depth, or of all if none is there."""
     total, plain = _0, _0
