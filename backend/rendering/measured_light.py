@@ -16,6 +16,8 @@ from ..records.light import MeasuredLight
 # for rays that pass beside the bare mesh, through the shell.
 _SIDES = (3, 9, 27)
 _STRIDES = (1, 2, 4)
+# Of a square; what the path tracer's few samples tell of less is chance.
+_LEAST_COVERED = 0.2
 _TINY = 1e-6
 
 
@@ -41,7 +43,7 @@ def measured_at(
     for side in reversed(_SIDES):
         smooth = avg_pool2d(image, side, stride=1, padding=side // 2)
         values = grid_sample(smooth, place, padding_mode="border", align_corners=False)[0, :, 0].T
-        found = torch.where(values[:, 6:] > _TINY, values, found)
+        found = torch.where(values[:, 6:] > _LEAST_COVERED, values, found)
     straight = found[:, :6] / found[:, 6:].clamp(min=_TINY)
     return straight[:, :3], straight[:, 3:]
 

@@ -50,6 +50,19 @@ def test_rays_beside_the_mesh_have_the_light_of_the_hand_near_them():
         torch.testing.assert_close(direct, torch.full((1, 3), 0.5))
 
 
+def test_pixels_that_the_hand_hardly_covers_are_not_asked():
+    """A few samples that miss the lamp say nothing: such rays were black specks on outlines."""
+    alpha = np.zeros((12, 20))
+    alpha[:, :5] = 1
+    alpha[:, 5] = 0.06
+    light = ramp(20, 12, alpha)
+    light.direct[:, :5] = 0.5
+    light.direct[:, 5:] = 0
+    for column in range(4):
+        direct, _ = measured_at(light, CROP, torch.tensor([5 * 12 + column]), SIZE)
+        torch.testing.assert_close(direct, torch.full((1, 3), 0.5), atol=0.04, rtol=0)
+
+
 def test_noise_is_averaged_away_on_a_slanted_surface():
     width, height = 40, 30
     x, y = torch.meshgrid(torch.arange(width) * 0.0005, torch.arange(height) * 0.0005, indexing="xy")
