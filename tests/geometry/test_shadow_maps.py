@@ -37,6 +37,19 @@ def test_the_depth_behind_the_surface_is_the_way_of_the_light(spheres, backend):
     torch.testing.assert_close(found, torch.tensor([0, 1, 2, 0, 1.6]) * radius, atol=2e-4, rtol=0)
 
 
+def test_just_past_the_edge_the_way_of_the_light_is_not_lost_beside_the_mesh(spheres, backend):
+    """There map pixels beside the sphere are near; where light enters must not be taken from them."""
+    radius = 0.02
+    mesh, topology = spheres(((0, 0, 0), radius), subdivisions=5)
+    past = torch.deg2rad(torch.linspace(6, 20, 29))
+    points = radius * torch.stack([past.cos(), torch.zeros(29), -past.sin()], -1)
+    all_of_it = torch.cat([points, mesh.vertices])  # so that the map shows all
+    found = shadows_of(backend, mesh, topology, points=all_of_it).depth_in_m[0, :29]
+    way = 2 * radius * past.sin()
+    assert (found > 0.25 * way).all()
+    assert (found < 1.05 * way).all()
+
+
 @pytest.mark.parametrize("scale", [0.5, 1.0, 10.0])
 def test_lengths_are_the_templates_whatever_the_scale(spheres, backend, scale):
     mesh, topology = spheres(((0, 0, 0), 0.01), subdivisions=3)
