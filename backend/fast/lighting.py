@@ -68,10 +68,8 @@ def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) 
     width, height = places.size_px
     row = _row_of(places.pixel, width * height)
     means = torch.empty(values.shape)
-    record = RaysOnSurface(
-        *_arrays(places.pixel), row, width, *_arrays(places.position, places.normal), np.float32(places.off_plane_m)
-    )
-    (before,), after = _arrays(values), means.numpy()
+    pixel, position, normal, before = _arrays(places.pixel, places.position, places.normal, values)
+    record, after = RaysOnSurface(pixel, row, width, position, normal, np.float32(places.off_plane_m)), means.numpy()
     in_parallel(
         lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
         len(values),
