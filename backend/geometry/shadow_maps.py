@@ -21,6 +21,8 @@ MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
 FAR = 1000.0
 """Distance of parallel light, in radii of the mesh: its rays are then parallel to 0.1 degrees."""
+# Where light grazes, smooth normals face it on faces that do not; the middle of the mesh is far enough to allow for it.
+_GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
 _CONTACT_M = 0.001
 # A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh.
@@ -118,6 +120,7 @@ class ShadowScene(NamedTuple):
         faces: [F, 3] of the mesh.
         others: [3 T, 3] corners of other triangles.
         map_px: width and height of a map.
+        tolerance: by which a point may lie behind the middle of the mesh.
         contact: by which it may lie behind another triangle.
         max_depth_in: of `PointShadows`.
     """
@@ -128,6 +131,7 @@ class ShadowScene(NamedTuple):
     faces: Tensor
     others: Tensor
     map_px: int
+    tolerance: float
     contact: float
     max_depth_in: float
 
@@ -166,6 +170,7 @@ def point_shadows(
         faces=topology.faces,
         others=others.reshape(-1, 3),
         map_px=map_px,
+        tolerance=_GRAZING_M * in_template,
         contact=_CONTACT_M * in_template,
         max_depth_in=MAX_DEPTH_IN_M * in_template,
     )
@@ -203,12 +208,11 @@ def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> Point
         for dx, weight_x in ((0, 1 - share[..., 0]), (1, share[..., 0])):
             pixel = (row + dy) * scene.map_px + column + dx
             weight = weight_x * weight_y
-            lit = lit + weight * (points.depth <= blocker.gather(1, pixel))
+            lit = lit + weight * (points.depth <= blocker.gather(1, pixel) + scene.tolerance)
             begins = entry.gather(1, pixel)
             behind = (points.depth - begins).clamp(-scene.max_depth_in, scene.max_depth_in)
-            depth_in = depth_in + weight * torch.where(
-                begins < torch.inf, behind, 0
-            )  # beside the mesh there is no skin
+            is_skin = begins < torch.inf
+            depth_in = depth_in + weight * torch.where(is_skin, behind, 0)
     outside = ~is_inside
     return PointShadows(
         torch.where(outside, torch.ones_like(lit), lit),

@@ -180,6 +180,7 @@ class ShadowCasters(NamedTuple):
         others: [3, 3 T] corners of other triangles.
         others_faces: [T, 3] their indices.
         map_px: width and height of a map.
+        tolerance: by which a point may lie behind the middle of the mesh.
         contact: by which it may lie behind another triangle.
         max_depth_in: largest depth behind the surface.
     """
@@ -193,6 +194,7 @@ class ShadowCasters(NamedTuple):
     others: np.ndarray
     others_faces: np.ndarray
     map_px: int
+    tolerance: np.float32
     contact: np.float32
     max_depth_in: np.float32
 

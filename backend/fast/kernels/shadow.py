@@ -107,7 +107,7 @@ def _look_up(casters, view, points, entry, end, lit, depth_in):
     Points are taken in short rows without branches, which become vector instructions.
     """
     place, at, shares = np.empty((3, _ROW), np.float32), np.empty(_ROW, np.uint32), np.empty((2, _ROW), np.float32)
-    size, most = casters.map_px, casters.max_depth_in
+    size, tolerance, most = casters.map_px, casters.tolerance, casters.max_depth_in
     limit = np.float32(size - 1)
     for start in range(0, points.shape[1], _ROW):
         count = min(_ROW, points.shape[1] - start)
@@ -124,10 +124,11 @@ def _look_up(casters, view, points, entry, end, lit, depth_in):
             depth, pixel, fx, fy = place[2, index], np.uintp(at[index]), shares[0, index], shares[1, index]
             below = pixel + np.uintp(size)
             wa, wb, wc, wd = (_1 - fx) * (_1 - fy), fx * (_1 - fy), (_1 - fx) * fy, fx * fy
-            share = wa if depth <= end[pixel] else _0
-            share += wb if depth <= end[pixel + _NEXT] else _0
-            share += wc if depth <= end[below] else _0
-            share += wd if depth <= end[below + _NEXT] else _0
+            nearer = depth - tolerance
+            share = wa if nearer <= end[pixel] else _0
+            share += wb if nearer <= end[pixel + _NEXT] else _0
+            share += wc if nearer <= end[below] else _0
+            share += wd if nearer <= end[below + _NEXT] else _0
             ea, eb, ec, ed = entry[pixel], entry[pixel + _NEXT], entry[below], entry[below + _NEXT]
             inside = wa * min(max(depth - ea, -most), most) if ea < _INF else _0
             inside += wb * min(max(depth - eb, -most), most) if eb < _INF else _0
