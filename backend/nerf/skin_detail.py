@@ -89,11 +89,9 @@ class DetailMaps(NamedTuple):
         resolution = len(detail.fine.relief_mm)
         fine = _channels(detail.fine, look, 1.0)
         coarse = _channels(detail.coarse, look, len(detail.coarse.relief_mm) / resolution)
-        coarse[_SHADES] *= COARSE_TINT / TINT
-        levels = [_level(fine, coarse, level).flatten(1) for level in range(_LEVELS)]
-        whole_steps = (torch.cat(levels, 1).T / torch.tensor(_STEPS)).round().clamp(-127, 127)
-        table = whole_steps.to(torch.int8).contiguous()
-        return cls(table.to(device), resolution, ATLAS_MM / 1000 / resolution)
+        coarse[_SHADES] = [COARSE_TINT / TINT * shade for shade in coarse[_SHADES]]
+        columns = [_pyramid(*maps) for maps in zip(fine, coarse, _STEPS, strict=True)]
+        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
 
     @property
     def levels(self) -> list[tuple[int, int]]:
@@ -197,17 +195,27 @@ def face_gradients(mesh: PosedMesh, topology: Topology) -> Float[Tensor, "F 2 3"
     return (uv_b - uv_a)[:, :, None] * along_ab[:, None] + (uv_c - uv_a)[:, :, None] * along_ac[:, None]
 
 
-def _channels(maps: SkinMaps, look: SkinLook, texels: float) -> Float[Tensor, "9 N N"]:
-    """What the table holds, of a person; slopes in mm a texel of the finest level, whose width is `texels` of these."""
+def _channels(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
+    """[N, N] each: what the table holds of a person.
+
+    Slopes are in mm a texel of the finest level, whose width is `texels` of these.
+    """
     pigment = (1 - look.melanin) * maps.pigment_light + look.melanin * maps.pigment_deep
     relief_mm = maps.relief_mm + look.veins_mm * maps.veins
     heights = relief_mm, maps.dorsal * (DORSAL_MM * look.folds), maps.palmar * (PALMAR_MM * look.folds)
     slopes = [texels * slope for height in heights for slope in reversed(np.gradient(height))]  # along u, along v
     shades = [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
-    return torch.as_tensor(np.stack([*slopes, *shades]), dtype=torch.float32)
+    return [*slopes, *shades]
 
 
-def _level(fine: Float[Tensor, "9 N N"], coarse: Float[Tensor, "9 n n"], level: int) -> Float[Tensor, "9 m m"]:
+def _pyramid(fine: np.ndarray, coarse: np.ndarray, step: float) -> Tensor:
+    """[T] int8: level after level. One map at a time, for all together take half a gigabyte."""
+    fine_map, coarse_map = (torch.as_tensor(np.ascontiguousarray(x), dtype=torch.float32)[None] for x in (fine, coarse))
+    levels = [(_level(fine_map, coarse_map, level) / step).round().clamp(-127, 127) for level in range(_LEVELS)]
+    return torch.cat([level.to(torch.int8).flatten() for level in levels])
+
+
+def _level(fine: Float[Tensor, "1 N N"], coarse: Float[Tensor, "1 n n"], level: int) -> Float[Tensor, "1 m m"]:
     """A level of the pyramid: for images whose pixels are its texels, with what their rays pass over."""
     kept = _halved(fine, level)
     resolution, widest = kept.shape[-1], coarse.shape[-1]

@@ -12,10 +12,10 @@ from ..nerf.crop import Crop
 from ..nerf.surface_means import RayPlaces, SurfaceMeans, surface_means
 from ..records.light import MeasuredLight
 
-# Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller shows no hand, as
-# for rays that pass beside the bare mesh, through the shell.
+# Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller hardly shows the
+# hand, as for rays that pass beside the bare mesh, through the shell.
 _SIDES = (3, 9, 27)
-_STRIDES = (1, 2, 4)
+_STRIDES = (1, 2, 4)  # of the passes of `without_noise`, in rays
 # Of a square; what the path tracer's few samples tell of less is chance.
 _LEAST_COVERED = 0.2
 _TINY = 1e-6

@@ -38,7 +38,6 @@ with needs("scipy"):
     from scipy.ndimage import gaussian_filter
 
 _LEAST_ALBEDO = 1e-3  # what no chart covers is black
-# Freckles differ from person to person, and are large enough for an avatar's own planes.
 _STEPS = {
     "relief": RELIEF_STEP_MM,
     "dorsal": FOLD_STEP,
@@ -49,6 +48,7 @@ _STEPS = {
 }
 COARSER = 4
 """How many texels of the fine maps make one of the coarse, along each side."""
+# Freckles differ from person to person, and are large enough for an avatar's own planes.
 _LIGHT, _DEEP = (replace(PERSONS[name], freckles=0.0) for name in ("light", "deep"))
 
 
@@ -124,7 +124,7 @@ def _read(path: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Command line: bake both skins and write the file."""
+    """Command line: bake both skins and write both files."""
     parser = argparse.ArgumentParser(description="Make the maps of the built-in skin's fine detail.")
     parser.add_argument("folder", type=Path, help="where to write both files")
     folder = parser.parse_args().folder

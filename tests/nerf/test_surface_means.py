@@ -35,17 +35,19 @@ def test_a_spike_spreads_by_the_binomial_shares(backend, stride):
     assert found.sum().item() == pytest.approx(16, abs=1e-3)
 
 
-def test_light_does_not_cross_to_another_surface(backend):
+@pytest.mark.parametrize("stride", [1, 2, 4])
+def test_light_does_not_cross_to_another_surface(backend, stride):
     places = slanted_plane(24, 20, behind_from=12)
     is_behind = (places.pixel % 24 >= 12).float()[:, None].expand(-1, 3)
-    torch.testing.assert_close(backend.surface_means(is_behind, places, 1), is_behind, atol=1e-6, rtol=0)
+    torch.testing.assert_close(backend.surface_means(is_behind, places, stride), is_behind, atol=1e-6, rtol=0)
 
 
-def test_pixels_without_a_ray_and_borders_do_not_count(backend):
+@pytest.mark.parametrize("stride", [1, 2, 4])
+def test_pixels_without_a_ray_and_borders_do_not_count(backend, stride):
     places = slanted_plane(24, 20)
     kept = some_of(places, places.pixel % 7 != 0)
     ones = torch.ones(len(kept.pixel), 3)
-    torch.testing.assert_close(backend.surface_means(ones, kept, 2), ones)
+    torch.testing.assert_close(backend.surface_means(ones, kept, stride), ones)
 
 
 def test_a_ray_whose_normal_vanishes_keeps_its_light(backend):
