@@ -21,7 +21,7 @@ from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 from .contrast_bands import contrast_figures
 from .distances import Distance
-from .exposure import exposed, exposure_gain
+from .exposure import exposed, exposure_gain, is_reached
 from .figures import view_figures
 from .posed_hands import PosedHands
 from .shot_renderer import ShotRenderer
@@ -57,9 +57,10 @@ def scored_views(
     max_train_view_angle_deg: float | None = None,
     with_contrast: bool = False,
 ) -> Iterator[ScoredView]:
-    """Render and measure the views one by one; views in which the hand covers no pixel are skipped.
+    """Render and measure the views one by one, but those in which the hand covers no pixel.
 
-    Each view of a lit capture is rendered in its own light and exposed by its truth (`exposure`).
+    Each view of a lit capture is rendered in its own light and exposed by its truth (`exposure`). One whose light does
+    not reach what it shows is skipped, too: a lamp behind the hand, say.
 
     Args:
         renderer: of what is measured.
@@ -85,8 +86,8 @@ def scored_views(
     chosen = [(view, angle) for view, angle in zip(views, angles, strict=True) if not angle > limit_deg]
     for view, angle in tqdm(chosen, unit="image", desc="evaluate"):
         truth = read_truth(capture, view)
-        if (truth[..., 3] > 0.5).any():
-            shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, capture.light_of(view))
+        shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, capture.light_of(view))
+        if _shows_the_hand(truth, shot):
             truth, image = rendered_pair(renderer, shot, truth, capture.is_lit)
             surface = hands.seen_by(view)
             figures = view_figures(image, truth, surface, distances)
@@ -95,6 +96,11 @@ def scored_views(
             kind = None if view.light is None else capture.lights[view.light].kind
             score = ViewScore(view.file, view.split, view.camera_index, view.pose_index, angle, figures, kind)
             yield ScoredView(score, truth, image)
+
+
+def _shows_the_hand(truth: np.ndarray, shot: Shot) -> bool:
+    is_seen = bool((truth[..., 3] > 0.5).any())
+    return is_seen and (shot.light is None or is_reached(truth, shot.light, shot.vertices))
 
 
 def spaced_views(views: Sequence[CaptureView], most: int | None) -> Sequence[CaptureView]:

@@ -5,17 +5,31 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from ..geometry.shadow_maps import Bounds
+from ..nerf.light_samples import LightSamples
+from ..records.light import Light
 from ..rendering.srgb import linear_to_srgb
 
 WHITE_SHARE, WHITE = 99.0, 0.9
 """The truth's values on the hand at this percentile become this linear value."""
+LEAST_LIT = 1e-3
+"""Share of a light that must come back from the brightest skin of a view: of less, exposure would show noise alone."""
 _DARKEST = 1e-6
 
 
 def exposure_gain(truth: np.ndarray) -> float:
     """The factor that exposes linear premultiplied pixels [H, W, 4], by the channels of all pixels of the hand."""
-    values = truth[..., :3][truth[..., 3] > 0.5]
-    return WHITE / max(float(np.percentile(values, WHITE_SHARE)), _DARKEST)
+    return WHITE / max(_brightest(truth), _DARKEST)
+
+
+def is_reached(truth: np.ndarray, light: Light, vertices: np.ndarray) -> bool:
+    """Whether a light reaches what a view of linear pixels [H, W, 4] shows of a hand with these vertices [V, 3]."""
+    bounds = Bounds.around(torch.as_tensor(vertices, dtype=torch.float32))
+    return _brightest(truth) > LEAST_LIT * float(LightSamples.of(light, bounds).unblocked(bounds.centre))
+
+
+def _brightest(truth: np.ndarray) -> float:
+    return float(np.percentile(truth[..., :3][truth[..., 3] > 0.5], WHITE_SHARE))
 
 
 def exposed(pixels: np.ndarray, gain: float) -> np.ndarray:

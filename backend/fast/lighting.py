@@ -11,6 +11,7 @@ from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import (
     COEFFICIENTS,
     F0,
+    NAIL_ROUGHNESS,
     ROUGHNESS,
     SCATTER_M,
     SKY_CELL_RAD,
@@ -148,7 +149,7 @@ def relit(
     maps = feature_maps(features, pixel, size_px)
     out = torch.zeros(4 * width * height, 3)
     large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
-    light = (features.lamp_rgb, features.lamp_radius_rad)
+    light = (features.lamp_rgb, features.lamp_radius_rad, image.nail)
     record, flat = RelitImage._make((*_arrays(*large, maps), width, *_arrays(*light))), out.numpy()
     in_parallel(
         lambda first, last: relit_pixels(record, _lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()
@@ -165,7 +166,7 @@ def _row_of(pixel: Tensor, count: int) -> np.ndarray:
 
 def _lobes() -> Lobes:
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, np.square(ROUGHNESS)))
-    return Lobes._make((*constants, np.float32(SKY_CELL_RAD), np.float32(F0)))
+    return Lobes._make((*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, F0))))
 
 
 def _arrays(*values: Tensor) -> list[np.ndarray]:

@@ -49,8 +49,10 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     skin = DetailedSkin(topology.corner_uv.numpy(), gradients, flex.contiguous().numpy())
     first_rows = np.array([first for first, _ in maps.levels])
     table = DetailTable(maps.table.numpy(), first_rows, maps.resolution)
-    changed = image._replace(coefficients=_copy(image.coefficients), normal=_copy(image.normal))
-    arrays = DetailedArrays(*(changed[k].contiguous().numpy() for k in range(4)))
+    copies = (_copy(values) for values in (image.coefficients, image.normal, image.nail))
+    changed = image._replace(**dict(zip(("coefficients", "normal", "nail"), copies, strict=True)))
+    seen_by_kernel = (changed.pixel, changed.coefficients, changed.normal, changed.view, changed.nail)
+    arrays = DetailedArrays(*(values.contiguous().numpy() for values in seen_by_kernel))
     constants = _constants(hand, maps)
     in_parallel(
         lambda first, last: add_detail(seen, projected, skin, table, constants, first, last, arrays),
@@ -68,5 +70,5 @@ def _constants(hand: HandInView, maps: DetailMaps) -> DetailConstants:
     mesh, camera = hand.mesh, hand.camera
     texels = 1 / (float(camera.focal_px) * float(mesh.scale) * maps.texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * float(mesh.scale) * SLOPE_STEP_MM
-    numbers = texels, LEAST_COSINE, FLATTENED, DEEPENED_FROM, DEEPENED_BY, bump, TINT * SHADE_STEP
+    numbers = texels, LEAST_COSINE, FLATTENED, DEEPENED_FROM, DEEPENED_BY, bump, TINT * SHADE_STEP, SHADE_STEP
     return DetailConstants._make((*(np.float32(value) for value in numbers), np.array(FOLD_LOG_ALBEDO, np.float32)))

@@ -39,8 +39,13 @@ class Bounds(NamedTuple):
     @classmethod
     def of(cls, mesh: PosedMesh) -> Bounds:
         """The sphere about the mean vertex."""
-        centre = mesh.vertices.mean(0)
-        return cls(centre, (mesh.vertices - centre).norm(dim=-1).amax())
+        return cls.around(mesh.vertices)
+
+    @classmethod
+    def around(cls, vertices: Float[Tensor, "V 3"]) -> Bounds:
+        """The sphere about the mean of vertices."""
+        centre = vertices.mean(0)
+        return cls(centre, (vertices - centre).norm(dim=-1).amax())
 
 
 class LightViews(NamedTuple):

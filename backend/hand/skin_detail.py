@@ -18,7 +18,7 @@ ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
 COARSEST_MM, WIDEST_MM = 0.8, 6.0
 """Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
-RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP = 0.002, 0.01, 0.01
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP = 0.002, 0.01, 0.01, 0.01
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
 """Bend at which folds on the back of a joint are gone."""
@@ -71,11 +71,13 @@ class SkinDetail:
     Attributes:
         fine: without all that is coarser than `COARSEST_MM`.
         coarse: what lies between that and `WIDEST_MM`.
+        nail: [N / 4, N / 4] 1 on nails, 0 on skin.
         bend: which folds follow.
     """
 
     fine: SkinMaps
     coarse: SkinMaps
+    nail: np.ndarray
     bend: SkinBend
 
 
@@ -90,7 +92,8 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
         return None
     fine = _arrays(f"skin_of_{WITH_ARM}.npz")
     bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
-    return SkinDetail(_maps(fine), _maps(_arrays(f"coarse_skin_of_{WITH_ARM}.npz")), bend)
+    coarse = _arrays(f"coarse_skin_of_{WITH_ARM}.npz")
+    return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
 
 
 def _arrays(name: str) -> dict[str, np.ndarray]:

@@ -138,6 +138,12 @@ class LightSamples(NamedTuple):
             SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds, light.has_fine_shadows)
         )
 
+    def unblocked(self, point: Float[Tensor, " 3"]) -> Float[Tensor, ""]:
+        """What all of the light together would make of a white surface that faced all of it, mean over colours."""
+        _, strength = self.lamps.arriving(point[None])
+        of_lamps = (strength * self.lamps.rgb[self.lamps.lamp]).sum(0)
+        return (self.sky.flux.sum(0) + of_lamps).mean()
+
 
 def _rows_of(
     index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, is_fine: bool = False

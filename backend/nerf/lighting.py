@@ -25,6 +25,8 @@ WRAP = (0.7, 0.25)
 """How far light reaches around the surface by these depths: a share of the cosine."""
 ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
+NAIL_ROUGHNESS = 0.22
+"""Of the first lobe on nails, for light from lamps."""
 F0 = 0.028
 """Reflectance of skin at normal incidence, index of refraction 1.4."""
 SKY_CELL_RAD = 0.25
@@ -198,6 +200,7 @@ def glossy(
     towards: Float[Tensor, "*#n 3"],
     view: Float[Tensor, "*#n 3"],
     light_radius_rad: Float[Tensor, "*#n"],
+    nail: Float[Tensor, "*#n"] | None = None,
 ) -> Float[Tensor, "... 2"]:
     """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
 
@@ -206,6 +209,7 @@ def glossy(
         towards: unit, towards the light.
         view: unit, from the camera.
         light_radius_rad: half the angle of the light, by which a lobe is at least widened.
+        nail: 1 on nails, 0 on skin, which stands for None.
     """
     half = torch.nn.functional.normalize(towards - view, dim=-1)
     to_light = (normal * towards).sum(-1)
@@ -215,8 +219,8 @@ def glossy(
     is_lit = to_light > 0
     to_light = to_light.clamp(min=1e-4)
     lobes = []
-    for roughness in ROUGHNESS:
-        squared = (roughness**2 + light_radius_rad / 2).clamp(max=1) ** 2
+    for alpha in _alphas(nail):
+        squared = (alpha + light_radius_rad / 2).clamp(max=1) ** 2
         # pi times the distribution: light is in units of irradiance / pi.
         distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
         shadowing = 0.5 / (
@@ -225,6 +229,12 @@ def glossy(
         )
         lobes.append(torch.where(is_lit, distribution * shadowing * fresnel * to_light, torch.zeros_like(to_light)))
     return torch.stack(lobes, -1)
+
+
+def _alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:
+    """Of the microfacets in both lobes."""
+    tight, broad = (roughness**2 for roughness in ROUGHNESS)
+    return (tight if nail is None else tight + (NAIL_ROUGHNESS**2 - tight) * nail), broad
 
 
 UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
@@ -241,6 +251,7 @@ def lit_colour(
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
+    nail: Float[Tensor, " P"] | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Scene-linear colours of P points, whose features are given for each.
 
@@ -249,10 +260,12 @@ def lit_colour(
         normal: unit, world, with all relief.
         view: unit, from the camera.
         features: as `light_features`, at these points.
+        nail: 1 on nails, 0 on skin, which stands for None.
     """
     strength = features.lamp_vectors.norm(dim=-1)
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
-    lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad)
+    of_nail = None if nail is None else nail[:, None]
+    lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
     gloss = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb) + features.sky_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     direct = (

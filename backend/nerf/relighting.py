@@ -42,6 +42,7 @@ class LitImage(NamedTuple):
         share: [P, 4] of the four rays around each in its light: upper left, upper right, lower left, lower right.
         alpha: [H, W] not clamped; 0 at all other pixels.
         depth: [H, W] m; infinite where no ray meets the hand.
+        nail: [P] 1 on nails and 0 on skin, where it is known; else 0.
     """
 
     pixel: Tensor
@@ -51,6 +52,7 @@ class LitImage(NamedTuple):
     share: Tensor
     alpha: Tensor
     depth: Tensor
+    nail: Tensor
 
 
 class SkinDepth(NamedTuple):
@@ -146,6 +148,7 @@ def lit_image(
         share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
+        nail=alpha.new_zeros(len(covered)),
     )
 
 
@@ -200,7 +203,7 @@ def relit(
         size_px: of the low-resolution image.
     """
     at_pixels = _enlarged(features, pixel, size_px, image)
-    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels)
+    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.nail)
     width, height = size_px
     flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
     return flat.T.reshape(3, 2 * height, 2 * width)

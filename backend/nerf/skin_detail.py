@@ -3,7 +3,7 @@
 The rays of a relightable field tell colour and normal at half the image's size and to the resolution of its planes.
 Folds, lines and the rims of nails are finer; where they are known (`hand.skin_detail`) they bend the normals of the
 full-size image, in which lamps and gloss are evaluated, and darken its coefficients. From afar, where rays lie farther
-apart than the planes resolve, what they pass over is added too.
+apart than the planes resolve, what they pass over is added too. Nails, whose gloss is another, are told from skin.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, conv2d, normalize
+from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
@@ -41,10 +41,10 @@ LEAST_COSINE = 0.25
 """Of normal and view: flatter views are filtered as this one."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
-CHANNELS = 9
-"""Slopes along u and v of relief, dorsal folds and palmar creases; pigment; dorsal folds; palmar creases."""
+CHANNELS = 10
+"""Slopes along u and v of relief, dorsal folds and palmar creases; pigment; dorsal folds; palmar creases; nail."""
 _SHADES = slice(6, 9)
-_STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 3
+_STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4
 _LEVELS = 6
 _BLUR_REACH = 3  # deviations
 _TINY = 1e-12
@@ -68,7 +68,7 @@ class DetailMaps(NamedTuple):
     """A person's detail as a pyramid of maps, each level half as wide as the one before.
 
     Attributes:
-        table: [T, 9] int8: the texels of all levels, rows of the finest first, the smallest v first.
+        table: [T, 10] int8: the texels of all levels, rows of the finest first, the smallest v first.
         resolution: of the finest level.
         texel_m: its texels' side, template metres.
     """
@@ -90,7 +90,8 @@ class DetailMaps(NamedTuple):
         fine = _channels(detail.fine, look, 1.0)
         coarse = _channels(detail.coarse, look, len(detail.coarse.relief_mm) / resolution)
         coarse[_SHADES] = [COARSE_TINT / TINT * shade for shade in coarse[_SHADES]]
-        columns = [_pyramid(*maps) for maps in zip(fine, coarse, _STEPS, strict=True)]
+        columns = [_pyramid(*maps) for maps in zip(fine, coarse, _STEPS[:-1], strict=True)]
+        columns.append(_mask_pyramid(detail.nail, resolution))
         return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
 
     @property
@@ -99,15 +100,15 @@ class DetailMaps(NamedTuple):
         sizes = [self.resolution >> level for level in range(_LEVELS)]
         return [(sum(size**2 for size in sizes[:level]), sizes[level]) for level in range(_LEVELS)]
 
-    def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 9"]:
-        """Trilinear, in mm a texel and logarithms."""
+    def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 10"]:
+        """Trilinear, in mm a texel, logarithms, and 1 on nails."""
         fine = level.clamp(0, _LEVELS - 1).floor().long()
         share = (level.clamp(0, _LEVELS - 1) - fine)[:, None]
         coarse = (fine + 1).clamp(max=_LEVELS - 1)
         both = self._bilinear(uv, fine) * (1 - share) + self._bilinear(uv, coarse) * share
         return both * both.new_tensor(_STEPS)
 
-    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 9"]:
+    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 10"]:
         start, size = torch.tensor(self.levels, device=uv.device)[level].unbind(1)
         place = (uv * size[:, None] - 0.5).clamp(min=0).minimum(size[:, None] - 1.0)
         first = place.floor().minimum(size[:, None] - 2.0)
@@ -156,10 +157,13 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     albedo = torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO)))
     coefficients = image.coefficients.clone()
     coefficients[seen.row, SCATTERED.start : DIFFUSE.stop] *= albedo.repeat(1, 3)
-    return image._replace(normal=image.normal.index_put((seen.row,), bent), coefficients=coefficients)
+    nail = image.nail.index_put((seen.row,), values[:, -1])
+    return image._replace(normal=image.normal.index_put((seen.row,), bent), coefficients=coefficients, nail=nail)
 
 
-def _detail_at(seen: SeenSkin, maps: DetailMaps, hand: HandInView, cosine: Float[Tensor, " K"]) -> Float[Tensor, "K 9"]:
+def _detail_at(
+    seen: SeenSkin, maps: DetailMaps, hand: HandInView, cosine: Float[Tensor, " K"]
+) -> Float[Tensor, "K 10"]:
     """What the maps hold at the places, without what is finer than a pixel there."""
     uv = _blend(hand.topology.corner_uv[seen.face], seen.barycentric)
     footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine.clamp(min=LEAST_COSINE))
@@ -206,6 +210,13 @@ def _channels(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]
     slopes = [texels * slope for height in heights for slope in reversed(np.gradient(height))]  # along u, along v
     shades = [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
     return [*slopes, *shades]
+
+
+def _mask_pyramid(mask: np.ndarray, resolution: int) -> Tensor:
+    """[T] int8: level after level of a coarse map from 0 to 1, finer levels by interpolation."""
+    coarse = torch.as_tensor(mask, dtype=torch.float32)[None, None]
+    fine = interpolate(coarse, size=(resolution, resolution), mode="bilinear")[0]
+    return torch.cat([(_halved(fine, level) / _STEPS[-1]).round().to(torch.int8).flatten() for level in range(_LEVELS)])
 
 
 def _pyramid(fine: np.ndarray, coarse: np.ndarray, step: float) -> Tensor:

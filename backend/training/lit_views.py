@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..captures.capture import Capture, CaptureView
-from ..evaluation.exposure import WHITE, WHITE_SHARE
+from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
@@ -216,9 +216,9 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     lamps = light.lamps._replace(rgb=light.lamps.rgb * weights[light.group_of_lamp])
     sky = light.sky._replace(flux=(light.sky_flux * weights[:, None]).sum(0))
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
-    mixture = MixedLight(
-        LightSamples(sky, lamps), light.shadows, light.open_sky, light.position, exposure_of(linear, light.alpha)
-    )
+    samples = LightSamples(sky, lamps)
+    exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
+    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure)
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 
@@ -232,13 +232,15 @@ def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"
     return gain * colour * stays[:, None]
 
 
-def exposure_of(linear: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"]) -> Float[Tensor, ""]:
-    """As `evaluation.exposure.exposure_gain`, of tensors."""
+def exposure_of(
+    linear: Float[Tensor, "3 H W"], alpha: Float[Tensor, "H W"], darkest: Float[Tensor, ""]
+) -> Float[Tensor, ""]:
+    """As `evaluation.exposure.exposure_gain`, of tensors; what is darker than `darkest` is exposed as that would be."""
     values = linear[:, alpha > 0.5].flatten()
     if not len(values):
         return linear.new_ones(())
     brightest = values.kthvalue(max(1, round(WHITE_SHARE / 100 * len(values)))).values
-    return WHITE / brightest.clamp(min=1e-6)
+    return WHITE / brightest.maximum(darkest).clamp(min=1e-6)
 
 
 def _instants(views: Iterable[CaptureView]) -> list[tuple[CaptureView, ...]]:

@@ -24,6 +24,7 @@ from ...backend.hand.skin_detail import (
     ATLAS_MM,
     COARSEST_MM,
     FOLD_STEP,
+    NAIL_STEP,
     PIGMENT_STEP,
     RELIEF_STEP_MM,
     WIDEST_MM,
@@ -31,7 +32,7 @@ from ...backend.hand.skin_detail import (
 )
 from .bake import bake_mask, bake_skin
 from .scene import capture_scene
-from .skin import SkinTone
+from .skin import NAIL_RIM, SkinTone
 from .surface import SkinSurface
 
 with needs("scipy"):
@@ -46,6 +47,7 @@ _STEPS = {
     "pigment_light": PIGMENT_STEP,
     "pigment_deep": PIGMENT_STEP,
 }
+_MASKS = ("vein", "nailrim")
 COARSER = 4
 """How many texels of the fine maps make one of the coarse, along each side."""
 # Freckles differ from person to person, and are large enough for an avatar's own planes.
@@ -74,7 +76,7 @@ def coarse_part(values: np.ndarray, is_skin: np.ndarray, coarsest_texels: float,
 def skin_detail_arrays(
     model: HandModel, light: dict[str, np.ndarray], deep: dict[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """The arrays of both files, fine and coarse, from a light and a deep skin: `height`, `albedo`, `vein` [N, N, 3]."""
+    """The arrays of both files, fine and coarse, from the maps [N, N, 3] of a light and a deep skin (`_baked`)."""
     is_skin = light["albedo"].sum(-1) > _LEAST_ALBEDO
     texel_mm = ATLAS_MM / len(is_skin)
     coarsest, widest = COARSEST_MM / texel_mm, WIDEST_MM / texel_mm
@@ -83,7 +85,15 @@ def skin_detail_arrays(
     bend = {"joint": surface.masks["jid"].astype(np.int8), "flexion": surface.flex_axis.astype(np.float32)}
     fine = {name: fine_part(values, is_skin, coarsest) for name, values in maps.items()}
     coarse = {name: coarse_part(values, is_skin, coarsest, widest) for name, values in maps.items()}
-    return _whole_steps(fine) | bend, _whole_steps(coarse)
+    nail = np.round(nail_part(light["nailrim"][..., 0], is_skin) / NAIL_STEP).astype(np.int8)
+    return _whole_steps(fine) | bend, _whole_steps(coarse) | {"nail": nail}
+
+
+def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
+    """[N / 4, N / 4] where the skin is nail, 0 to 1, from the mask `nailrim`."""
+    outer, inner = NAIL_RIM
+    inside = np.clip((rim - outer) / (inner - outer), 0, 1)
+    return _blocks(np.where(is_skin, inside * inside * (3 - 2 * inside), 0))
 
 
 def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -106,9 +116,10 @@ def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[st
     surface = SkinSurface.create(model, detail, person.veins_mm)
     with tempfile.TemporaryDirectory() as folder:
         paths = bake_skin(surface.object, Path(folder), SkinTone.of(person))
-        paths["vein"] = Path(folder) / "vein.exr"
-        bake_mask(surface.object, "vein", paths["vein"])
-        maps = {name: _read(paths[name]) for name in ("albedo", "height", "vein")}
+        for mask in _MASKS:
+            paths[mask] = Path(folder) / f"{mask}.exr"
+            bake_mask(surface.object, mask, paths[mask])
+        maps = {name: _read(paths[name]) for name in ("albedo", "height", *_MASKS)}
     bpy.data.objects.remove(surface.object)
     return maps
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
-from livehand.livehand_blender.capture.skin_detail import COARSER, coarse_part, fine_part, skin_detail_arrays
+from livehand.livehand_blender.capture.skin import NAIL_RIM
+from livehand.livehand_blender.capture.skin_detail import COARSER, coarse_part, fine_part, nail_part, skin_detail_arrays
 
 N = 512
 EVERYWHERE = np.ones((N, N), bool)
@@ -42,10 +43,8 @@ def test_skin_beside_an_empty_place_has_no_edge():
 def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
     hand = load_default_hand()
     height = np.stack([0.05 * waves(3), 0.5 * waves(3), 0.3 * waves(3)], -1)
-    vein = 0.6 * waves(3)[..., None]
-    maps = [
-        {"height": height, "vein": vein, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)
-    ]
+    masks = {"vein": 0.6 * waves(3)[..., None], "nailrim": np.full((N, N, 1), 3.0)}
+    maps = [{**masks, "height": height, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)]
     arrays, coarse = skin_detail_arrays(hand, *maps)
     sigma = 2 * np.pi / 3 * COARSEST_MM / TEXEL_MM
     kept = 1 - np.exp(-(sigma**2) / 2)
@@ -63,3 +62,12 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
         assert arrays[name][middle, middle].max() * step == pytest.approx(expected, rel=0.05)
         assert coarse[name].shape == (N // COARSER, N // COARSER)
     assert arrays["joint"].shape == (len(hand.v_template),)
+    assert coarse["nail"].max() == 0
+
+
+def test_nails_lie_within_their_rim():
+    outer, inner = NAIL_RIM
+    rim = np.tile(np.repeat([3.0, outer, (outer + inner) / 2, inner, 0.2], N // 4), (N, 1))[:, :N]
+    found = nail_part(rim, EVERYWHERE)[0, :: N // COARSER // 4]
+    assert found == pytest.approx([0, 0, 0.5, 1])
+    assert nail_part(rim, ~EVERYWHERE).max() == 0

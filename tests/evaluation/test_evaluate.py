@@ -176,6 +176,16 @@ def test_a_lit_view_is_rendered_in_its_light_and_exposed_by_its_truth(renderer, 
     np.testing.assert_array_equal(darker.truth, scored[0].truth)
 
 
+def test_a_view_that_its_light_does_not_reach_is_skipped(renderer, lit_capture, tmp_path):
+    view, other = lit_capture.views[:2]
+    pixels = lit_capture.read_linear(view)
+    pixels[..., :3] *= 1e-6
+    dark = replace(lit_capture, folder=tmp_path, views=(view,))
+    write_exr(tmp_path / view.file, {name: pixels[..., k] for k, name in enumerate("RGBA")})
+    assert not list(scored_views(renderer, dark, dark.views))
+    assert len(list(scored_views(renderer, lit_capture, (view, other)))) == 2
+
+
 def test_the_command_lists_kinds_of_light_and_contrast(lit_capture, avatar_path, tmp_path, capsys):
     arguments = (lit_capture.folder, "--avatar", avatar_path, "--device", "cpu", "-o", tmp_path / "out")
     assert evaluate(*arguments, "--split", "all", "--contrast") == 0

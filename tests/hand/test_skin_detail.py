@@ -49,6 +49,14 @@ def test_nails_have_rims_and_ridges_lie_on_the_palm_alone(hand, detail):
     assert (detail.fine.palmar[tuple(at.T)] != 0).mean() > 0.1
 
 
+def test_five_nails_are_at_the_fingers_ends_and_have_the_size_of_nails(hand, detail):
+    texel_mm = ATLAS_MM / len(detail.nail)
+    assert 5 * 80 < (detail.nail > 0.5).sum() * texel_mm**2 < 5 * 180
+    row, column = np.floor(hand.vt[:, ::-1] * len(detail.nail)).astype(int).clip(0, len(detail.nail) - 1).T
+    corners = detail.nail[row, column][hand.ft] > 0.5
+    assert set(hand.lbs_weights.argmax(1)[hand.f[corners]]) == {3, 6, 9, 12, 15}
+
+
 def test_skin_bends_with_its_joint_and_the_palm_with_a_share_of_the_knuckles(detail):
     theta = np.zeros((16, 3))
     theta[5] = 0.5 * FULL_FLEX_RAD * detail.bend.flexion[5]

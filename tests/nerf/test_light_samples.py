@@ -100,6 +100,14 @@ def test_a_sky_gives_its_irradiance_to_every_normal(normal):
     assert found.tolist() == pytest.approx([pi + 2 * pi / 3 * normal[2]] * 3, rel=0.02)
 
 
+def test_all_of_a_light_is_what_a_white_surface_that_faced_it_would_reflect():
+    light = Light((Lamp("sun", np.array([3.0, 6, 9])), Lamp("point", np.array([8.0, 0, 0]), np.array([0, 0, 2.0]))))
+    of_lamps = (6 + 8 / (4 * pi * 4) / 3) / pi
+    assert float(LightSamples.of(light, BOUNDS).unblocked(torch.zeros(3))) == pytest.approx(of_lamps)
+    even = Sky(np.full((8, 16, 3), 0.5))  # a sphere of radiance 0.5: 4 times what falls on one side of a plane
+    assert float(LightSamples.of(Light(sky=even), BOUNDS).unblocked(torch.zeros(3))) == pytest.approx(2.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("is_fine", [False, True])
 @pytest.mark.parametrize(("size_m", "fewest"), [(0.08, 3), (0.2, 8), (0.9, 15)])
 def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, is_fine):

@@ -13,6 +13,8 @@ from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
     GLOSS,
+    NAIL_ROUGHNESS,
+    ROUGHNESS,
     SCATTERED,
     LightFeatures,
     LightShadows,
@@ -169,6 +171,8 @@ def test_what_a_lobe_reflects_is_less_than_what_arrives():
         assert (albedo < 0.35).all()
         if degrees == 0:
             assert albedo[0] == pytest.approx(0.028, rel=0.1)
+            on_nails = glossy(normal, towards, view.expand_as(towards), torch.zeros(len(towards)), torch.tensor(1.0))
+            assert on_nails[:, 0].mean() * 2 == pytest.approx(0.028, rel=0.1)
 
 
 def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():
@@ -181,6 +185,17 @@ def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():
     assert lobes[:, 0].max() > lobes[:, 1].max()
     wide = glossy(normal.expand(241, 3), towards, view.expand(241, 3), torch.full((241,), 0.5))
     assert wide[:, 0].max() < lobes[:, 0].max()
+
+
+def test_nails_shine_in_a_narrower_and_brighter_lobe():
+    """In the mirror direction a lobe is as bright as 1 / alpha^2, and alpha is the square of the roughness."""
+    up = torch.tensor([[0.0, 0, 1]])
+    skin, half, nail = (glossy(up, up, -up, torch.zeros(1), torch.tensor([share])) for share in (0.0, 0.5, 1.0))
+    alphas = [ROUGHNESS[0] ** 2, NAIL_ROUGHNESS**2]
+    assert float(nail[0, 0] / skin[0, 0]) == pytest.approx((alphas[0] / alphas[1]) ** 2, rel=1e-3)
+    assert float(half[0, 0] / skin[0, 0]) == pytest.approx((alphas[0] / np.mean(alphas)) ** 2, rel=1e-3)
+    assert skin[0, 1] == nail[0, 1]
+    torch.testing.assert_close(skin, glossy(up, up, -up, torch.zeros(1)))
 
 
 def test_gloss_takes_the_colour_of_the_light(lit):

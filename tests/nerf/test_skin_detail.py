@@ -36,8 +36,11 @@ BEND = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
 ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  # mm
 
 
-def skin(**maps):
-    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), BEND)
+NO_NAIL = ZERO[::4, ::4]
+
+
+def skin(nail=NO_NAIL, **maps):
+    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, BEND)
 
 
 def coarse_maps(**maps):
@@ -64,7 +67,8 @@ def image_of(hand):
     normal = torch.tensor([0.0, 0, 1]).expand(len(pixel), 3)
     ones = torch.ones(len(pixel), COEFFICIENTS)
     alpha = torch.ones(SIZE[1], SIZE[0])
-    return LitImage(pixel, ones, normal, view, torch.full((len(pixel), 4), 0.25), alpha, alpha)
+    share, skin = torch.full((len(pixel), 4), 0.25), torch.zeros(len(pixel))
+    return LitImage(pixel, ones, normal, view, share, alpha, alpha, skin)
 
 
 def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, veins_mm=0.25, hand=None):
@@ -120,6 +124,14 @@ def test_folds_have_their_colour(backend):
     torch.testing.assert_close(found[0, DIFFUSE], expected, atol=2e-2, rtol=0)
 
 
+def test_nails_are_where_the_map_has_them(backend):
+    """The right half of the atlas, which is as large as the picture."""
+    half = np.tile((np.arange(N // 4) >= N // 8).astype(np.float32), (N // 4, 1))
+    nail = detailed(backend, skin(half), hand=patch(focal_px=SIZE[0] * 0.5 / SIDE_M)).nail.reshape(SIZE[1], SIZE[0])
+    assert (nail[:, : SIZE[0] // 2 - 4] == 0).all()
+    torch.testing.assert_close(nail[:, SIZE[0] // 2 + 4 :], torch.ones(SIZE[1], SIZE[0] // 2 - 4))
+
+
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     """Waves of four texels: seen at a texel a pixel, and averaged away at 16."""
     waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32))
@@ -132,7 +144,7 @@ def seen_tint(texels_a_pixel, wave_texels):
     """What is seen of waves of coarse pigment, as a share of them."""
     wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
     coarse = coarse_maps(pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
-    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, BEND), SkinLook(0.0, 1.0, 0.0))
+    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, BEND), SkinLook(0.0, 1.0, 0.0))
     at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
     seen = TINT * maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
     inner = slice(4, 12)  # nothing is known beyond the borders
@@ -176,10 +188,11 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
         SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
         for size in (N, N // 4)
     )
-    both = SkinDetail(fine, coarse, BEND)
+    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), BEND)
     pixel = torch.arange(hand_in_view.camera.size_px[0] * hand_in_view.camera.size_px[1])
     view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
-    image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3)
+    skin_alone = torch.zeros(len(pixel))
+    image = LitImage(pixel, torch.ones(len(pixel), COEFFICIENTS), -view, view, *[torch.zeros(1, 4)] * 3, skin_alone)
     flex = torch.rand(len(hand_in_view.mesh.vertices), generator=torch.Generator().manual_seed(0))
     of_person = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4))
     ours, theirs = (
@@ -190,3 +203,5 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
     assert same > 0.999  # a pixel on an edge may see the face beside it
     close = ((ours.coefficients - theirs.coefficients).abs().amax(1) < 1e-3).float().mean()
     assert close > 0.999
+    assert ((ours.nail - theirs.nail).abs() < 0.02).float().mean() > 0.999
+    assert theirs.nail.max() > 0.5

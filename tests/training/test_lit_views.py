@@ -88,9 +88,19 @@ def test_weights_are_varied_and_never_all_zero():
 def test_the_exposure_brings_the_brightest_to_nine_tenths():
     linear = torch.rand(3, 20, 20) * 7
     alpha = torch.ones(20, 20)
-    exposed = linear * exposure_of(linear, alpha)
+    dim = torch.tensor(1e-3)
+    exposed = linear * exposure_of(linear, alpha, dim)
     assert float(exposed.quantile(0.99)) == pytest.approx(0.9, rel=0.01)
-    assert exposure_of(linear, torch.zeros(20, 20)) == 1
+    assert exposure_of(linear, torch.zeros(20, 20), dim) == 1
+    assert exposure_of(1e-6 * linear, alpha, dim) == pytest.approx(0.9 / 1e-3)  # no light is not made any
+
+
+def test_noise_is_not_exposed_where_no_light_arrives(lit_views):
+    """A view from behind, say: next to nothing comes back of a sun and a sky of some 1."""
+    view = lit_views.get(2, 0)
+    dark = view._replace(light=view.light._replace(targets=1e-7 * view.light.targets))
+    assert mixed(dark, torch.Generator().manual_seed(5)).target[:3].max() < 0.01
+    assert mixed(view, torch.Generator().manual_seed(5)).target[:3].max() > 0.9
 
 
 def test_occluders_shadow_the_light_but_not_the_coefficients(lit_views):

@@ -243,7 +243,7 @@ def _scattered(cosine, depth_in_m, lobes, both):
 
 
 @compiled
-def _glossy(to_light, x, y, z, normal, view, light_radius_rad, lobes, both):
+def _glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), _TINY)
@@ -254,7 +254,10 @@ def _glossy(to_light, x, y, z, normal, view, light_radius_rad, lobes, both):
     fresnel = lobes.f0 + (_1 - lobes.f0) * away * away * away * away * away
     to_light = max(to_light, _LEAST_COSINE)
     for lobe in range(2):
-        alpha = min(lobes.alpha[lobe] + light_radius_rad * _HALF, _1)
+        alpha = lobes.alpha[lobe]
+        if lobe == 0:
+            alpha += (lobes.nail_alpha - alpha) * nail
+        alpha = min(alpha + light_radius_rad * _HALF, _1)
         squared = alpha * alpha
         base = to_half * to_half * (squared - _1) + _1
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
@@ -388,7 +391,8 @@ def relit_pixels(image, lobes, first, last, out):
                 continue
             strength = max(np.sqrt(x * x + y * y + z * z), _TINY)
             x, y, z = x / strength, y / strength, z / strength
-            _glossy(facing / strength, x, y, z, normal, view, image.lamp_radius_rad[lamp], lobes, both)
+            radius_rad, nail = image.lamp_radius_rad[lamp], image.nail[index]
+            _glossy(facing / strength, x, y, z, normal, view, radius_rad, nail, lobes, both)
             gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)

@@ -270,11 +270,15 @@ class ProbeArrays(NamedTuple):
 
 
 class Lobes(NamedTuple):
-    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], and the angle of a sky cell."""
+    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], and the angle of a sky cell.
+
+    `nail_alpha` is the first lobe's on nails.
+    """
 
     scatter_m: np.ndarray
     wrap: np.ndarray
     alpha: np.ndarray
+    nail_alpha: np.float32
     sky_cell_rad: np.float32
     f0: np.float32
 
@@ -293,6 +297,7 @@ class RelitImage(NamedTuple):
         width: of the maps.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].
+        nail: [P].
     """
 
     pixel: np.ndarray
@@ -304,6 +309,7 @@ class RelitImage(NamedTuple):
     width: int
     lamp_rgb: np.ndarray
     lamp_radius_rad: np.ndarray
+    nail: np.ndarray
 
 
 class EnlargedArrays(NamedTuple):
@@ -351,7 +357,7 @@ class DetailedSkin(NamedTuple):
 
 
 class DetailTable(NamedTuple):
-    """A pyramid of maps: table [T, 9] int8, the first row of each level, and the finest level's resolution."""
+    """A pyramid of maps: table [T, 10] int8, the first row of each level, and the finest level's resolution."""
 
     table: np.ndarray
     first: np.ndarray
@@ -369,6 +375,7 @@ class DetailConstants(NamedTuple):
         deepened_by: what it adds.
         bump: of a stored step of a slope, m.
         shade: what a stored step of shades is worth, of which a share shows.
+        nail: what a stored step of nails is worth.
         fold_log_albedo: [3].
     """
 
@@ -379,13 +386,15 @@ class DetailConstants(NamedTuple):
     deepened_by: np.float32
     bump: np.float32
     shade: np.float32
+    nail: np.float32
     fold_log_albedo: np.ndarray
 
 
 class DetailedArrays(NamedTuple):
-    """P pixels, changed in place: pixel [P], coefficients [P, 14], normal [P, 3], view_direction [P, 3]."""
+    """P pixels, changed in place: pixel [P], coefficients [P, 14], normal [P, 3], view_direction [P, 3], nail [P]."""
 
     pixel: np.ndarray
     coefficients: np.ndarray
     normal: np.ndarray
     view_direction: np.ndarray
+    nail: np.ndarray
