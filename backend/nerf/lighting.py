@@ -26,11 +26,11 @@ WRAP = (0.7, 0.25)
 ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
 NAIL_ROUGHNESS = 0.22
-"""Of the first lobe on nails, for light from lamps."""
+"""Of the first lobe on nails, in the light of lamps."""
 F0 = 0.028
 """Reflectance of skin at normal incidence, index of refraction 1.4."""
-SKY_CELL_RAD = 0.25
-"""Angle of the cell around each of the sky's directions: its reflection is at least so wide."""
+SKY_CELL_RAD = 0.6
+"""Half the angle over which each of the sky's directions is spread in gloss: beyond its cell, so that all are even."""
 # Of the mean light, and how much brighter than ours measured light may be before it counts as another.
 _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
@@ -204,11 +204,14 @@ def glossy(
 ) -> Float[Tensor, "... 2"]:
     """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
 
+    A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
+    over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
+
     Args:
         normal: unit.
         towards: unit, towards the light.
         view: unit, from the camera.
-        light_radius_rad: half the angle of the light, by which a lobe is at least widened.
+        light_radius_rad: half the angle of the light.
         nail: 1 on nails, 0 on skin, which stands for None.
     """
     half = torch.nn.functional.normalize(towards - view, dim=-1)
@@ -220,7 +223,7 @@ def glossy(
     to_light = to_light.clamp(min=1e-4)
     lobes = []
     for alpha in _alphas(nail):
-        squared = (alpha + light_radius_rad / 2).clamp(max=1) ** 2
+        squared = (alpha**2 + (light_radius_rad / 2) ** 2).clamp(max=1)
         # pi times the distribution: light is in units of irradiance / pi.
         distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
         shadowing = 0.5 / (

@@ -17,6 +17,7 @@ from .field import mean_features
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
+from .maps import ray_of_pixel
 from .rays import HandInView, RenderedRays, ray_directions, ray_origin
 from .relighting import SkinDepth, neighbours
 from .volume import Composite
@@ -74,9 +75,7 @@ class SkinLayers(NamedTuple):
         at = ((self.mesh - self.outer > self.edge_m) & self.mesh.isfinite()).nonzero()[:, 0]
         is_of_rays = len(self.mesh) == size_px[0] * size_px[1]
         around, share = (at[:, None], torch.ones_like(self.mesh[at, None])) if is_of_rays else neighbours(at, size_px)
-        ray = torch.full((size_px[0] * size_px[1],), -1, device=at.device).index_put(
-            (rays.pixel,), torch.arange(len(rays.pixel), device=at.device)
-        )[around]
+        ray = ray_of_pixel(rays.pixel, size_px[0] * size_px[1])[around]
         opacity = rays.composite.weights[ray].float() * (share * (ray >= 0))[..., None]
         is_behind = rays.t[ray] > (0.5 * (self.mesh + self.outer))[at, None, None]
         shows_behind = (opacity * is_behind).sum((1, 2)) > 0.5 * opacity.sum((1, 2))

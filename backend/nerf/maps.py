@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..records.depth_profile import DepthProfile
@@ -23,6 +23,13 @@ def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> D
     crop.paste_low_resolution(in_crop.reshape(crop.height, crop.width), row)
     arrays = (values.float().cpu().numpy() for values in (rays.t, rays.dt, rays.composite.weights))
     return DepthProfile(row, *arrays)
+
+
+def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:
+    """Which ray each of the `count` pixels of an image has, -1 for none."""
+    return torch.full((count,), -1, device=pixel.device).index_put(
+        (pixel,), torch.arange(len(pixel), device=pixel.device)
+    )
 
 
 def image_of(

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, normalize, relu
 
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
-from .maps import enlarge_maps, low_resolution_maps
+from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .rays import CameraTensors, HandInView, ray_directions
 from .superres import enlarge
 from .volume import Composite
@@ -294,9 +294,7 @@ def normals_at_steps(
         rays: around the pixels.
     """
     around, bilinear = neighbours(rays.at, rays.size_px)
-    row = torch.full((rays.size_px[0] * rays.size_px[1],), -1, device=normal.device)
-    row[rays.pixel] = torch.arange(len(rays.pixel), device=normal.device)
-    beside = row[around]
+    beside = ray_of_pixel(rays.pixel, rays.size_px[0] * rays.size_px[1])[around]
     even = bilinear * (beside >= 0)
     even = even / even.sum(1, keepdim=True)
     is_step = (rays.share - even).abs().sum(1, keepdim=True).clamp(max=1)

@@ -3,7 +3,8 @@
 The rays of a relightable field tell colour and normal at half the image's size and to the resolution of its planes.
 Folds, lines and the rims of nails are finer; where they are known (`hand.skin_detail`) they bend the normals of the
 full-size image, in which lamps and gloss are evaluated, and darken its coefficients. From afar, where rays lie farther
-apart than the planes resolve, what they pass over is added too. Nails, whose gloss is another, are told from skin.
+apart than the planes resolve, what they pass over is added too. Nails shine in the narrower lobe alone: they are too
+small a part of a hand for training to find that out.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
 from ..hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
-from .lighting import DIFFUSE, SCATTERED
+from .lighting import DIFFUSE, GLOSS, SCATTERED
 from .rays import HandInView, project
 from .relighting import LitImage
 
@@ -158,6 +159,8 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     coefficients = image.coefficients.clone()
     coefficients[seen.row, SCATTERED.start : DIFFUSE.stop] *= albedo.repeat(1, 3)
     nail = image.nail.index_put((seen.row,), values[:, -1])
+    of_nails = nail * coefficients[:, GLOSS.start + 1]
+    coefficients[:, GLOSS] += torch.stack([of_nails, -of_nails], 1)
     return image._replace(normal=image.normal.index_put((seen.row,), bent), coefficients=coefficients, nail=nail)
 
 

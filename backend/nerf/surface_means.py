@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from .lighting import LightFeatures, SurfacePoints
+from .maps import ray_of_pixel
 from .relighting import ray_rows, with_ray_rows
 
 SHARES = (4.0, 2.0, 1.0)
@@ -77,6 +78,4 @@ def _rows_around(places: RayPlaces, border: int) -> tuple[Int[Tensor, " P"], Int
     width, height = places.size_px
     wide = width + 2 * border
     at = (torch.div(places.pixel, width, rounding_mode="floor") + border) * wide + places.pixel % width + border
-    row = torch.full((wide * (height + 2 * border),), -1, device=places.pixel.device)
-    row[at] = torch.arange(len(at), device=at.device)
-    return row, at
+    return ray_of_pixel(at, wide * (height + 2 * border)), at

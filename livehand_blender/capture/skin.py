@@ -23,8 +23,6 @@ MASKS = (
 )  # fmt: skip
 UV_LAYER = "uv"
 EDGE = "DISTANCE_TO_EDGE"
-NAIL_RIM = (1.01, 0.97)
-"""Of the mask `nailrim`: where skin ends, and where all is nail."""
 RIDGE_SPACING_MM = 0.48
 _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colours
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
@@ -138,7 +136,7 @@ class _Noises:
 def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
     """The skin from masks and noise; it is baked, because shading it is slow."""
     masks = {name: graph.attribute(name) for name in MASKS}
-    nail = graph.smooth(masks["nailrim"], *NAIL_RIM, 0, 1)
+    nail = graph.smooth(masks["nailrim"], 1.01, 0.97, 0, 1)
     nail_roughness = 0.22 if tone.nail_polish is None else _POLISH_ROUGHNESS
     noises = _Noises.of(graph)
     fold_dorsal, fold_palmar = _folds(graph, masks, noises)

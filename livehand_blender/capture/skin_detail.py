@@ -32,7 +32,7 @@ from ...backend.hand.skin_detail import (
 )
 from .bake import bake_mask, bake_skin
 from .scene import capture_scene
-from .skin import NAIL_RIM, SkinTone
+from .skin import SkinTone
 from .surface import SkinSurface
 
 with needs("scipy"):
@@ -48,6 +48,8 @@ _STEPS = {
     "pigment_deep": PIGMENT_STEP,
 }
 _MASKS = ("vein", "nailrim")
+NAIL_RIM = (0.97, 0.90)
+"""Of the mask `nailrim`: where nails begin to shine, and where they do; the slopes of their rims would glitter."""
 COARSER = 4
 """How many texels of the fine maps make one of the coarse, along each side."""
 # Freckles differ from person to person, and are large enough for an avatar's own planes.

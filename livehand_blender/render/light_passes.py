@@ -32,8 +32,9 @@ from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
 
-# Of each pixel of the frame. Each map pixel is the mean of 2 x 2.
-_SAMPLES = 4
+# Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
+# Each map pixel is the mean of 2 x 2.
+_SHARE, _LEAST, _MOST = 0.25, 4, 32
 # Pixels around the hand's box in which it may be at times near the frame.
 _MARGIN_PX = 8
 # Cycles' passes by their names before Blender 5.2, and since.
@@ -236,7 +237,7 @@ def _set_up(scene: bpy.types.Scene, layer_name: str) -> None:
     render.film_transparent = True
     render.use_compositing = render.use_sequencer = render.use_persistent_data = render.use_motion_blur = False
     render.use_freestyle = render.use_single_layer = False
-    cycles.samples, cycles.time_limit = _SAMPLES, 0.0
+    cycles.samples, cycles.time_limit = samples_of(cycles.samples), 0.0
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_auto_tile = False
     for layer in scene.view_layers:
         layer.use = layer.name == layer_name
@@ -244,6 +245,11 @@ def _set_up(scene: bpy.types.Scene, layer_name: str) -> None:
     layer.samples = 0
     layer.use_pass_diffuse_direct = layer.use_pass_diffuse_indirect = layer.use_pass_diffuse_color = True
     layer.use_pass_cryptomatte_object = False
+
+
+def samples_of(samples: int) -> int:
+    """With how many samples a pixel's light is measured in a scene that is rendered with so many."""
+    return min(max(round(_SHARE * samples), _LEAST), _MOST)
 
 
 def _limit(scene: bpy.types.Scene, original: bpy.types.Scene, box: Region) -> None:

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
-from livehand.livehand_blender.capture.skin import NAIL_RIM
-from livehand.livehand_blender.capture.skin_detail import COARSER, coarse_part, fine_part, nail_part, skin_detail_arrays
+from livehand.livehand_blender.capture.skin_detail import (
+    COARSER,
+    NAIL_RIM,
+    coarse_part,
+    fine_part,
+    nail_part,
+    skin_detail_arrays,
+)
 
 N = 512
 EVERYWHERE = np.ones((N, N), bool)

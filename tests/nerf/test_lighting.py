@@ -187,6 +187,18 @@ def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():
     assert wide[:, 0].max() < lobes[:, 0].max()
 
 
+@pytest.mark.parametrize("radius_rad", [0.05, 0.15, 0.4])
+def test_a_lights_size_widens_a_lobe_as_the_mean_over_its_disc_does(radius_rad):
+    up = torch.tensor([[0.0, 0, 1]])
+    count = 20000
+    z = 1 - (torch.arange(count) + 0.5) / count * (1 - np.cos(radius_rad))
+    angle = torch.arange(count) * pi * (3 - 5**0.5)
+    across = (1 - z * z).sqrt()
+    towards = torch.stack([across * angle.cos(), across * angle.sin(), z], -1)
+    mean = glossy(up, towards, -up, torch.zeros(count)).mean(0)
+    torch.testing.assert_close(glossy(up, up, -up, torch.full((1,), radius_rad))[0], mean, rtol=0.06, atol=0)
+
+
 def test_nails_shine_in_a_narrower_and_brighter_lobe():
     """In the mirror direction a lobe is as bright as 1 / alpha^2, and alpha is the square of the roughness."""
     up = torch.tensor([[0.0, 0, 1]])

@@ -127,9 +127,12 @@ def test_folds_have_their_colour(backend):
 def test_nails_are_where_the_map_has_them(backend):
     """The right half of the atlas, which is as large as the picture."""
     half = np.tile((np.arange(N // 4) >= N // 8).astype(np.float32), (N // 4, 1))
-    nail = detailed(backend, skin(half), hand=patch(focal_px=SIZE[0] * 0.5 / SIDE_M)).nail.reshape(SIZE[1], SIZE[0])
+    found = detailed(backend, skin(half), hand=patch(focal_px=SIZE[0] * 0.5 / SIDE_M))
+    nail = found.nail.reshape(SIZE[1], SIZE[0])
     assert (nail[:, : SIZE[0] // 2 - 4] == 0).all()
     torch.testing.assert_close(nail[:, SIZE[0] // 2 + 4 :], torch.ones(SIZE[1], SIZE[0] // 2 - 4))
+    # Of gloss 1 in each lobe, all is in the first on nails.
+    torch.testing.assert_close(found.coefficients[:, GLOSS], torch.stack([1 + found.nail, 1 - found.nail], 1))
 
 
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):

@@ -10,11 +10,12 @@ _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
 _CHANNELS, _SLOPES, _NAIL = 10, 6, 9
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
+_GLOSS = 12  # where that of both lobes begins
 
 
 @compiled
 def add_detail(seen, mesh, skin, maps, constants, first, last, image):
-    """Bend the normals of pixels [first, last) of `image` (`DetailedArrays`), darken their colours, and find nails."""
+    """Bend the normals of pixels [first, last) of `image` (`DetailedArrays`), darken colours, and polish nails."""
     corner, weights, values = np.empty(4, np.int64), np.empty(3, np.float32), np.empty(_CHANNELS, np.float32)
     for index in range(first, last):
         face = seen.face[image.pixel[index]]
@@ -40,7 +41,10 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
             normal[k] += along_u * skin.gradients[face, 0, k] + along_v * skin.gradients[face, 1, k]
             squared += normal[k] * normal[k]
         length = np.sqrt(squared)
-        image.nail[index] = values[_NAIL] * constants.nail
+        nail = values[_NAIL] * constants.nail
+        image.nail[index] = nail
+        image.coefficients[index, _GLOSS] += nail * image.coefficients[index, _GLOSS + 1]
+        image.coefficients[index, _GLOSS + 1] *= _1 - nail
         folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
         for k in range(3):
             normal[k] /= length

@@ -92,8 +92,12 @@ def _load(points, lobes, start, count, work):
 @compiled
 def _squared(lobes, lobe, light_radius_rad):
     """Squared alpha of a lobe, widened by the light."""
-    alpha = min(lobes.alpha[lobe] + light_radius_rad * _HALF, _1)
-    return alpha * alpha
+    return _widened(lobes.alpha[lobe], light_radius_rad)
+
+
+@compiled
+def _widened(alpha, light_radius_rad):
+    return min(alpha * alpha + light_radius_rad * light_radius_rad * _QUARTER, _1)
 
 
 @compiled
@@ -257,8 +261,7 @@ def _glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both
         alpha = lobes.alpha[lobe]
         if lobe == 0:
             alpha += (lobes.nail_alpha - alpha) * nail
-        alpha = min(alpha + light_radius_rad * _HALF, _1)
-        squared = alpha * alpha
+        squared = _widened(alpha, light_radius_rad)
         base = to_half * to_half * (squared - _1) + _1
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             to_light * to_light * (_1 - squared) + squared
