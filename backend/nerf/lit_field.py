@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import normalize, softplus
 
+from .at_least import at_least
 from .field import FieldConfig, PlaneField, mean_features
 from .lighting import COEFFICIENTS, LIT_FEATURES, Openness
 from .volume import Composite
@@ -19,6 +20,8 @@ from .volume import Composite
 # Coefficients before training, as arguments of softplus: ambient, deep scattered, less deep scattered and diffuse light
 # (RGB each), and gloss. Red light goes deepest.
 _START = (-2.0, -2.0, -2.0, -1.5, -3.5, -4.5, -2.0, -1.5, -2.0, -1.5, -1.5, -1.5, 0.0, 0.0)
+# The least of these arguments: of the coefficient next to nothing is left, of softplus' slope enough to come back.
+_LEAST = -8.0
 
 
 class LitField(PlaneField):
@@ -69,7 +72,7 @@ class LitField(PlaneField):
         normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
         inputs = torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
         raw = (decoder or self.decoded)(inputs).float()
-        channels = torch.cat([softplus(raw[:, :COEFFICIENTS]), raw[:, COEFFICIENTS:]], -1)
+        channels = torch.cat([softplus(at_least(raw[:, :COEFFICIENTS], _LEAST)), raw[:, COEFFICIENTS:]], -1)
         return gathered._replace(channels=channels * gathered.alpha[:, None])
 
     def normals(self, mean: Float[Tensor, "R K"]) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import conv2d, normalize, relu
+from torch.nn.functional import conv2d, normalize
 
+from .at_least import at_least
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .rays import CameraTensors, HandInView, ray_directions
@@ -188,7 +189,7 @@ def detailed(maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"]) -> 
     straight = torch.cat([base[:-1] / alpha.clamp(min=MIN_ALPHA), alpha])
     fine = straight[SMOOTH:] + detail
     coefficients = torch.cat([straight[:SMOOTH], fine[: COEFFICIENTS - SMOOTH]])
-    return torch.cat([relu(coefficients), fine[COEFFICIENTS - SMOOTH :]])
+    return torch.cat([at_least(coefficients, 0.0), fine[COEFFICIENTS - SMOOTH :]])
 
 
 def relit(

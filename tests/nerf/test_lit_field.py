@@ -73,3 +73,13 @@ def test_the_preset_fits_in_eight_megabytes():
 
     networks = (build_field(config.field), build_superres(config.superres))
     assert 2 * sum(p.numel() for network in networks for p in network.parameters()) < 7.9e6
+
+
+def test_a_coefficient_that_was_driven_to_nothing_can_come_back():
+    field = build_field(CONFIG)
+    with torch.no_grad():
+        field.channels.bias[9] = -30.0
+    decoded = field.decode(gathered_by(field, torch.ones(RAYS)), *view_and_openness()).channels[:, 9]
+    assert decoded.max() < 5e-4
+    (-decoded.sum()).backward()
+    assert field.channels.bias.grad[9] < -1e-4

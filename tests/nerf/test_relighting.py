@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
-from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, LightFeatures, SurfacePoints
+from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, SMOOTH, LightFeatures, SurfacePoints
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import (
@@ -14,6 +14,7 @@ from livehand.backend.nerf.relighting import (
     RaysAround,
     SkinDepth,
     covered_pixels,
+    detailed,
     lit_image,
     neighbours,
     normals_at_steps,
@@ -223,3 +224,12 @@ def test_what_alternates_from_pixel_to_pixel_is_gone_and_partial_coverage_keeps_
     torch.testing.assert_close(straight[inner], torch.ones(int(inner.sum())), atol=0.02, rtol=0)
     torch.testing.assert_close(found.normal[inner, 0], torch.zeros(int(inner.sum())), atol=1e-3, rtol=0)
     assert torch.equal(found.alpha, alpha)
+
+
+def test_detail_that_takes_all_of_a_coefficient_can_be_unlearnt():
+    maps = torch.ones(34, 4, 4)
+    detail = torch.full((12, 8, 8), -5.0, requires_grad=True)
+    found = detailed(maps, detail)[DIFFUSE]
+    assert found.detach().abs().max() == 0
+    (-found.sum()).backward()
+    assert (detail.grad[DIFFUSE.start - SMOOTH : DIFFUSE.stop - SMOOTH] == -1).all()
