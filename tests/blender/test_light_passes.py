@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.render.light_passes import binning, measured_light
+from livehand.livehand_blender.render.light_passes import binning, measured_light, samples_of
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import Region
@@ -125,6 +125,11 @@ def light_on_floor(scene, tmp_path, read_exr, use_multilayer_exr):
     bpy.ops.render.render(write_still=True)
     channels = read_exr(tmp_path / "floor.exr")
     return np.stack([channels[f"{layer.name}.{INDIRECT}.{c}"] for c in "RGB"], -1)
+
+
+@pytest.mark.parametrize(("of_scene", "measured"), [(1, 4), (16, 4), (64, 16), (4096, 32)])
+def test_light_is_measured_in_a_quarter_of_the_scenes_samples(of_scene, measured):
+    assert samples_of(of_scene) == measured
 
 
 def test_skin_bleeds_on_the_scene(
