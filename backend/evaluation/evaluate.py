@@ -160,7 +160,7 @@ def check_any(scores: Sequence, capture: Capture) -> None:
     """Raise LiveHandError if there are no scores."""
     if not scores:
         raise LiveHandError(
-            f"capture {capture.folder} must have views of the requested split that show the hand, got none"
+            f"capture {capture.folder} must have views of the requested split that show the hand in its light, got none"
         )
 
 

@@ -85,18 +85,13 @@ def _load(points, lobes, start, count, work):
         to_eye = max(to_eye, _GRAZING)
         work[_TO_EYE, index] = to_eye
         for lobe in range(2):
-            squared = _squared(lobes, lobe, lobes.sky_cell_rad)
+            squared = _squared(lobes.alpha[lobe], lobes.sky_cell_rad)
             work[_EYE_TERM + lobe, index] = np.sqrt(to_eye * to_eye * (_1 - squared) + squared)
 
 
 @compiled
-def _squared(lobes, lobe, light_radius_rad):
+def _squared(alpha, light_radius_rad):
     """Squared alpha of a lobe, widened by the light."""
-    return _widened(lobes.alpha[lobe], light_radius_rad)
-
-
-@compiled
-def _widened(alpha, light_radius_rad):
     return min(alpha * alpha + light_radius_rad * light_radius_rad * _QUARTER, _1)
 
 
@@ -114,7 +109,7 @@ def _add_direction(sky, lobes, k, start, count, work, sums):
         for c in range(3):
             _add_row(sums[_VECTORS + 3 * axis + c], work[_ARRIVING], sky.towards[k, axis] * sky.flux[k, c], count)
     for lobe in range(2):
-        squared = _squared(lobes, lobe, lobes.sky_cell_rad)
+        squared = _squared(lobes.alpha[lobe], lobes.sky_cell_rad)
         _lobe_row(sky.towards[k], lobes.f0, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
         for c in range(3):
             _add_row(sums[_GLOSS + 3 * lobe + c], work[_VALUE], sky.flux[k, c], count)
@@ -261,7 +256,7 @@ def _glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both
         alpha = lobes.alpha[lobe]
         if lobe == 0:
             alpha += (lobes.nail_alpha - alpha) * nail
-        squared = _widened(alpha, light_radius_rad)
+        squared = _squared(alpha, light_radius_rad)
         base = to_half * to_half * (squared - _1) + _1
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             to_light * to_light * (_1 - squared) + squared
