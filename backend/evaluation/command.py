@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _SHEET_VIEWS = 24
 _SEVERAL = ("held_out", "all")  # names of several splits together
+_LEFT_OUT = "they do not show the hand, no light reaches what they show, or --max-train-view-angle is less than theirs"
 _NO_FLIP = 'FLIP was not measured: it needs the package flip-evaluator; pip install "livehand[metrics]"'
 
 
@@ -103,7 +104,7 @@ def _run(args: argparse.Namespace) -> dict:
     check_any(scores, capture)
     total, splits, lights = summary(scores), by_split(scores), by_light(scores)
     lines = {**lights, **(splits if args.split in _SEVERAL else {}), args.split: total}
-    text = "\n".join([summary_tables(lines), *_notes(total)])
+    text = "\n".join([summary_tables(lines), *_notes(total, len(views))])
     if args.output:
         _write_results(args, scores, (total, splits, lights), text)
         sheets.save(args.output)
@@ -136,8 +137,12 @@ def _distances(args: argparse.Namespace, device: torch.device) -> list[Distance]
     return found
 
 
-def _notes(total: Summary) -> list[str]:
-    return [] if "flip" in total else ["", _NO_FLIP]
+def _notes(total: Summary, view_count: int) -> list[str]:
+    """What the tables do not tell."""
+    left_out = view_count - int(total["images"])
+    notes = [f"{left_out} of {view_count} views were left out: {_LEFT_OUT}"] if left_out else []
+    notes += [] if "flip" in total else [_NO_FLIP]
+    return ["", *notes] if notes else []
 
 
 def _write_results(

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -184,6 +185,20 @@ def test_a_view_that_its_light_does_not_reach_is_skipped(renderer, lit_capture, 
     write_exr(tmp_path / view.file, {name: pixels[..., k] for k, name in enumerate("RGBA")})
     assert not list(scored_views(renderer, dark, dark.views))
     assert len(list(scored_views(renderer, lit_capture, (view, other)))) == 2
+
+
+def test_the_command_tells_how_many_views_were_left_out(lit_capture, avatar_path, tmp_path, capsys):
+    folder = tmp_path / "capture"
+    shutil.copytree(lit_capture.folder, folder)
+    arguments = (folder, "--avatar", avatar_path, "--device", "cpu", "--split", "all")
+    assert evaluate(*arguments) == 0
+    assert "left out" not in capsys.readouterr().out
+    view = lit_capture.views[0]
+    pixels = lit_capture.read_linear(view)
+    pixels[..., :3] *= 1e-6
+    write_exr(folder / view.file, {name: pixels[..., k] for k, name in enumerate("RGBA")})
+    assert evaluate(*arguments) == 0
+    assert "1 of 8 views were left out" in capsys.readouterr().out
 
 
 def test_the_command_lists_kinds_of_light_and_contrast(lit_capture, avatar_path, tmp_path, capsys):
