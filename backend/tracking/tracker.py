@@ -60,6 +60,16 @@ class HandTracker:
                 self._follow(region)
         return self._looked_at(picture, is_searched=not was_followed)
 
+    def look(self, picture: UInt8[np.ndarray, "H W 3"], region: HandRegion, track: int = 0) -> TrackedHand:
+        """What is seen in a region of a picture, whether a hand or not; its presence tells."""
+        side = self._hand.size_px
+        outputs = self._hand(cropped(picture, region, side, repeats_edge=True))
+        places, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)
+        px = region.to_px(places.reshape(21, 3)[:, :2] / side)
+        world = world.reshape(21, 3).copy()
+        world[:, :2] = world[:, :2] @ region.rotation.T
+        return TrackedHand(track, px, world, float(presence[0]), float(right[0]))
+
     def _follow(self, region: HandRegion) -> None:
         known = any(region.overlap(other.region) > _SAME_HAND for other in self._followed)
         if not known and len(self._followed) < self._most_hands:
@@ -70,11 +80,11 @@ class HandTracker:
         hands: list[TrackedHand] = []
         followed: list[_Followed] = []
         for one in self._followed:
-            hand = self._landmarks(picture, one)
+            hand = self.look(picture, one.region, one.track)
             if hand.presence < _SURE_PRESENCE and not is_searched:
                 again = [replace(one, region=region) for region in find_hands(picture, self._palm)]
                 near = [other for other in again if other.region.overlap(one.region) > _NEAR]
-                hand = max((hand, *(self._landmarks(picture, other) for other in near)), key=lambda each: each.presence)
+                hand = max((hand, *(self.look(picture, at.region, at.track) for at in near)), key=_presence)
             region = region_of_landmarks(hand.px)
             is_new = not any(region.overlap(other.region) > _SAME_HAND for other in followed)
             if hand.presence >= _LEAST_PRESENCE and is_new and region.side_px >= 1:
@@ -83,11 +93,6 @@ class HandTracker:
         self._followed = followed
         return hands
 
-    def _landmarks(self, picture: np.ndarray, one: _Followed) -> TrackedHand:
-        side = self._hand.size_px
-        outputs = self._hand(cropped(picture, one.region, side, repeats_edge=True))
-        places, presence, right, world = (output[0].numpy().astype(np.float64) for output in outputs)
-        px = one.region.to_px(places.reshape(21, 3)[:, :2] / side)
-        world = world.reshape(21, 3).copy()
-        world[:, :2] = world[:, :2] @ one.region.rotation.T
-        return TrackedHand(one.track, px, world, float(presence[0]), float(right[0]))
+
+def _presence(hand: TrackedHand) -> float:
+    return hand.presence

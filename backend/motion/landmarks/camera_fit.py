@@ -1,7 +1,7 @@
 """Fits all frames of a take at once to landmarks in the picture, through its camera.
 
-A maximum a posteriori estimate. The picture's landmarks carry the information and have a robust error; world landmarks,
-which mislead in depth, start the fit and hold it weakly. Free angles have the distribution of natural poses and hard
+A maximum a posteriori estimate. Lifted landmarks give each joint's place in the picture, with a robust error, and each
+free angle, both with deviations of their own. Free angles have the distribution of natural poses besides, and hard
 limits; angles, rotation and place accelerate little, by the frames' true times. Every step solves all frames together
 (Gauss-Newton). Frames without landmarks follow from their neighbours.
 
@@ -20,8 +20,8 @@ from ...geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ...hand.joint_limits import FREE
 from .articulation import NaturalPoses, all_angles, within_limits
 from .block_solver import solve_pentadiagonal
-from .definition import TrackerDefinition
 from .initial_pose import aligned_bones, aligned_palm
+from .lifting import LiftedLandmarks
 from .skeleton import NODES_OF_LANDMARKS, HandSkeleton, PosedSkeleton, node_jacobian
 
 _COLUMNS = np.concatenate([np.arange(6), 6 + FREE])
@@ -33,21 +33,17 @@ _LEAST_GAIN = 1e-4  # relative, of the cost; a smaller one ends the fit
 
 
 class FitWeights(NamedTuple):
-    """Standard deviations of what a fit trusts.
+    """What a fit trusts besides the landmarks.
 
     Attributes:
-        picture: of the picture's landmarks, share of the hand's size in it.
         huber: residual, in deviations, from which a landmark counts less.
-        across_m, deep_m: of world landmarks, across and along the camera's axis.
         prior: weight of natural poses.
-        angle_rad, turn_rad, place_m: acceleration of angles, wrist's rotation and place, per frame^2 at 30 a second.
+        angle_rad, turn_rad, place_m: deviations of the acceleration of angles, wrist's rotation and place, per frame^2
+            at 30 a second.
     """
 
-    picture: float = 0.018
     huber: float = 2.0
-    across_m: float = 0.02
-    deep_m: float = 0.03
-    prior: float = 4.0
+    prior: float = 1.0
     angle_rad: float = 0.05
     turn_rad: float = 0.03
     place_m: float = 0.004
@@ -68,21 +64,27 @@ class CameraPoses(NamedTuple):
 
 @dataclass(frozen=True)
 class Sighting2D:
-    """A right hand's landmarks in T frames of one camera, at the skeleton's nodes.
+    """A right hand's lifted landmarks in T frames of one camera; of frames without the hand, anything.
 
     Attributes:
-        places: [T, 21, 2] (px - principal point) / focal length; of frames without the hand, zero.
+        lifted: at the skeleton's nodes.
         world: [T, 21, 3] m about their centre, of the size of the skeleton.
-        size: [T] of the hand, divided by the focal length too.
+        size: [T] of the hand, divided by the focal length as its places are.
         is_seen: [T].
         times: [T] s, increasing.
     """
 
-    places: np.ndarray
+    lifted: LiftedLandmarks
     world: np.ndarray
     size: np.ndarray
     is_seen: np.ndarray
     times: np.ndarray
+
+    def part(self, frames: slice) -> Sighting2D:
+        """Some of the frames."""
+        lifted = LiftedLandmarks(*(value[frames] for value in self.lifted))
+        rest = (self.world, self.size, self.is_seen, self.times)
+        return Sighting2D(lifted, *(value[frames] for value in rest))
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,6 @@ class CameraProblem:
     sighting: Sighting2D
     skeleton: HandSkeleton
     offsets: np.ndarray
-    definition: TrackerDefinition
     natural: NaturalPoses
     weights: FitWeights
 
@@ -104,8 +105,7 @@ class CameraProblem:
         free = within_limits(aligned_bones(seen.world, root, self.skeleton, np.zeros(10)))
         wrist = np.zeros((len(root), 3))
         poses = CameraPoses(root, wrist, free)
-        points = self.points(poses, self.posed(poses))
-        wrist = placed(points, seen.places)
+        wrist = placed(self.posed(poses).nodes, seen.lifted.places)
         nearest = _nearest_seen(seen.is_seen)
         filled = [np.interp(seen.times, seen.times[seen.is_seen], column[seen.is_seen]) for column in wrist.T]
         return CameraPoses(root[nearest], np.stack(filled, 1), free[nearest])
@@ -131,28 +131,23 @@ class CameraProblem:
         """The skeleton in the poses."""
         return self.skeleton.pose(poses.root, poses.wrist, all_angles(poses.free), self.offsets)
 
-    def points(self, poses: CameraPoses, posed: PosedSkeleton) -> np.ndarray:
-        """[T, 21, 3] m where the tracker sees its landmarks."""
-        return self.definition.points(posed)
-
     def cost(self, poses: CameraPoses) -> float:
         """Twice the negative logarithm of the posterior, but for a constant."""
         total = 0.0
         for part, seen in self._parts(poses):
-            points = self.points(part, self.posed(part))
-            picture, world = self._residuals(points, seen)
+            picture = self._residuals(self.posed(part).nodes, seen)
             total += float((_huber(np.linalg.norm(picture, axis=-1), self.weights.huber)).sum())
-            total += float(_huber(np.linalg.norm(world, axis=-1), self.weights.huber).sum())
             off = part.free - self.natural.mean
             total += self.weights.prior * float(((off @ self.natural.precision) * off).sum())
+            total += float(((part.free - seen.lifted.free) ** 2 * _angle_precision(seen)).sum())
         return total + float((self._accelerations(poses) ** 2).sum())
 
     def reprojection(self, poses: CameraPoses) -> np.ndarray:
         """[T] root mean square distance of the landmarks in the picture from the hand's, as a share of its size."""
         found = []
         for part, seen in self._parts(poses):
-            points = self.points(part, self.posed(part))
-            off = points[..., :2] / points[..., 2:] - seen.places
+            nodes = self.posed(part).nodes
+            off = nodes[..., :2] / nodes[..., 2:] - seen.lifted.places
             found.append(np.sqrt((off**2).sum(-1).mean(1)) / seen.size)
         return np.where(self.sighting.is_seen, np.concatenate(found), np.nan)
 
@@ -169,42 +164,35 @@ class CameraProblem:
     def _normal(self, poses: CameraPoses, seen: Sighting2D) -> tuple[np.ndarray, np.ndarray]:
         """[T, 27, 27] and [T, 27] of each frame alone."""
         posed = self.posed(poses)
-        points = self.points(poses, posed)
-        slopes = node_jacobian(posed, points)[..., _COLUMNS]
-        matrix, right = self._prior(poses)
-        for residual, jacobian in zip(self._residuals(points, seen), self._slopes(points, slopes, seen), strict=True):
-            length = np.linalg.norm(residual, axis=-1)
-            trust = np.sqrt(np.minimum(1, self.weights.huber / np.maximum(length, 1e-12)))[..., None]
-            rows = (jacobian * trust[..., None]).reshape(len(points), -1, _UNKNOWNS)
-            matrix += rows.swapaxes(1, 2) @ rows
-            right -= (rows.swapaxes(1, 2) @ (residual * trust).reshape(len(points), -1, 1))[..., 0]
+        slopes = self._slopes(posed.nodes, node_jacobian(posed)[..., _COLUMNS], seen)
+        residual = self._residuals(posed.nodes, seen)
+        length = np.linalg.norm(residual, axis=-1)
+        trust = np.sqrt(np.minimum(1, self.weights.huber / np.maximum(length, 1e-12)))[..., None]
+        rows = (slopes * trust[..., None]).reshape(len(residual), -1, _UNKNOWNS)
+        matrix = rows.swapaxes(1, 2) @ rows
+        right = -(rows.swapaxes(1, 2) @ (residual * trust).reshape(len(residual), -1, 1))[..., 0]
+        self._add_angles(matrix, right, poses, seen)
         return matrix, right
 
-    def _prior(self, poses: CameraPoses) -> tuple[np.ndarray, np.ndarray]:
-        precision = self.weights.prior * self.natural.precision
-        matrix, right = np.zeros((len(poses.free), _UNKNOWNS, _UNKNOWNS)), np.zeros((len(poses.free), _UNKNOWNS))
-        matrix[:, 6:, 6:] = precision
-        right[:, 6:] = -(poses.free - self.natural.mean) @ precision
-        return matrix, right
+    def _add_angles(self, matrix: np.ndarray, right: np.ndarray, poses: CameraPoses, seen: Sighting2D) -> None:
+        """Natural poses and the lifted angles, in place."""
+        natural, lifted = self.weights.prior * self.natural.precision, _angle_precision(seen)
+        matrix[:, 6:, 6:] += natural
+        right[:, 6:] -= (poses.free - self.natural.mean) @ natural
+        k = np.arange(6, _UNKNOWNS)
+        matrix[:, k, k] += lifted
+        right[:, 6:] -= (poses.free - seen.lifted.free) * lifted
 
-    def _residuals(self, points: np.ndarray, seen: Sighting2D) -> tuple[np.ndarray, np.ndarray]:
-        """Of the picture [T, 21, 2] and of the world landmarks [T, 21, 3], in deviations; zero in unseen frames."""
-        scale = (seen.is_seen / (self.weights.picture * seen.size))[:, None, None]
-        depth = np.maximum(points[..., 2:], _LEAST_DEPTH_M)
-        picture = (points[..., :2] / depth - seen.places) * scale
-        centred = points - points.mean(1, keepdims=True)
-        return picture, (centred - seen.world) / self._world_deviation() * seen.is_seen[:, None, None]
+    def _residuals(self, nodes: np.ndarray, seen: Sighting2D) -> np.ndarray:
+        """[T, 21, 2] of the places in the picture, in deviations; zero in unseen frames."""
+        depth = np.maximum(nodes[..., 2:], _LEAST_DEPTH_M)
+        return (nodes[..., :2] / depth - seen.lifted.places) * _place_precision(seen)[..., None]
 
-    def _slopes(self, points: np.ndarray, slopes: np.ndarray, seen: Sighting2D) -> tuple[np.ndarray, np.ndarray]:
-        """Of both residuals: [T, 21, 2, 27] and [T, 21, 3, 27]."""
-        scale = (seen.is_seen / (self.weights.picture * seen.size))[:, None, None, None]
-        depth = np.maximum(points[..., 2], _LEAST_DEPTH_M)[..., None, None]
-        picture = (slopes[..., :2, :] - points[..., :2, None] / depth * slopes[..., 2:, :]) / depth * scale
-        centred = slopes - slopes.mean(1, keepdims=True)
-        return picture, centred / self._world_deviation()[:, None] * seen.is_seen[:, None, None, None]
-
-    def _world_deviation(self) -> np.ndarray:
-        return np.array([self.weights.across_m, self.weights.across_m, self.weights.deep_m])
+    def _slopes(self, nodes: np.ndarray, slopes: np.ndarray, seen: Sighting2D) -> np.ndarray:
+        """[T, 21, 2, 27] of these residuals, from the nodes' own [T, 21, 3, 27]."""
+        depth = np.maximum(nodes[..., 2], _LEAST_DEPTH_M)[..., None, None]
+        across = slopes[..., :2, :] - nodes[..., :2, None] / depth * slopes[..., 2:, :]
+        return across / depth * _place_precision(seen)[..., None, None]
 
     def _accelerations(self, poses: CameraPoses) -> np.ndarray:
         """[T - 2, 27] second differences by the frames' times, in deviations."""
@@ -251,8 +239,7 @@ class CameraProblem:
         seen = self.sighting
         for first in range(0, len(poses.wrist), _FRAMES_AT_ONCE):
             frames = slice(first, first + _FRAMES_AT_ONCE)
-            values = (seen.places, seen.world, seen.size, seen.is_seen, seen.times)
-            yield CameraPoses(*(part[frames] for part in poses)), Sighting2D(*(value[frames] for value in values))
+            yield CameraPoses(*(part[frames] for part in poses)), seen.part(frames)
 
 
 def at_nodes(landmarks: np.ndarray) -> np.ndarray:
@@ -279,6 +266,16 @@ def placed(points: np.ndarray, places: np.ndarray) -> np.ndarray:
         depth = np.maximum(points[..., 2] + moved[:, None, 2], _LEAST_DEPTH_M)
         weight = 1 / depth**2
     return moved
+
+
+def _place_precision(seen: Sighting2D) -> np.ndarray:
+    """[T, 21] one over the deviations of places; zero in unseen frames."""
+    return seen.is_seen[:, None] / seen.lifted.places_sd
+
+
+def _angle_precision(seen: Sighting2D) -> np.ndarray:
+    """[T, 21] one over the variances of free angles; zero in unseen frames."""
+    return seen.is_seen[:, None] / seen.lifted.free_sd**2
 
 
 def _nearest_seen(is_seen: np.ndarray) -> np.ndarray:

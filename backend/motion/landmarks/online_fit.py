@@ -13,7 +13,7 @@ from ...records.shot import HandPose
 from ...records.side import Side
 from .articulation import NaturalPoses
 from .camera_fit import CameraPoses, CameraProblem, FitWeights
-from .definition import MEDIAPIPE_DEFINITION, TrackerDefinition
+from .lifting import Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
 from .take_fit import DOUBTFUL, LONGEST_GAP_S, FilmCamera, FilmedHand, motion_of, sighted
 
@@ -54,14 +54,14 @@ class OnlineFit:
         model: HandModel,
         side: Side,
         beta: np.ndarray | None = None,
-        definition: TrackerDefinition = MEDIAPIPE_DEFINITION,
+        lifting: Lifting = mediapipe_lifting,
         weights: FitWeights | None = None,
     ):
         self._camera = camera
         self._side: Side = side
         self._skeleton, self._beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
         self._offsets = self._skeleton.offsets(self._beta)
-        self._definition, self._weights = definition, weights or FitWeights()
+        self._lifting, self._weights = lifting, weights or FitWeights()
         self._seen: list[_Sighted] = []
         self._poses: CameraPoses | None = None
 
@@ -100,9 +100,9 @@ class OnlineFit:
     def _problem(self, seen: Sequence[_Sighted]) -> CameraProblem:
         times, px, world = (np.stack(column) for column in zip(*seen, strict=True))
         hand = FilmedHand(np.arange(len(seen)), px, world)
-        sighting = sighted(hand, times, self._camera, self._side, self._offsets)
+        sighting = sighted(hand, times, self._camera, self._side, self._offsets, self._lifting)
         natural = NaturalPoses.of_library()
-        return CameraProblem(sighting, self._skeleton, self._offsets, self._definition, natural, self._weights)
+        return CameraProblem(sighting, self._skeleton, self._offsets, natural, self._weights)
 
     def _stepped(self, problem: CameraProblem) -> CameraPoses:
         """Two steps, from where the last frames were and from where the hand goes on to."""

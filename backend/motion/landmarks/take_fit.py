@@ -14,7 +14,7 @@ from ..motion import HandMotion, mirrored
 from ..resampling import sampled_at
 from .articulation import NaturalPoses, all_angles
 from .camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, at_nodes
-from .definition import MEDIAPIPE_DEFINITION, TrackerDefinition
+from .lifting import LiftedLandmarks, Lifting, mediapipe_lifting
 from .skeleton import HandSkeleton
 
 LONGEST_GAP_S = 0.5
@@ -90,7 +90,7 @@ def fit_take(
     side: Side,
     fps: float,
     beta: np.ndarray | None = None,
-    definition: TrackerDefinition = MEDIAPIPE_DEFINITION,
+    lifting: Lifting = mediapipe_lifting,
     weights: FitWeights | None = None,
 ) -> TakeFit:
     """Fit a hand of known shape to all frames of a take at once.
@@ -103,17 +103,15 @@ def fit_take(
         side: of the hand.
         fps: of the motion; the film's own times may be uneven.
         beta: [10] its shape; None: the mean.
-        definition: where the tracker sees its landmarks.
-        weights: what the fit trusts.
+        lifting: what the tracker's landmarks say of the joints.
+        weights: what the fit trusts besides.
 
     Raises:
         LiveHandError: the landmarks are not those of a hand.
     """
     skeleton, beta = HandSkeleton.of(model), np.zeros(10) if beta is None else beta
-    seen = sighted(hand, times, camera, side, skeleton.offsets(beta))
-    problem = CameraProblem(
-        seen, skeleton, skeleton.offsets(beta), definition, NaturalPoses.of_library(), weights or FitWeights()
-    )
+    seen = sighted(hand, times, camera, side, skeleton.offsets(beta), lifting)
+    problem = CameraProblem(seen, skeleton, skeleton.offsets(beta), NaturalPoses.of_library(), weights or FitWeights())
     parts = [_fitted(_cut(problem, frames)) for frames in _segments(seen)]
     poses = CameraPoses(*(np.concatenate(column) for column in zip(*(part[0] for part in parts), strict=True)))
     doubt, rejected = np.concatenate([part[1] for part in parts]), sum(part[2] for part in parts)
@@ -132,7 +130,9 @@ def motion_of(
     return motion if side == "right" else mirrored(motion)
 
 
-def sighted(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray) -> Sighting2D:
+def sighted(
+    hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side, offsets: np.ndarray, lifting: Lifting
+) -> Sighting2D:
     """From the first to the last frame with the hand, as that of a right hand whose bones have offsets [5, 4, 3] m.
 
     Raises:
@@ -151,11 +151,19 @@ def sighted(hand: FilmedHand, times: np.ndarray, camera: FilmCamera, side: Side,
         raise LiveHandError(f"world landmarks must be a hand's, in metres, got one {scale:.3g} times as large")
     world = (world - world.mean(1, keepdims=True)) / scale
     mirror = _MIRROR_X if side == "left" else np.ones(3)
-    filled_places, filled_world = np.zeros((count, 21, 2)), np.zeros((count, 21, 3))
-    filled_places[rows], filled_world[rows] = at_nodes(places) * mirror[:2], world * mirror
-    filled_size, is_seen = np.ones(count), np.zeros(count, bool)
-    filled_size[rows], is_seen[rows] = size, True
-    return Sighting2D(filled_places, filled_world, filled_size, is_seen, times[first : first + count])
+    places, world = at_nodes(places) * mirror[:2], world * mirror
+    lifted = LiftedLandmarks(*(_filled(value, rows, count) for value in lifting(places, world)))
+    is_seen = np.zeros(count, bool)
+    is_seen[rows] = True
+    parts = (_filled(world, rows, count), _filled(size, rows, count))
+    return Sighting2D(lifted, *parts, is_seen, times[first : first + count])
+
+
+def _filled(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
+    """[count, ...] values at these rows, ones elsewhere."""
+    filled = np.ones((count, *values.shape[1:]))
+    filled[rows] = values
+    return filled
 
 
 def _segments(seen: Sighting2D) -> list[slice]:
@@ -167,9 +175,7 @@ def _segments(seen: Sighting2D) -> list[slice]:
 
 
 def _cut(problem: CameraProblem, frames: slice) -> CameraProblem:
-    seen = problem.sighting
-    values = (seen.places, seen.world, seen.size, seen.is_seen, seen.times)
-    return replace(problem, sighting=Sighting2D(*(value[frames] for value in values)))
+    return replace(problem, sighting=problem.sighting.part(frames))
 
 
 def _fitted(problem: CameraProblem) -> tuple[CameraPoses, np.ndarray, int]:

@@ -1,6 +1,7 @@
 """A filmed take: the solver against a dense one, what the fit gets back from true landmarks, and takes as they are."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,14 +12,9 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import NaturalPoses, all_angles
 from livehand.backend.motion.landmarks.block_solver import solve_pentadiagonal
 from livehand.backend.motion.landmarks.camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, placed
-from livehand.backend.motion.landmarks.definition import (
-    MEDIAPIPE_DEFINITION,
-    TrackerDefinition,
-    bone_rotations,
-    learnt_definition,
-)
+from livehand.backend.motion.landmarks.lifting import LiftedLandmarks, joints_as_seen
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton, node_jacobian
-from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take
+from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
@@ -28,12 +24,11 @@ pytestmark = pytest.mark.slow
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)
-TRUSTING = FitWeights(picture=0.005, across_m=1e3, deep_m=1e3, prior=1.0)
+EXACT = partial(joints_as_seen, deviation=0.005)
 
 
 def fitted(hand, times, side="right", fps=30.0, **more):
-    definition = TrackerDefinition(np.zeros((21, 3)))
-    return fit_take(hand, times, CAMERA, HAND, side, fps, definition=definition, weights=TRUSTING, **more)
+    return fit_take(hand, times, CAMERA, HAND, side, fps, lifting=EXACT, **more)
 
 
 def angles_deg(motion, truth):
@@ -132,10 +127,7 @@ def test_one_frame_and_two(made, seen):
 def test_the_focal_length_moves_the_hand_and_hardly_its_pose(made, seen):
     truth, points = made()
     hand = seen(points)
-    wide = fit_take(
-        hand, np.arange(30) / 30, FilmCamera((640, 480), 434.0), HAND, "right", 30.0, None,
-        TrackerDefinition(np.zeros((21, 3))), TRUSTING,
-    )  # fmt: skip
+    wide = fit_take(hand, np.arange(30) / 30, FilmCamera((640, 480), 434.0), HAND, "right", 30.0, lifting=EXACT)
     assert angles_deg(wide.motion, truth)[:, 1:].mean() < 6
     distance = (wide.motion.transl + rest_wrists(HAND, np.zeros(10)))[:, 2].mean()
     assert distance == pytest.approx(0.7 * points[:, 0, 2].mean(), rel=0.1)
@@ -158,10 +150,9 @@ def test_the_place_of_points_in_closed_form():
 
 def problem_of(count=8):
     times = np.cumsum(np.random.default_rng(3).uniform(0.01, 0.08, count))
-    nodes = np.zeros((count, 21, 2))
-    sighting = Sighting2D(nodes, np.zeros((count, 21, 3)), np.ones(count), np.zeros(count, bool), times)
-    offsets = SKELETON.offsets(np.zeros(10))
-    return CameraProblem(sighting, SKELETON, offsets, MEDIAPIPE_DEFINITION, NaturalPoses.of_library(), FitWeights())
+    lifted = LiftedLandmarks(np.zeros((count, 21, 2)), *(np.ones((count, 21)) for _ in range(3)))
+    sighting = Sighting2D(lifted, np.zeros((count, 21, 3)), np.ones(count), np.zeros(count, bool), times)
+    return CameraProblem(sighting, SKELETON, SKELETON.offsets(np.zeros(10)), NaturalPoses.of_library(), FitWeights())
 
 
 def test_even_motion_costs_nothing_whatever_the_times():
@@ -174,38 +165,47 @@ def test_even_motion_costs_nothing_whatever_the_times():
     assert problem.cost(CameraPoses(turning, np.sin(9 * poses.wrist), mean.copy())) > 0.1
 
 
-def test_slopes_of_points_that_are_fixed_to_bones():
+def test_slopes_of_the_nodes():
     """Against central differences of the posed skeleton."""
     rng = np.random.default_rng(0)
     free = rng.uniform(LIMITS[:, 0], LIMITS[:, 1], (1, 21)) / 2
     angles, root, wrist = all_angles(free), axis_angle_to_matrix(rng.normal(size=(1, 3))), rng.normal(size=(1, 3))
     offsets = SKELETON.offsets(np.zeros(10))
-    definition = TrackerDefinition(rng.normal(size=(21, 3)) * 0.01)
 
-    def points(step):
-        posed = SKELETON.pose(
-            axis_angle_to_matrix(step[None, :3]) @ root, wrist + step[3:6], angles + step[6:].reshape(5, 3, 3), offsets
-        )
-        return definition.points(posed)[0]
+    def nodes(step):
+        turned = axis_angle_to_matrix(step[None, :3]) @ root
+        return SKELETON.pose(turned, wrist + step[3:6], angles + step[6:].reshape(5, 3, 3), offsets).nodes[0]
 
-    posed = SKELETON.pose(root, wrist, angles, offsets)
-    slopes = node_jacobian(posed, definition.points(posed))[0]
+    slopes = node_jacobian(SKELETON.pose(root, wrist, angles, offsets))[0]
     for column in range(51):
         step = np.zeros(51)
         step[column] = 1e-6
-        expected = (points(step) - points(-step)) / 2e-6
+        expected = (nodes(step) - nodes(-step)) / 2e-6
         np.testing.assert_allclose(slopes[..., column], expected, atol=1e-7)
 
 
-def test_offsets_of_a_tracker_are_learnt():
-    angles = np.random.default_rng(1).uniform(LIMITS[:, 0], LIMITS[:, 1], (60, 21)) / 2
-    root = axis_angle_to_matrix(np.random.default_rng(2).normal(size=(60, 3)))
-    posed = SKELETON.pose(root, np.tile([0, 0, 0.5], (60, 1)), all_angles(angles), SKELETON.offsets(np.zeros(10)))
-    wanted = TrackerDefinition(np.random.default_rng(0).normal(size=(21, 3)) * 0.006)
-    points = wanted.points(posed)
-    places = points[..., :2] / points[..., 2:]
-    found = learnt_definition(posed.nodes, bone_rotations(posed), places, np.full(60, 0.3))
-    np.testing.assert_allclose(found.offsets_m, wanted.offsets_m, atol=5e-4)
+def test_a_step_goes_down_the_slope_of_the_cost(made, seen):
+    """The right side of the normal equations is minus half the gradient, lifted angles included: by differences."""
+    _, points = made(3)
+    rng = np.random.default_rng(0)
+
+    def told(places, world):
+        return joints_as_seen(places, world)._replace(
+            free=rng.normal(size=(3, 21)) * 0.1, free_sd=np.full((3, 21), 0.2)
+        )
+
+    offsets = SKELETON.offsets(np.zeros(10))
+    sighting = sighted(seen(points), np.arange(3) / 30, CAMERA, "right", offsets, told)
+    problem = CameraProblem(sighting, SKELETON, offsets, NaturalPoses.of_library(), FitWeights())
+    start = problem.initial()
+    poses = CameraPoses(start.root, start.wrist, np.clip(start.free, LIMITS[:, 0] + 0.01, LIMITS[:, 1] - 0.01))
+    _, right = problem._normal(poses, sighting)
+    problem._add_smoothness(np.zeros((3, 27, 27)), right, poses)
+    for column in (1, 4, 6, 12, 26):
+        step = np.zeros((3, 27))
+        step[1, column] = 1e-5
+        slope = (problem.cost(poses.stepped(step)) - problem.cost(poses.stepped(-step))) / 2e-5
+        assert slope == pytest.approx(-2 * right[1, column], rel=2e-2, abs=0.5)
 
 
 @pytest.mark.slow

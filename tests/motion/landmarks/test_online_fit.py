@@ -1,26 +1,38 @@
 """A hand fitted frame after frame: beside the fit of the whole take, after jumps and mistakes, and its time."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.model import MIRROR_POINT
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.motion.landmarks.camera_fit import FitWeights
-from livehand.backend.motion.landmarks.definition import TrackerDefinition
+from livehand.backend.motion.landmarks.articulation import NaturalPoses, within_limits
+from livehand.backend.motion.landmarks.camera_fit import CameraProblem, FitWeights
+from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
+from livehand.backend.motion.landmarks.lifting import joints_as_seen
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
-from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take
+from livehand.backend.motion.landmarks.skeleton import HandSkeleton
+from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.records.errors import LiveHandError
 
 HAND = load_default_hand()
+SKELETON = HandSkeleton.of(HAND)
 CAMERA = FilmCamera((640, 480), 620.0)
-JOINTS = TrackerDefinition.of_joints()
 
 
-def online(hand, times, side="right", weights=None):
+def told(places, world):
+    """Joints as they are seen, and angles from the world landmarks."""
+    rest = np.concatenate([np.zeros((1, 3)), np.cumsum(SKELETON.offsets(np.zeros(10)), 1).reshape(20, 3)])
+    root, _ = aligned_palm(world, rest)
+    free = within_limits(aligned_bones(world, root, SKELETON, np.zeros(10)))
+    return joints_as_seen(places, world)._replace(free=free, free_sd=np.full_like(free, 0.5))
+
+
+def online(hand, times, side="right", lifting=joints_as_seen):
     """The poses of a filmed hand, one after another; None where it was not believed."""
-    fit = OnlineFit(CAMERA, HAND, side, definition=JOINTS, weights=weights)
+    fit = OnlineFit(CAMERA, HAND, side, lifting=lifting)
     given = zip(times[hand.frames], hand.px, hand.world, strict=True)
     found = [fit.follow(float(time_s), px, world) for time_s, px, world in given]
     return [one and one.pose for one in found]
@@ -34,29 +46,29 @@ def off_deg(pose, theta):
 def noisy(hand, seed):
     """Landmarks off by 3 % of the hand's size, as a tracker's are, mostly the same from frame to frame."""
     rng = np.random.default_rng(seed)
-    noise = rng.normal(size=hand.px.shape)
+    noise = rng.normal(size=(len(hand.px), 21, 5))
     for index in range(1, len(noise)):
-        noise[index] = 0.8 * noise[index - 1] + 0.6 * noise[index]
+        noise[index] = 0.96 * noise[index - 1] + 0.28 * noise[index]
     size = np.ptp(hand.px, axis=1).max(-1)[:, None, None]
-    world = hand.world + rng.normal(size=hand.world.shape) * 0.006
-    return FilmedHand(hand.frames, hand.px + 0.03 / np.sqrt(2) * size * noise, world)
+    off_px = 0.03 / np.sqrt(2) * size * noise[..., :2]
+    return FilmedHand(hand.frames, hand.px + off_px, hand.world + 0.006 * noise[..., 2:])
 
 
 @pytest.mark.slow
 def test_it_is_nearly_as_good_as_the_fit_of_the_whole_take(made, seen):
-    """Measured 4.1 degrees of the fingers and 3.3 of the wrist, against 3.9 and 3.0."""
+    """Measured 4.6 degrees of the fingers and 3.2 of the wrist, against 4.1 and 2.7; noise that lasts is less kind to both."""
     whole, single, took = [], [], 0.0
     for seed in range(3):
         truth, points = made(45, seed)
         hand, times = noisy(seen(points), seed), np.arange(45) / 30
-        fit = fit_take(hand, times, CAMERA, HAND, "right", 30.0, definition=JOINTS)
+        fit = fit_take(hand, times, CAMERA, HAND, "right", 30.0, lifting=told)
         started = time.process_time()
-        poses = online(hand, times)
+        poses = online(hand, times, lifting=told)
         took += time.process_time() - started
         whole += [off_deg(fit.motion.pose(index), truth.theta[index]) for index in range(45)]
         single += [off_deg(pose, truth.theta[index]) for index, pose in enumerate(poses) if pose]
     assert len(single) == 3 * 45
-    assert np.mean(single, 0)[1:].mean() < np.mean(whole, 0)[1:].mean() + 0.5
+    assert np.mean(single, 0)[1:].mean() < np.mean(whole, 0)[1:].mean() + 0.8
     assert np.mean(single, 0)[0] < np.mean(whole, 0)[0] + 1.0
     assert took / (3 * 45) < 0.06
 
@@ -95,8 +107,7 @@ def test_uneven_times_are_uneven_steps(made, seen):
     """An even motion seen at 10 and at 30 frames a second: weighed by true times, neither lags."""
     truth, points = made(60, 2)
     kept = np.r_[0:30, 30:60:3]
-    trusting = FitWeights(picture=0.005, across_m=1e3, deep_m=1e3, prior=1.0)
-    poses = online(seen(points[kept]), kept / 30, weights=trusting)
+    poses = online(seen(points[kept]), kept / 30, lifting=partial(joints_as_seen, deviation=0.005))
     off = np.mean([off_deg(pose, truth.theta[kept[index]])[1:] for index, pose in enumerate(poses)][30:])
     assert off < 4
 
@@ -109,16 +120,10 @@ def test_points_in_one_place(made, seen):
 
 
 def test_held_frames_stay(made, seen):
-    from livehand.backend.motion.landmarks.articulation import NaturalPoses
-    from livehand.backend.motion.landmarks.camera_fit import CameraProblem
-    from livehand.backend.motion.landmarks.skeleton import HandSkeleton
-    from livehand.backend.motion.landmarks.take_fit import sighted
-
     _truth, points = made(5)
-    skeleton = HandSkeleton.of(HAND)
-    offsets = skeleton.offsets(np.zeros(10))
-    seen_hand = sighted(seen(points), np.arange(5) / 30, CAMERA, "right", offsets)
-    problem = CameraProblem(seen_hand, skeleton, offsets, JOINTS, NaturalPoses.of_library(), FitWeights())
+    offsets = SKELETON.offsets(np.zeros(10))
+    seen_hand = sighted(seen(points), np.arange(5) / 30, CAMERA, "right", offsets, joints_as_seen)
+    problem = CameraProblem(seen_hand, SKELETON, offsets, NaturalPoses.of_library(), FitWeights())
     start = problem.initial()
     poses = problem.solve(start, 2, held=3)
     for part, before in zip(poses, start, strict=True):

@@ -1,0 +1,163 @@
+"""Lifting: from a tracker's landmarks to our joints' places in the picture and their angles, each with a deviation.
+
+A tracker's points are not our joints. Where they lie beside them, and how far they are to be trusted, depends on the
+pose and on the side from which it is seen: a small network has learnt it from pictures of our own hand, whose truth is
+known (`examples/learn_landmarks.py` makes the pictures and trains it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from importlib import resources
+from typing import NamedTuple
+
+import numpy as np
+
+from ...hand.joint_limits import FREE
+
+_KNUCKLES = (1, 5, 13)  # nodes of index, middle and ring finger: with the wrist, they say where a hand points
+_UNUSUAL = 4.0  # deviations of an input; larger ones are clipped, for the network has not seen them
+_FILE = "mediapipe_lifting.npz"
+
+
+class LiftedLandmarks(NamedTuple):
+    """What the landmarks of T frames say of a right hand.
+
+    Attributes:
+        places: [T, 21, 2] the skeleton's nodes in the picture, as landmarks are given.
+        places_sd: [T, 21] their standard deviations.
+        free: [T, 21] free joint angles, rad.
+        free_sd: [T, 21] theirs, rad; infinite where nothing is said of them.
+    """
+
+    places: np.ndarray
+    places_sd: np.ndarray
+    free: np.ndarray
+    free_sd: np.ndarray
+
+
+Lifting = Callable[[np.ndarray, np.ndarray], LiftedLandmarks]
+"""Lifts a right hand's landmarks at the skeleton's nodes: places [T, 21, 2] in the picture, (px - principal point) /
+focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of any scale."""
+
+
+def joints_as_seen(places: np.ndarray, _world: np.ndarray, deviation: float = 0.018) -> LiftedLandmarks:
+    """Of a tracker that means our joints and fingertips: as they are, with a deviation in shares of the hand's size."""
+    size = np.ptp(places, axis=1).max(-1)
+    unknown = np.zeros((len(places), len(FREE)))
+    return LiftedLandmarks(places, np.repeat(deviation * size[:, None], 21, 1), unknown, np.full_like(unknown, np.inf))
+
+
+def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
+    """Of MediaPipe's landmarks, by the network."""
+    view = HandView.of(places)
+    mean, log_sd = _network()(view.features(places, world))
+    off = mean[:, :42].reshape(-1, 21, 2)
+    sd = np.exp(log_sd[:, :42]).reshape(-1, 21, 2).mean(-1)
+    return LiftedLandmarks(
+        view.back(view.shown(places) + off), sd * view.size[:, None], mean[:, 42:], np.exp(log_sd[:, 42:])
+    )
+
+
+class HandView(NamedTuple):
+    """How hands are seen along the rays through their middles, knuckles up and of unit size: what the network knows.
+
+    Attributes:
+        rotation: [T, 3, 3] from the camera's axes to the view's.
+        turn: [T, 3, 3] the part of it about the camera's axis, by which world landmarks turn.
+        middle: [T, 2] of the nodes in the view.
+        size: [T] root mean square distance of the nodes from it.
+    """
+
+    rotation: np.ndarray
+    turn: np.ndarray
+    middle: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, places: np.ndarray) -> HandView:
+        """The view of hands with nodes at places [T, 21, 2]."""
+        towards = _along_axis(places.mean(1))
+        ahead = _projected(places, towards)
+        up = ahead[:, _KNUCKLES].mean(1) - ahead[:, 0]
+        turn = _about_axis(np.arctan2(-up[:, 0], -up[:, 1]))
+        rotation = turn @ towards
+        shown = _projected(places, rotation)
+        middle = shown.mean(1)
+        return cls(rotation, turn, middle, np.sqrt(((shown - middle[:, None]) ** 2).sum(-1).mean(1)))
+
+    def shown(self, places: np.ndarray) -> np.ndarray:
+        """[T, N, 2] places of the picture in the view."""
+        return (_projected(places, self.rotation) - self.middle[:, None]) / self.size[:, None, None]
+
+    def back(self, shown: np.ndarray) -> np.ndarray:
+        """[T, N, 2] places of the view in the picture."""
+        return _projected(shown * self.size[:, None, None] + self.middle[:, None], self.rotation.swapaxes(1, 2))
+
+    def features(self, places: np.ndarray, world: np.ndarray) -> np.ndarray:
+        """[T, 105] what the network is given: the places in the view, the world landmarks turned and of unit size."""
+        turned = (world - world.mean(1, keepdims=True)) @ self.turn.swapaxes(1, 2)
+        scale = np.sqrt((turned**2).sum(-1).mean(1))[:, None, None]
+        parts = (self.shown(places), turned / scale)
+        return np.concatenate([part.reshape(len(places), -1) for part in parts], 1)
+
+
+class LiftingNetwork(NamedTuple):
+    """Dense layers with SiLU between them; the last gives means and logarithms of deviations.
+
+    Attributes:
+        centre, spread: [I] of the inputs in training.
+        weights, biases: of the layers, [out, in] and [out].
+    """
+
+    centre: np.ndarray
+    spread: np.ndarray
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+
+    def __call__(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means and logarithms of standard deviations, [T, O] each, of features [T, I]."""
+        x = np.clip((features - self.centre) / self.spread, -_UNUSUAL, _UNUSUAL)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = x @ weight.T + bias
+            x = x / (1 + np.exp(-x))
+        mean, log_sd = np.split(x @ self.weights[-1].T + self.biases[-1], 2, -1)
+        return mean, log_sd
+
+
+@cache
+def _network() -> LiftingNetwork:
+    with resources.files(str(__package__)).joinpath(_FILE).open("rb") as file, np.load(file) as arrays:
+        values = {name: arrays[name].astype(np.float64) for name in arrays.files}
+    count = sum(name.startswith("weight") for name in values)
+    layers = [tuple(values[f"{kind}{k}"] for k in range(count)) for kind in ("weight", "bias")]
+    return LiftingNetwork(values["centre"], values["spread"], layers[0], layers[1])
+
+
+def _along_axis(places: np.ndarray) -> np.ndarray:
+    """[T, 3, 3] the shortest rotations that bring the rays through places [T, 2] onto the camera's axis."""
+    x, y, z = (_rays(places) / np.linalg.norm(_rays(places), axis=-1, keepdims=True)).T
+    share = 1 / (1 + z)
+    rows = [[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]]
+    return np.stack([np.stack(row, -1) for row in rows], 1)
+
+
+def _about_axis(angle: np.ndarray) -> np.ndarray:
+    """[T, 3, 3] rotations by angles [T] about the camera's axis."""
+    turn = np.zeros((len(angle), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0] = np.sin(angle)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    turn[:, 2, 2] = 1
+    return turn
+
+
+def _rays(places: np.ndarray) -> np.ndarray:
+    return np.concatenate([places, np.ones((*places.shape[:-1], 1))], -1)
+
+
+def _projected(places: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """[T, N, 2] where places [T, N, 2] are seen after rotations [T, 3, 3]."""
+    turned = _rays(places) @ rotation.swapaxes(1, 2)
+    return turned[..., :2] / turned[..., 2:]
