@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.evaluation.takes import made_take, pictures, true_landmarks
+from livehand.backend.evaluation.takes import made_take, pictures, single_fingers_deg, true_landmarks
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.joint_limits import FREE
@@ -60,7 +60,7 @@ class Sight:
 
 
 class SightMaker:
-    """Random hands: between poses of the library, mixes of gestures and of both, from everywhere, in any light."""
+    """Random hands: fingers by themselves, between poses of the library, mixes; from everywhere, in any light."""
 
     def __init__(self, seed: int):
         self._rng = np.random.default_rng(seed)
@@ -87,12 +87,14 @@ class SightMaker:
 
     def _angles_deg(self) -> np.ndarray:
         rng, kind = self._rng, self._rng.random()
-        if kind < 0.45:
+        if kind < 0.25:
+            return single_fingers_deg(rng)
+        if kind < 0.59:
             first, second = rng.choice(len(LIBRARY), 2, replace=False)
             share = rng.beta(0.6, 0.6)
             angles = (1 - share) * LIBRARY[first] + share * LIBRARY[second]
             return self._noisy(angles) if rng.random() < 0.5 else angles
-        if kind < 0.85:
+        if kind < 0.89:
             return sample_angles_deg(rng, 1)[0]
         angles = LIBRARY[rng.integers(len(LIBRARY))].copy()
         for finger in range(5):
@@ -211,12 +213,12 @@ def train(paths: list[Path], held_out: int = 1000) -> None:
     np.savez_compressed(LIFTING_FILE, **{name: array.astype(np.float16) for name, array in arrays.items()})
 
 
-def tracked_takes(count, seed):
-    """Yields (take, what was seen of it): poses of the library and mixes of gestures, in turn, from all sides."""
+def tracked_takes(count, seed, kinds=("library", "mixes")):
+    """Yields (take, what was seen of it): of these kinds of poses in turn, from all sides."""
     rng, networks = np.random.default_rng(seed), load_networks()
     renderer = Renderer(load_avatar(shipped_avatar_path("light")), HAND, "cpu")
     for index in range(count):
-        take = made_take(rng, HAND, ("library", "mixes")[index % 2], VIEWS[index // 2 % 3])
+        take = made_take(rng, HAND, kinds[index % len(kinds)], VIEWS[index // len(kinds) % 3])
         tracker = HandTracker(networks, 1)
         found = [tracker.track(picture) for picture in pictures(take, renderer, rng)]
         frames = np.array([frame for frame, hands in enumerate(found) if hands])
@@ -250,6 +252,7 @@ if __name__ == "__main__":
     training.add_argument("sights", type=Path, nargs="+")
     gates = commands.add_parser("gates", help="measure the fit on takes made anew")
     gates.add_argument("--takes", type=int, default=12)
+    gates.add_argument("--kinds", nargs="+", choices=("library", "mixes", "single"), default=("library", "mixes"))
     for command in (making, gates):
         command.add_argument("--seed", type=int, default=100)
     args = parser.parse_args()
@@ -258,4 +261,4 @@ if __name__ == "__main__":
     elif args.command == "train":
         train(args.sights)
     else:
-        measure(tracked_takes(args.takes, args.seed))
+        measure(tracked_takes(args.takes, args.seed, args.kinds))

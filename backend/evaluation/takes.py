@@ -26,7 +26,7 @@ from ..records.side import Side
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
 
-TakePoses = Literal["library", "mixes"]
+TakePoses = Literal["library", "mixes", "single"]
 TakeView = Literal["palm", "back", "side"]
 
 _SIZE_PX, _FOCAL_PX = (640, 480), 620.0
@@ -57,13 +57,18 @@ def made_take(
     side: Side = "right",
     size_px: tuple[int, int] = _SIZE_PX,
 ) -> MadeTake:
-    """A hand of random shape that goes through random poses, moves and turns; 30 frames a second."""
+    """A hand of random shape that goes through random poses, moves and turns; 30 frames a second.
+
+    Poses are of the library, mixes of gestures, or `single`, in which each finger bends by itself, as no hand does.
+    """
     keys = frames // _KEY_EVERY + 2
     if poses == "library":
         named = rng.choice(sorted(POSES), keys, replace=False)
         angles = np.stack([POSES[name].gesture.angles_deg() for name in named])
-    else:
+    elif poses == "mixes":
         angles = sample_angles_deg(rng, keys)
+    else:
+        angles = np.stack([single_fingers_deg(rng) for _ in range(keys)])
     t = np.arange(frames) / _KEY_EVERY
     left, share = t.astype(int), t % 1
     share = (share * share * (3 - 2 * share))[:, None, None]
@@ -80,6 +85,20 @@ def made_take(
     return MadeTake(
         motion if side == "right" else mirrored(motion), Camera(K, np.eye(4), size_px), float(rng.uniform(*_GREY))
     )
+
+
+def single_fingers_deg(rng: np.random.Generator) -> np.ndarray:
+    """[15, 3] random angles of each finger by itself; the thumb's are of the library, with noise."""
+    angles = np.zeros((15, 3))
+    for finger in range(4):
+        pip = rng.uniform(0, 100)
+        dip = np.clip(pip / 2 + rng.normal(0, 8), 0, 75)
+        angles[3 * finger : 3 * finger + 3, 0] = rng.uniform(-10, 85), pip, dip
+        angles[3 * finger, 1] = rng.uniform(-8, 8)
+    angles[12:] = POSES[rng.choice(sorted(POSES))].gesture.angles_deg()[12:]
+    angles[12:, 0] += rng.normal(0, 8, 3)
+    angles[12, 1:] += rng.normal(0, 8, 2)
+    return angles
 
 
 def pictures(take: MadeTake, renderer: Renderer, rng: np.random.Generator) -> Iterator[np.ndarray]:

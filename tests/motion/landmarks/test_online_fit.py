@@ -56,7 +56,7 @@ def noisy(hand, seed):
 
 @pytest.mark.slow
 def test_it_is_nearly_as_good_as_the_fit_of_the_whole_take(made, seen):
-    """Measured 4.6 degrees of the fingers and 3.2 of the wrist, against 4.1 and 2.7; noise that lasts is less kind to both."""
+    """Measured 4.6 degrees of the fingers and 3.2 of the wrist, against 4.1 and 2.7."""
     whole, single, took = [], [], 0.0
     for seed in range(3):
         truth, points = made(45, seed)

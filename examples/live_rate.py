@@ -1,0 +1,79 @@
+"""How fast a hand before a camera is followed: a file plays as the camera, its hand is tracked, fitted and rendered.
+
+    python examples/live_rate.py [FILM.mp4]      # without a film, one of our own hand is made first, 1280 x 720
+
+Prints the rate, and the time from a frame's arrival to the avatar's picture of the same pose. Needs PyAV and the
+tracker's networks (`livehand fetch-tracker`).
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from livehand.backend.avatars.file import load_avatar
+from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.backend.evaluation.takes import made_take, pictures
+from livehand.backend.hand.lbs import posed_vertices
+from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.motion.landmarks.online_fit import OnlineFit
+from livehand.backend.motion.landmarks.take_fit import FilmCamera
+from livehand.backend.records.camera import Camera
+from livehand.backend.records.light import Light, Sky
+from livehand.backend.records.shot import Shot
+from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.tracking.live import CameraSource, LiveTracker
+from livehand.backend.tracking.video_writer import write_video
+
+HAND, FILM_PX, FRAMES, SHOWN_PX = load_default_hand(), (1280, 720), 240, 167 * 256
+LIGHT = Light((), Sky(np.ones((2, 4, 3))))
+
+
+def made_film(path: Path, renderer: Renderer) -> None:
+    rng = np.random.default_rng(5)
+    take = made_take(rng, HAND, "mixes", "palm", frames=FRAMES, size_px=FILM_PX)
+    write_video(pictures(take, renderer, rng), path, np.arange(FRAMES) / 30, 30.0)
+
+
+def measure(film: Path, renderer: Renderer) -> None:
+    tracker, waits_ms, times_s = LiveTracker(CameraSource(str(film), is_file=True), 1), [], []
+    fits: dict[int, OnlineFit] = {}
+    while not tracker.has_ended:
+        frame = tracker.newest()
+        if frame is None:
+            time.sleep(0.001)
+            continue
+        for hand in frame.hands:
+            guessed = FilmCamera.guessed(frame.size_px)
+            fit = fits.setdefault(hand.track, OnlineFit(guessed, HAND, "right" if hand.right > 0.5 else "left"))
+            seen = fit.follow(frame.time_s, hand.px, hand.world)
+            if seen is None:
+                continue
+            share = (SHOWN_PX / np.prod(frame.size_px)) ** 0.5
+            width, height = (round(share * side) for side in frame.size_px)
+            focal_px = share * guessed.focal_px
+            K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]])
+            vertices = posed_vertices(HAND.for_side(seen.pose.side), seen.pose)
+            renderer.render(Shot(seen.pose, vertices, Camera(K, np.eye(4), (width, height)), LIGHT))
+            times_s.append(time.monotonic())
+            waits_ms.append(1000 * (times_s[-1] - frame.taken_s))
+    tracker.close()
+    late = len(times_s) // 4  # what the first frames prepare is no rate
+    rate = (len(times_s) - late - 1) / (times_s[-1] - times_s[late])
+    low, middle, high = np.percentile(waits_ms[late:], [10, 50, 90])
+    print(f"{len(times_s)} frames shown, {rate:.1f} a second; {middle:.0f} ms each ({low:.0f} to {high:.0f})")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("film", type=Path, nargs="?")
+    parser.add_argument("--precision", choices=("fp32", "bf16"), default="bf16")
+    args = parser.parse_args()
+    avatar = load_avatar(shipped_avatar_path("light"))
+    renderer = Renderer(avatar, HAND, "cpu", precision=args.precision)
+    with tempfile.TemporaryDirectory() as folder:
+        film = args.film or Path(folder) / "film.mp4"
+        if args.film is None:
+            made_film(film, renderer)
+        measure(film, renderer)
