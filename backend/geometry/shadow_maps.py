@@ -16,6 +16,7 @@ from torch import Tensor
 
 from .mesh import PosedMesh, Topology
 from .rasterise import Fragments, rasterise
+from .tolerances import LEAST_SQUARED, LEAST_WINDOW
 
 MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
@@ -25,10 +26,6 @@ FAR = 1000.0
 _GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
 _CONTACT_M = 0.001
-LEAST_SQUARED = 0.1
-"""A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh."""
-LEAST_WINDOW = 0.05
-"""Half of a map's width, radii."""
 
 
 class Bounds(NamedTuple):

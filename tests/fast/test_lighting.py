@@ -1,8 +1,11 @@
 """The light's kernels against `nerf.relighting`, where no other test does."""
 
 import torch
-from livehand.backend.fast.lighting import normals_at_steps, shares_of_rays, smoothed_rays
+from livehand.backend.fast.lighting import normals_at_steps, openness, shares_of_rays, smoothed_rays
+from livehand.backend.geometry.shadow_maps import PointShadows
+from livehand.backend.nerf.light_samples import SkySamples
 from livehand.backend.nerf.lighting import COEFFICIENTS
+from livehand.backend.nerf.lighting import openness as openness_reference
 from livehand.backend.nerf.rays import CameraTensors, ray_directions
 from livehand.backend.nerf.relighting import EnlargedRays, RaysAround, SkinDepth, covered_pixels
 from livehand.backend.nerf.relighting import normals_at_steps as normals_reference
@@ -29,6 +32,18 @@ def test_shares_are_those_of_torch_at_steps_of_depth_borders_and_where_nothing_i
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
     torch.testing.assert_close(ours.sum(1), torch.ones(len(at)))
     assert ((theirs > 0.1) & (theirs < 0.3)).any()
+
+
+def test_openness_is_that_of_torch_where_no_sky_is_seen_too():
+    random = torch.Generator().manual_seed(7)
+    sky, normal = SkySamples.of(None, "cpu"), normalize(torch.randn(200, 3, generator=random), dim=-1)
+    lit = torch.rand(len(sky.towards), 200, generator=random) * (torch.rand(200, generator=random) < 0.9)
+    shadows = PointShadows(lit, torch.zeros_like(lit))
+    ours, theirs = openness(sky, shadows, normal), openness_reference(sky, shadows, normal)
+    torch.testing.assert_close(ours.share, theirs.share)
+    torch.testing.assert_close(ours.towards, theirs.towards, atol=1e-5, rtol=0)
+    assert (ours.share == 0).any()
+    assert ours.share.max() > 0.4
 
 
 def test_smoothed_rays_are_those_of_torch_with_holes_and_at_borders():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...geometry.shadow_maps import LEAST_SQUARED, LEAST_WINDOW
+from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW
 from .compiled import compiled
 from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
@@ -154,7 +154,9 @@ def _look_up(casters, view, window, points, way, lit, depth_in):
             place[0, index] = _0 if is_inside else _1
         for index in range(count):
             pixel = np.uintp(at[index])
-            for corner, there in enumerate((pixel, pixel + _NEXT, pixel + np.uintp(size), pixel + np.uintp(size) + _NEXT)):
+            for corner, there in enumerate(
+                (pixel, pixel + _NEXT, pixel + np.uintp(size), pixel + np.uintp(size) + _NEXT)
+            ):
                 read[2 * corner, index], read[2 * corner + 1, index] = way[there, 0], way[there, 1]
         for index in range(count):
             depth, fx, fy = place[2, index], shares[0, index], shares[1, index]
