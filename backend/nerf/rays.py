@@ -92,9 +92,10 @@ def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float
 def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
     """World directions of depth 1 through pixel centres."""
     width = camera.size_px[0]
-    x, y = ((place + 0.5).to(camera.K.dtype)[:, None] for place in (pixel % width, pixel // width))
-    along_x, along_y, through_corner = torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
-    return x * along_x + y * along_y + through_corner
+    ones = torch.ones_like(pixel, dtype=camera.K.dtype)
+    row = torch.div(pixel, width, rounding_mode="floor")
+    centre = torch.stack([pixel - width * row + 0.5, row + 0.5, ones], -1).to(camera.K.dtype)
+    return centre @ torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
 
 
 def ray_origin(camera: CameraTensors) -> Float[Tensor, 3]:
