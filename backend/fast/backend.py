@@ -26,6 +26,7 @@ from .lighting import (
     enlarged_rays,
     light_features,
     normals_at_steps,
+    openness,
     relit,
     shares_of_rays,
     smoothed_rays,
@@ -57,6 +58,7 @@ class NumbaBackend:
     visibility = staticmethod(partial(visibility_transfer, lit_share=lit_share_by_kernel))
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)
+    openness = staticmethod(openness)
     light_features = staticmethod(light_features)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)

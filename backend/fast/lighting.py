@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..nerf.light_samples import LightSamples
+from ..geometry.shadow_maps import PointShadows
+from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     COEFFICIENTS,
     F0,
@@ -19,6 +20,7 @@ from ..nerf.lighting import (
     WRAP,
     LightFeatures,
     LightShadows,
+    Openness,
     SurfacePoints,
 )
 from ..nerf.rays import CameraTensors
@@ -27,6 +29,7 @@ from ..nerf.surface_means import FACING_POWER, SHARES, RayPlaces
 from .kernels.compiled import in_parallel
 from .kernels.lighting import enlarge_pixels, mean_over_surface, ray_shares, relit_pixels, smooth_pixels, step_normals
 from .kernels.lighting import light_features as fill_features
+from .kernels.lighting import openness as fill_openness
 from .kernels.records import (
     EnlargedArrays,
     FeatureArrays,
@@ -64,6 +67,18 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *direct, torch.ones(count, 3), reflected))
 
 
+def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
+    """The openness of points with these normals."""
+    found = Openness(torch.empty(len(normal)), torch.empty(len(normal), 3))
+    towards, normals, lit, share, mean = _arrays(sky.towards, normal.T, shadows.lit, *found)
+    in_parallel(
+        lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean),
+        len(normal),
+        torch.get_num_threads(),
+    )
+    return found
+
+
 def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
     """As `nerf.surface_means.surface_means`."""
     width, height = places.size_px
@@ -86,7 +101,7 @@ def enlarged_rays(
     count, pixels = len(covered), detail[0].numel()
     buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(pixels))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
-    rows = torch.cat([maps[:COEFFICIENTS], maps[-4:]]).flatten(1).T  # [h * w, 18]
+    rows = maps.permute(1, 2, 0).flatten(0, 1)  # as they lie in memory
     arrays = _arrays(rows, detail.permute(1, 2, 0).reshape(pixels, -1), covered, world2cam)
     in_parallel(
         lambda first, last: enlarge_pixels(*arrays, maps.shape[-1], SMOOTH, MIN_ALPHA_32, first, last, out),

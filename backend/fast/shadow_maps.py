@@ -15,7 +15,7 @@ from .kernels.shadow import look_up_points
 
 def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> PointShadows:
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
-    tensors = (*scene.views, *scene.windows, scene.vertices.T, scene.faces, scene.others.T)
+    tensors = (*scene.views, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
     lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
     others = np.arange(len(scene.others)).reshape(-1, 3)

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from .mesh import PosedMesh, Topology
 from .rasterise import Fragments, rasterise
+from .tolerances import LEAST_SQUARED, LEAST_WINDOW
 
 MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
@@ -25,9 +26,6 @@ FAR = 1000.0
 _GRAZING_M = 0.001
 # An object in contact with the skin touches a mesh that is coarser than both; template metres.
 _CONTACT_M = 0.001
-# A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh.
-_LEAST_SQUARED = 0.1
-_LEAST_WINDOW = 0.05  # half of a map's width, radii
 
 
 class Bounds(NamedTuple):
@@ -98,13 +96,13 @@ class MapWindows(NamedTuple):
         Maps so become as fine as what is seen of the mesh is small. A window's border of a pixel holds no point.
         """
         distance = views.distance[:, None]
-        reach = distance / (distance**2 - 1).clamp(min=_LEAST_SQUARED).sqrt()  # of the unit sphere
+        reach = distance / (distance**2 - 1).clamp(min=LEAST_SQUARED).sqrt()  # of the unit sphere
         if len(points) == 0:
             return cls(torch.zeros_like(views.frames[:, 0, :2]), ((map_px / 2 - 1) / reach).expand(-1, 2))
         across, depth = _across(points, views)
         across = torch.where((depth > 0)[..., None], across, 0).clamp(-reach[..., None], reach[..., None])
         least, most = across.amin(1), across.amax(1)
-        half = ((most - least) / 2).clamp(min=_LEAST_WINDOW)
+        half = ((most - least) / 2).clamp(min=LEAST_WINDOW)
         return cls((least + most) / 2, (map_px / 2 - 1) / half)
 
 
@@ -120,7 +118,6 @@ class ShadowScene(NamedTuple):
 
     Attributes:
         views: from the light.
-        windows: of the maps.
         vertices: [V, 3] of the mesh.
         faces: [F, 3] of the mesh.
         others: [3 T, 3] corners of other triangles.
@@ -131,7 +128,6 @@ class ShadowScene(NamedTuple):
     """
 
     views: LightViews
-    windows: MapWindows
     vertices: Tensor
     faces: Tensor
     others: Tensor
@@ -142,7 +138,7 @@ class ShadowScene(NamedTuple):
 
 
 ShadowLookup = Callable[[ShadowScene, Tensor], PointShadows]
-"""(scene, points [P, 3] in radii from the centre) -> shadows, with depths in radii."""
+"""(scene, points [P, 3] in radii from the centre) -> shadows, with depths in radii, by maps around these points."""
 
 
 def point_shadows(
@@ -170,7 +166,6 @@ def point_shadows(
     vertices, others, local = ((at - bounds.centre) / bounds.radius for at in (mesh.vertices, occluders, points))
     scene = ShadowScene(
         views=views,
-        windows=MapWindows.around(local, views, map_px),
         vertices=vertices,
         faces=topology.faces,
         others=others.reshape(-1, 3),
@@ -183,10 +178,10 @@ def point_shadows(
     return PointShadows(shadows.lit, shadows.depth_in_m / in_template)
 
 
-def projected(points: Float[Tensor, "P 3"], scene: ShadowScene) -> ProjectedPoints:
+def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWindows) -> ProjectedPoints:
     """Points in the scene's maps."""
     across, depth = _across(points, scene.views)
-    centre, px_per_radius = scene.windows
+    centre, px_per_radius = windows
     return ProjectedPoints((across - centre[:, None]) * px_per_radius[:, None] + scene.map_px / 2, depth)
 
 
@@ -200,8 +195,9 @@ def _across(points: Float[Tensor, "P 3"], views: LightViews) -> tuple[Float[Tens
 
 def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
     """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
-    entry, blocker = _maps(scene)
-    points = projected(places, scene)
+    windows = MapWindows.around(places, scene.views, scene.map_px)
+    entry, blocker = _maps(scene, windows)
+    points = projected(places, scene, windows)
     position = points.px - 0.5
     is_inside = ((position >= 0) & (position < scene.map_px - 1)).all(-1) & (points.depth > 0)
     position = torch.where(is_inside[..., None], position, torch.zeros_like(position))
@@ -225,16 +221,16 @@ def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> Point
     )
 
 
-def _maps(scene: ShadowScene) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
+def _maps(scene: ShadowScene, windows: MapWindows) -> tuple[Float[Tensor, "K M"], Float[Tensor, "K M"]]:
     """Per map pixel, the depth at which light enters the mesh (minus infinity: blocked before), and where it ends."""
     count = len(scene.views.distance)
-    fragments = _fragments(projected(scene.vertices, scene), scene.faces, scene.map_px)
+    fragments = _fragments(projected(scene.vertices, scene, windows), scene.faces, scene.map_px)
     size = count * scene.map_px**2
     entry = _nearest(fragments, fragments.is_front, size)
     leaving = _nearest(fragments, ~fragments.is_front, size)
     middle = torch.where(leaving.isfinite(), (entry + leaving) / 2, entry)
     corners = torch.arange(len(scene.others), device=entry.device).reshape(-1, 3)
-    others = _fragments(projected(scene.others, scene), corners, scene.map_px)
+    others = _fragments(projected(scene.others, scene, windows), corners, scene.map_px)
     other = _nearest(others, torch.ones_like(others.is_front), size) + scene.contact
     is_blocked = other < entry
     entry = torch.where(is_blocked, -torch.inf, entry)

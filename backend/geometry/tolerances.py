@@ -14,3 +14,9 @@ MAX_STEPS = 4
 
 LANES = 16
 """Neighbouring faces tried at once: one vector register of the widest processors."""
+
+LEAST_SQUARED = 0.1
+"""A light nearer than the mesh's own radius is given this squared sine; its map no longer holds all of the mesh."""
+
+LEAST_WINDOW = 0.05
+"""Half of a shadow map's width, radii of the mesh."""

@@ -19,8 +19,8 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.shadow_maps import LightViews, PointShadows
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
-from .light_samples import LightSamples
-from .lighting import LightFeatures, LightShadows, SurfacePoints
+from .light_samples import LightSamples, SkySamples
+from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
@@ -75,6 +75,10 @@ class RenderBackend(Protocol):
 
     def first_hit(self, hand: HandInView) -> Float[Tensor, " P"]:
         """As `nerf.sampler.first_hit`, of the mesh itself."""
+        ...
+
+    def openness(self, sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
+        """As `nerf.lighting.openness`."""
         ...
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:

@@ -93,7 +93,8 @@ def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]
     """World directions of depth 1 through pixel centres."""
     width = camera.size_px[0]
     ones = torch.ones_like(pixel, dtype=camera.K.dtype)
-    centre = torch.stack([pixel % width + 0.5, pixel // width + 0.5, ones], -1).to(camera.K.dtype)
+    row = torch.div(pixel, width, rounding_mode="floor")
+    centre = torch.stack([pixel - width * row + 0.5, row + 0.5, ones], -1).to(camera.K.dtype)
     return centre @ torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
 
 

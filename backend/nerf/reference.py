@@ -11,7 +11,7 @@ from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
-from .lighting import light_features
+from .lighting import light_features, openness
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
@@ -28,6 +28,7 @@ class ReferenceBackend:
     visibility = staticmethod(visibility_transfer)
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)
+    openness = staticmethod(openness)
     light_features = staticmethod(light_features)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder_in_precision)

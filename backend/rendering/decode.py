@@ -38,7 +38,9 @@ def linear_frame(
 ) -> Frame:
     """Scene-linear colours that are premultiplied, of any brightness, as a frame of the whole image."""
     alpha = _clear_alpha(alpha)
-    return replace(_frame(torch.where(alpha > 0, colours, 0.0), alpha, depth, window, size_px), profile=profile)
+    is_seen = (alpha > 0)[..., None]
+    seen = torch.where(is_seen, colours.permute(1, 2, 0), 0.0).permute(2, 0, 1)  # pixel by pixel, as colours lie
+    return replace(_frame(seen, alpha, depth, window, size_px), profile=profile)
 
 
 def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:

@@ -20,7 +20,7 @@ from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples, SkySamples
-from ..nerf.lighting import LightFeatures, SurfacePoints, corrected, openness
+from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
@@ -144,7 +144,7 @@ def render_lit_hand(
     points = surface_points(field, rays.composite, position, view)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
-    open_to = openness(SkySamples.of(None, device), at_points, points.normal)
+    open_to = backend.openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
     low = field.decode(rays.composite, view, open_to, decoder)
     on_stage("superres")

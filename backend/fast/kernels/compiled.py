@@ -81,13 +81,28 @@ def kernel_folder() -> Path | None:
 
 
 def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> None:
-    """Call run(first, last) for consecutive ranges of [0, count) on `threads` threads."""
+    """Call run(first, last) for consecutive ranges of [0, count) on `threads` threads.
+
+    The calling thread is one of them, and whoever is ready takes the next range: if other programs hold a core, nobody
+    waits for the thread that would run there.
+    """
     if threads == 1 or count < threads * _CHUNKS_PER_THREAD:
         run(0, count)
         return
     size = -(-count // (threads * _CHUNKS_PER_THREAD))
-    starts = range(0, count, size)
-    list(_pool(threads).map(run, starts, (min(start + size, count) for start in starts)))
+    starts = iter(range(0, count, size))
+
+    def work() -> None:
+        for start in starts:
+            run(start, min(start + size, count))
+
+    helpers = [_pool(threads - 1).submit(work) for _ in range(threads - 1)]
+    try:
+        work()
+    finally:
+        failed = [helper.exception() for helper in helpers if not helper.cancel()]
+    for error in filter(None, failed):
+        raise error
 
 
 @cache

@@ -1,4 +1,7 @@
-"""Equals `light_features` of `nerf.lighting`, `bounced`, and `detailed`, `shares_of_rays` and `relit` of relighting."""
+"""Equals `light_features` and `openness` of `nerf.lighting`, and `bounced`.
+
+Of `nerf.relighting`: `detailed`, `smoothed_rays`, `shares_of_rays`, `normals_at_steps`, `relit`; and `surface_means`.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,17 @@ from .compiled import compiled_part_loosely as part
 _0, _QUARTER, _HALF, _3Q, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2, 3, 4))
 _PI, _TINY, _LEAST_SQUARED_M = np.float32(pi), np.float32(1e-8), np.float32(0.005**2)
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
-_LEAST_PROBE_SQUARED_M = np.float32(1e-8)
+_LEAST_PROBE_SQUARED_M, _LEAST_LENGTH = np.float32(1e-8), np.float32(1e-12)
 _LEAST_COSINE, _LEAST_FACING, _GRAZING = np.float32(1e-4), np.float32(1e-6), np.float32(0.05)
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
 """As in `nerf.relighting`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
 BLOCK = 64
-"""Points whose light from the sky is computed at once."""
+"""Points whose light is computed at once."""
 # Rows of a block, and of its sums.
-_NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE, _ROWS = 0, 3, 6, 9, 10, 12, 13, 14, 15
+_NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE = 0, 3, 6, 9, 10, 12, 13, 14
+_POSITION, _TOWARDS, _ROWS = 15, 18, 21
 _SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 
 
@@ -29,18 +33,41 @@ _SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 def light_features(points, sky, lamps, probes, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
-    both, factors = np.empty(2, np.float32), np.empty(probes.shed.shape[1], np.float32)
+    vectors, factors = np.empty((3 * len(lamps.rgb), BLOCK), np.float32), np.empty(probes.shed.shape[1], np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         _load(points, lobes, start, count, work)
-        sums[:] = _0
+        sums[:], vectors[:] = _0, _0
         for k in range(len(sky.towards)):
             _add_direction(sky, lobes, k, start, count, work, sums)
-        _store(start, count, sums, out)
+        for k in range(len(lamps.lamp)):
+            _add_lamp(lamps, lobes, k, start, count, work, sums, vectors)
+        _store(start, count, sums, vectors, out)
     for point in range(first, last):
-        _add_lamps(points, lamps, lobes, point, both, out)
         _fill_factors(points.position[point], points.normal[point], probes, factors)
         _add_shed(factors, probes.shed, out.reflected[point])
+
+
+@compiled
+def openness(towards, normal, lit, first, last, share, mean):
+    """Fill share [R] and mean [R, 3] of points [first, last) as `nerf.lighting.openness`; the normals are [3, R]."""
+    work, sums = np.empty((1, BLOCK), np.float32), np.empty((4, BLOCK), np.float32)
+    for start in range(first, last, BLOCK):
+        count, begin = min(BLOCK, last - start), np.uintp(start)
+        sums[:] = _0
+        for k in range(len(towards)):
+            x, y, z = towards[k, 0], towards[k, 1], towards[k, 2]
+            for index in range(np.uintp(count)):
+                at = begin + index
+                cosine = x * normal[0, at] + y * normal[1, at] + z * normal[2, at]
+                work[0, index] = lit[k, at] * max(cosine, _0)
+            for row, factor in enumerate((x, y, z, _1)):
+                _add_row(sums[row], work[0], factor, count)
+        for index in range(count):
+            x, y, z = sums[0, index], sums[1, index], sums[2, index]
+            length = max(np.sqrt(x * x + y * y + z * z), _LEAST_LENGTH)
+            mean[start + index, 0], mean[start + index, 1], mean[start + index, 2] = x / length, y / length, z / length
+            share[start + index] = _4 / np.float32(len(towards)) * sums[3, index]
 
 
 @part
@@ -72,12 +99,13 @@ def _add_shed(factors, shed, out):
     out[2] += blue / most
 
 
-@compiled
+@part
 def _load(points, lobes, start, count, work):
-    """Fill the rows of a block of points: normal, relief normal, view, and what the lobes need of normal and view."""
+    """Fill the rows of a block of points: what they are, and what the lobes need of normal and view."""
     for index in range(count):
         to_eye = _0
         for k in range(3):
+            work[_POSITION + k, index] = points.position[start + index, k]
             work[_NORMAL + k, index] = points.normal[start + index, k]
             work[_RELIEF + k, index] = points.relief_normal[start + index, k]
             work[_VIEW + k, index] = points.view_direction[start + index, k]
@@ -89,13 +117,13 @@ def _load(points, lobes, start, count, work):
             work[_EYE_TERM + lobe, index] = np.sqrt(to_eye * to_eye * (_1 - squared) + squared)
 
 
-@compiled
+@part
 def _squared(alpha, light_radius_rad):
     """Squared alpha of a lobe, widened by the light."""
     return min(alpha * alpha + light_radius_rad * light_radius_rad * _QUARTER, _1)
 
 
-@compiled
+@part
 def _add_direction(sky, lobes, k, start, count, work, sums):
     """Add one direction of the sky to a block. Short loops over few rows each, which become vector instructions."""
     depth = sky.depth_in_m[k, start : start + count]
@@ -115,13 +143,13 @@ def _add_direction(sky, lobes, k, start, count, work, sums):
             _add_row(sums[_GLOSS + 3 * lobe + c], work[_VALUE], sky.flux[k, c], count)
 
 
-@compiled
+@part
 def _add_row(total, values, factor, count):
     for index in range(count):
         total[index] += values[index] * factor
 
 
-@compiled
+@part
 def _scatter_row(towards, wrap, scatter_m, depth_in_m, work, out):
     """What arrives inside the skin from a direction."""
     x, y, z = towards[0], towards[1], towards[2]
@@ -129,16 +157,20 @@ def _scatter_row(towards, wrap, scatter_m, depth_in_m, work, out):
     scale, rate = _1 / (_1 + wrap), _1 / (_16 * scatter_m)
     for index in range(len(depth_in_m)):
         around = max((x * nx[index] + y * ny[index] + z * nz[index] + wrap) * scale, _0)
-        # exp(-d) = (1 / exp(d / 16))^16, whose series is short: exact to 1e-6 where it is not next to nothing.
-        part = depth_in_m[index] * rate
-        decay = _1 / (_1 + part * (_1 + part * (_HALF + part * (_SIXTH + part * _24TH))))
-        decay *= decay
-        decay *= decay
-        decay *= decay
-        out[index] = around * decay * decay
+        out[index] = around * _decayed(depth_in_m[index] * rate)
 
 
-@compiled
+@part
+def _decayed(part):
+    """exp(-16 part) = (1 / exp(part))^16, whose series is short: exact to 1e-6 where it is not next to nothing."""
+    decay = _1 / (_1 + part * (_1 + part * (_HALF + part * (_SIXTH + part * _24TH))))
+    decay *= decay
+    decay *= decay
+    decay *= decay
+    return decay * decay
+
+
+@part
 def _arriving_row(towards, lit, work, out):
     """The share of light from a direction that arrives above the horizon of the relief."""
     x, y, z = towards[0], towards[1], towards[2]
@@ -149,7 +181,7 @@ def _arriving_row(towards, lit, work, out):
         out[index] = lit[index] if cosine > _0 else _0
 
 
-@compiled
+@part
 def _lobe_row(towards, f0, squared, count, eye_term, work, out):
     """What a lobe reflects of the light that arrives; as `_glossy`."""
     x, y, z = towards[0], towards[1], towards[2]
@@ -168,8 +200,8 @@ def _lobe_row(towards, f0, squared, count, eye_term, work, out):
         out[index] = arriving[index] * squared * _HALF * fresnel * light / (base * base * shadowing)
 
 
-@compiled
-def _store(start, count, sums, out):
+@part
+def _store(start, count, sums, vectors, out):
     for index in range(count):
         for c in range(3):
             for axis in range(3):
@@ -177,71 +209,79 @@ def _store(start, count, sums, out):
             for layer in range(2):
                 out.scattered[start + index, layer, c] = sums[_SCATTERED + 3 * layer + c, index]
                 out.sky_gloss[start + index, layer, c] = sums[_GLOSS + 3 * layer + c, index]
+            for lamp in range(out.lamp_vectors.shape[1]):
+                out.lamp_vectors[start + index, lamp, c] = vectors[3 * lamp + c, index]
 
 
-@compiled
-def _add_lamps(points, lamps, lobes, point, both, out):
-    for k in range(len(lamps.lamp)):
-        lamp, shadow = lamps.lamp[k], lamps.shadow[k]
-        x, y, z, strength = _arriving(points.position, lamps, k, point)
-        normal = points.normal
-        cosine = x * normal[point, 0] + y * normal[point, 1] + z * normal[point, 2]
-        _scattered(cosine, shadow * lamps.depth_in_m[k, point], lobes, both)
-        for depth in range(2):
-            for c in range(3):
-                out.scattered[point, depth, c] += both[depth] * strength * lamps.rgb[lamp, c]
-        relief = points.relief_normal
-        if x * relief[point, 0] + y * relief[point, 1] + z * relief[point, 2] <= _0:
-            continue
-        arriving = strength * (shadow * lamps.lit[k, point] + _1 - shadow)
-        out.lamp_vectors[point, lamp, 0] += x * arriving
-        out.lamp_vectors[point, lamp, 1] += y * arriving
-        out.lamp_vectors[point, lamp, 2] += z * arriving
+@part
+def _add_lamp(lamps, lobes, k, start, count, work, sums, vectors):
+    """Add one sample of a lamp to a block."""
+    lamp, shadow = lamps.lamp[k], lamps.shadow[k]
+    depth, lit = lamps.depth_in_m[k, start : start + count], lamps.lit[k, start : start + count]
+    _strength_rows(lamps, k, count, work, work[_ARRIVING])
+    for layer in range(2):
+        rate = shadow / (_16 * lobes.scatter_m[layer])
+        _scatter_lamp_row(lobes.wrap[layer], rate, depth, work, work[_ARRIVING], work[_VALUE])
+        for c in range(3):
+            _add_row(sums[_SCATTERED + 3 * layer + c], work[_VALUE], lamps.rgb[lamp, c], count)
+    x, y, z, strength = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2], work[_ARRIVING]
+    rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
+    for index in range(count):
+        cosine = x[index] * rx[index] + y[index] * ry[index] + z[index] * rz[index]
+        strength[index] *= shadow * lit[index] + _1 - shadow if cosine > _0 else _0
+    for axis in range(3):
+        _add_product(vectors[3 * lamp + axis], work[_TOWARDS + axis], strength, count)
 
 
-@compiled
-def _arriving(position, lamps, k, point):
-    """(unit direction towards the sample, irradiance / pi of a surface that faces it)."""
-    x, y, z, share = lamps.position[k, 0], lamps.position[k, 1], lamps.position[k, 2], lamps.share[k]
+@part
+def _add_product(total, a, b, count):
+    for index in range(count):
+        total[index] += a[index] * b[index]
+
+
+@part
+def _scatter_lamp_row(wrap, rate, depth_in_m, work, strength, out):
+    """What arrives inside the skin from a sample, whose direction is another at every point."""
+    x, y, z = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2]
+    nx, ny, nz, scale = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2], _1 / (_1 + wrap)
+    for index in range(len(depth_in_m)):
+        cosine = x[index] * nx[index] + y[index] * ny[index] + z[index] * nz[index]
+        out[index] = max((cosine + wrap) * scale, _0) * _decayed(depth_in_m[index] * rate) * strength[index]
+
+
+@part
+def _strength_rows(lamps, k, count, work, strength):
+    """Fill the unit directions towards a sample, and the irradiance / pi of a surface that faces it."""
+    px, py, pz, share = lamps.position[k, 0], lamps.position[k, 1], lamps.position[k, 2], lamps.share[k]
+    x, y, z = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2]
     if lamps.is_sun[k]:
-        return x, y, z, share
-    x, y, z = x - position[point, 0], y - position[point, 1], z - position[point, 2]
-    squared = max(x * x + y * y + z * z, _LEAST_SQUARED_M)
-    length = np.sqrt(squared)
-    x, y, z = x / length, y / length, z / length
-    along = -(x * lamps.axis[k, 0] + y * lamps.axis[k, 1] + z * lamps.axis[k, 2])
-    return x, y, z, share * _emitted(along, lamps, k) / squared
+        for index in range(count):
+            x[index], y[index], z[index], strength[index] = px, py, pz, share
+        return
+    at_x, at_y, at_z = work[_POSITION], work[_POSITION + 1], work[_POSITION + 2]
+    for index in range(count):
+        dx, dy, dz = px - at_x[index], py - at_y[index], pz - at_z[index]
+        squared = max(dx * dx + dy * dy + dz * dz, _LEAST_SQUARED_M)
+        inverse = _1 / np.sqrt(squared)
+        x[index], y[index], z[index], strength[index] = dx * inverse, dy * inverse, dz * inverse, share / squared
+    for index in range(count):
+        along = -(x[index] * lamps.axis[k, 0] + y[index] * lamps.axis[k, 1] + z[index] * lamps.axis[k, 2])
+        strength[index] *= _emitted(along, lamps, k)
 
 
-@compiled
+@part
 def _emitted(along, lamps, k):
     """Intensity of a sample, per watt, in a direction with this cosine to its axis."""
     if lamps.is_area[k]:
-        if along <= _0:
-            return _0
-        tan_spread = lamps.tan_spread[k]
-        if tan_spread == np.inf:
-            return along / _PI
-        facing = max(along, _LEAST_FACING)
+        facing, tan_spread = max(along, _LEAST_FACING), lamps.tan_spread[k]
         tangent = np.sqrt(max(_1 / (facing * facing) - _1, _0))
-        return along / _PI * max((tan_spread - tangent) * lamps.spread_share[k], _0)
-    if lamps.cos_cone[k] < -_1:
-        return _1 / (_4 * _PI)
+        beam = max((tan_spread - tangent) * lamps.spread_share[k], _0) if tan_spread < np.inf else _1
+        return max(along, _0) / _PI * beam
     edge = min(max((along - lamps.cos_cone[k]) * lamps.cone_edge[k], _0), _1)
-    return edge * edge * (_3 - _2 * edge) / (_4 * _PI)
+    return (edge * edge * (_3 - _2 * edge) if lamps.cos_cone[k] >= -_1 else _1) / (_4 * _PI)
 
 
-@compiled
-def _scattered(cosine, depth_in_m, lobes, both):
-    """Fill the shares of light that arrive at the two depths inside the skin."""
-    for depth in range(2):
-        around = max((cosine + lobes.wrap[depth]) / (_1 + lobes.wrap[depth]), _0)
-        if around > _0 and depth_in_m > _0:
-            around *= np.exp(-depth_in_m / lobes.scatter_m[depth])
-        both[depth] = around
-
-
-@compiled
+@part
 def _glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
@@ -268,31 +308,34 @@ def _glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both
 def enlarge_pixels(maps, detail, pixels, world2cam, width, smooth, min_alpha, first, last, out):
     """Fill `out` (`EnlargedArrays`) for pixels [first, last) of the full-size image.
 
-    `maps` [h * w, 18] holds premultiplied coefficients, normals in camera axes and alpha; `detail` [H * W, 12] what is
-    added at full size.
+    `maps` [h * w, C] begins with premultiplied coefficients and ends with normals in camera axes and alpha; `detail`
+    [H * W, 12] is what is added at full size.
     """
-    count = out.coefficients.shape[1]
-    here, at = np.empty(maps.shape[1], np.float32), np.empty(4, np.int64)
-    weights = np.empty(4, np.float32)
+    here, at, weights = np.empty(maps.shape[1], np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
     for index in range(first, last):
-        pixel = pixels[index]
-        _neighbours(len(maps), width, pixel, at, weights)
+        _neighbours(len(maps), width, pixels[index], at, weights)
         _blend(maps, at, weights, here)
-        straight = _1 / max(here[count + 3], min_alpha)
-        alpha = here[count + 3] + detail[pixel, count - smooth + 3]
-        out.alpha[pixel] = alpha
-        visible = min(max(alpha, _0), _1)
-        for k in range(count):
-            value = here[k] * straight
-            if k >= smooth:
-                value += detail[pixel, k - smooth]
-            out.coefficients[index, k] = max(value, _0) * visible
-        x = here[count] * straight + detail[pixel, count - smooth]
-        y = here[count + 1] * straight + detail[pixel, count - smooth + 1]
-        z = here[count + 2] * straight + detail[pixel, count - smooth + 2]
-        length = max(np.sqrt(x * x + y * y + z * z), _TINY)
-        for k in range(3):
-            out.normal[index, k] = (world2cam[0, k] * x + world2cam[1, k] * y + world2cam[2, k] * z) / length
+        _enlarge_pixel(index, pixels[index], here, detail, world2cam, smooth, min_alpha, out)
+
+
+@part
+def _enlarge_pixel(index, pixel, here, detail, world2cam, smooth, min_alpha, out):
+    count, end = out.coefficients.shape[1], len(here)
+    straight = _1 / max(here[end - 1], min_alpha)
+    alpha = here[end - 1] + detail[pixel, count - smooth + 3]
+    out.alpha[pixel] = alpha
+    visible = min(max(alpha, _0), _1)
+    for k in range(count):
+        value = here[k] * straight
+        if k >= smooth:
+            value += detail[pixel, k - smooth]
+        out.coefficients[index, k] = max(value, _0) * visible
+    x = here[end - 4] * straight + detail[pixel, count - smooth]
+    y = here[end - 3] * straight + detail[pixel, count - smooth + 1]
+    z = here[end - 2] * straight + detail[pixel, count - smooth + 2]
+    length = max(np.sqrt(x * x + y * y + z * z), _TINY)
+    for k in range(3):
+        out.normal[index, k] = (world2cam[0, k] * x + world2cam[1, k] * y + world2cam[2, k] * z) / length
 
 
 @compiled
@@ -331,35 +374,38 @@ def smooth_pixels(pixels, row, width, min_alpha, before, first, last, after):
 @compiled
 def mean_over_surface(rays, shares, facing_power, stride, before, first, last, after):
     """Fill `after` [R, C] for rays [first, last): means of `before` over rays beside them (`RaysOnSurface`)."""
-    height, columns = len(rays.row) // rays.width, before.shape[1]
     for index in range(first, last):
-        y, x = rays.pixel[index] // rays.width, rays.pixel[index] % rays.width
-        normal, position = rays.normal[index], rays.position[index]
-        total = shares[0]
-        for k in range(columns):
-            after[index, k] = shares[0] * before[index, k]
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                there_y, there_x = y + stride * dy, x + stride * dx
-                is_inside = 0 <= there_y < height and 0 <= there_x < rays.width
-                if (dy == 0 and dx == 0) or not is_inside:
-                    continue
-                other = rays.row[there_y * rays.width + there_x]
-                if other < 0:
-                    continue
-                off_m, facing = _0, _0
-                for k in range(3):
-                    off_m += (rays.position[other, k] - position[k]) * normal[k]
-                    facing += rays.normal[other, k] * normal[k]
-                if facing <= _0:
-                    continue
-                off = off_m / rays.off_plane_m
-                weight = shares[abs(dy) + abs(dx)] * facing**facing_power * np.exp(-off * off)
-                total += weight
-                for k in range(columns):
-                    after[index, k] += weight * before[other, k]
-        for k in range(columns):
-            after[index, k] /= total
+        _mean_of_ray(index, rays, shares, facing_power, stride, before, after)
+
+
+@part
+def _mean_of_ray(index, rays, shares, facing_power, stride, before, after):
+    height, columns = len(rays.row) // rays.width, np.uintp(before.shape[1])
+    here = np.uintp(index)
+    y, x = rays.pixel[here] // rays.width, rays.pixel[here] % rays.width
+    total = shares[0]
+    for k in range(columns):
+        after[here, k] = shares[0] * before[here, k]
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            there_y, there_x = y + stride * dy, x + stride * dx
+            is_inside = 0 <= there_y < height and 0 <= there_x < rays.width
+            if (dy == 0 and dx == 0) or not is_inside or rays.row[there_y * rays.width + there_x] < 0:
+                continue
+            other, off_m, facing = np.uintp(rays.row[there_y * rays.width + there_x]), _0, _0
+            for k in range(3):
+                off_m += (rays.position[other, k] - rays.position[here, k]) * rays.normal[here, k]
+                facing += rays.normal[other, k] * rays.normal[here, k]
+            if facing <= _0:
+                continue
+            off = off_m / rays.off_plane_m
+            weight = shares[abs(dy) + abs(dx)] * facing**facing_power * np.exp(-off * off)
+            total += weight
+            for k in range(columns):
+                after[here, k] += weight * before[other, k]
+    inverse = _1 / total
+    for k in range(columns):
+        after[here, k] *= inverse
 
 
 @compiled
@@ -468,7 +514,7 @@ def step_normals(at, share, row, width, of_rays, normal, first, last, out):
             out[index, x] /= length
 
 
-@compiled
+@part
 def _guided(share, depths, depth, edge_m, out):
     """The shares of the rays at a depth, or of all if none is there."""
     total, plain = _0, _0
@@ -481,7 +527,7 @@ def _guided(share, depths, depth, edge_m, out):
         out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
 
 
-@compiled
+@part
 def _neighbours(count, width, pixel, at, weights):
     """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
     height = count // width
@@ -496,9 +542,9 @@ def _neighbours(count, width, pixel, at, weights):
     weights[2], weights[3] = wy * (_1 - wx), wy * wx
 
 
-@compiled
+@part
 def _blend(maps, at, weights, here):
-    a, b, c, d = at[0], at[1], at[2], at[3]
+    a, b, c, d = np.uintp(at[0]), np.uintp(at[1]), np.uintp(at[2]), np.uintp(at[3])
     wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
-    for k in range(len(here)):
+    for k in range(np.uintp(len(here))):
         here[k] = wa * maps[a, k] + wb * maps[b, k] + wc * maps[c, k] + wd * maps[d, k]

@@ -78,26 +78,23 @@ def nearest_sides(projected, faces, size, fronts, backs):
         fronts: [P] depth, m.
         backs: [P]; may be the same.
     """
-    positions_px, depth = projected[:2].T, projected[2]
     for face in range(faces.shape[0]):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        area = _area(positions_px, depth, a, b, c)
-        if abs(area) <= _MIN_AREA:
-            continue
-        nearest = fronts if area < _0 else backs
-        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, size, 0, size)
-        if x0 >= x1:
+        a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+        ax, bx, cx = projected[0, a], projected[0, b], projected[0, c]
+        ay, by, cy = projected[1, a], projected[1, b], projected[1, c]
+        x0, x1 = _centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
+        y0, y1 = _centres(min(ay, by, cy), max(ay, by, cy), 0, size)
+        if (x0 >= x1) | (y0 >= y1):
             continue
         # From corner a; the weights of b and c, and 1 / depth, are linear on screen.
-        ax, ay = positions_px[a, 0], positions_px[a, 1]
-        bx, by, cx, cy = (
-            positions_px[b, 0] - ax,
-            positions_px[b, 1] - ay,
-            positions_px[c, 0] - ax,
-            positions_px[c, 1] - ay,
-        )
-        inverse, near, left = _1 / area, _1 / depth[a], np.float32(x0) + _HALF - ax
-        to_b, to_c = (_1 / depth[b] - near) * inverse, (_1 / depth[c] - near) * inverse
+        bx, by, cx, cy = bx - ax, by - ay, cx - ax, cy - ay
+        area = bx * cy - by * cx
+        za, zb, zc = projected[2, a], projected[2, b], projected[2, c]
+        if (abs(area) <= _MIN_AREA) | (min(za, zb, zc) <= _NEAR_M):
+            continue
+        nearest = fronts if area < _0 else backs
+        inverse, near, left = _1 / area, _1 / za, np.float32(x0) + _HALF - ax
+        to_b, to_c = (_1 / zb - near) * inverse, (_1 / zc - near) * inverse
         along_x, along_y = cy * to_b - by * to_c, bx * to_c - cx * to_b
         for y in range(y0, y1):
             py, row = np.float32(y) + _HALF - ay, np.uintp(y * size + x0)

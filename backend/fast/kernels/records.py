@@ -173,8 +173,6 @@ class ShadowCasters(NamedTuple):
     Attributes:
         frames: [K, 3, 3] of the views.
         distance: [K] of the light.
-        window_centre: [K, 2] of the maps.
-        px_per_radius: [K, 2] scale of the maps.
         vertices: [3, V] of the mesh.
         faces: [F, 3] of the mesh.
         others: [3, 3 T] corners of other triangles.
@@ -187,8 +185,6 @@ class ShadowCasters(NamedTuple):
 
     frames: np.ndarray
     distance: np.ndarray
-    window_centre: np.ndarray
-    px_per_radius: np.ndarray
     vertices: np.ndarray
     faces: np.ndarray
     others: np.ndarray

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW
 from .compiled import compiled
 from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
 
 _HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
-_INF = np.float32(np.inf)
+_INF, _LEAST_SQUARED, _LEAST_WINDOW = np.float32(np.inf), np.float32(LEAST_SQUARED), np.float32(LEAST_WINDOW)
 _ROW, _NEXT = 256, np.uintp(1)
 
 
@@ -48,34 +49,62 @@ def _unblocked(shadow, size, x, y, depth):
 
 @compiled
 def look_up_points(casters, points, first, last, lit, depth_in):
-    """Make the maps of views [first, last) and fill lit and depth_in [K, P] of the points [3, P]."""
+    """Make the maps of views [first, last) around the points [3, P], and fill their lit and depth_in [K, P]."""
     size = casters.map_px
     entry, leaving = np.empty(size * size, np.float32), np.empty(size * size, np.float32)
     other = np.empty(size * size if len(casters.others) else 0, np.float32)
+    way = np.empty((size * size, 2), np.float32)
     vertices, others = np.empty((3, casters.vertices.shape[1]), np.float32), np.empty_like(casters.others)
     for view in range(first, last):
         entry[:], leaving[:], other[:] = np.inf, np.inf, np.inf
-        _project(casters, view, casters.vertices, vertices)
+        window = _window_around(casters, view, points)
+        _project(casters, view, window, casters.vertices, 0, casters.vertices.shape[1], vertices)
         nearest_sides(vertices, casters.faces, size, entry, leaving)
-        _end_in_the_middle(entry, leaving)
+        _end_in_the_middle(entry, leaving, way)
         if len(other):
-            _project(casters, view, casters.others, others)
+            _project(casters, view, window, casters.others, 0, casters.others.shape[1], others)
             nearest_sides(others, casters.others_faces, size, other, other)
-            _end_at_others(entry, leaving, other, casters.contact)
-        _look_up(casters, view, points, entry, leaving, lit[view], depth_in[view])
+            _end_at_others(other, casters.contact, way)
+        _look_up(casters, view, window, points, way, lit[view], depth_in[view])
 
 
 @compiled
-def _project(casters, view, places, out):
-    """Fill out [3, P] with the x and y, px, and depths of places [3, P] in a view."""
+def _window_around(casters, view, points):
+    """(x and y of the upper left corner, px, px per radius along x and y) as `MapWindows.around`."""
+    distance, half = casters.distance[view], np.float32(casters.map_px) * _HALF
+    reach = distance / np.sqrt(max(distance * distance - _1, _LEAST_SQUARED))
+    if points.shape[1] == 0:
+        scale = (half - _1) / reach
+        return half, half, scale, scale
+    place, bounds = np.empty((3, _ROW), np.float32), np.empty((4, _ROW), np.float32)
+    bounds[:2], bounds[2:] = np.inf, -np.inf
+    for start in range(0, points.shape[1], _ROW):
+        count = min(_ROW, points.shape[1] - start)
+        _project(casters, view, (_0, _0, _1, _1), points, start, start + count, place)
+        for index in range(count):
+            x, y = min(max(place[0, index], -reach), reach), min(max(place[1, index], -reach), reach)
+            x, y = x if place[2, index] > _0 else _0, y if place[2, index] > _0 else _0
+            bounds[0, index], bounds[1, index] = min(bounds[0, index], x), min(bounds[1, index], y)
+            bounds[2, index], bounds[3, index] = max(bounds[2, index], x), max(bounds[3, index], y)
+    x0, y0, x1, y1 = bounds[0].min(), bounds[1].min(), bounds[2].max(), bounds[3].max()
+    scale_x = (half - _1) / max((x1 - x0) * _HALF, _LEAST_WINDOW)
+    scale_y = (half - _1) / max((y1 - y0) * _HALF, _LEAST_WINDOW)
+    return half - (x0 + x1) * _HALF * scale_x, half - (y0 + y1) * _HALF * scale_y, scale_x, scale_y
+
+
+@compiled
+def _project(casters, view, window, places, first, last, out):
+    """Fill out [3, last - first] with x and y, px, and depths of places [3, P] from first to last in a view's window.
+
+    A slice of the places would not do: its rows have a stride, and no vector instructions.
+    """
     frame, distance = casters.frames[view], casters.distance[view]
     xx, xy, xz, yx, yy, yz = frame[0, 0], frame[0, 1], frame[0, 2], frame[1, 0], frame[1, 1], frame[1, 2]
     zx, zy, zz = frame[2, 0], frame[2, 1], frame[2, 2]
-    centre, half = casters.window_centre[view], np.float32(casters.map_px) * _HALF
-    scale_x, scale_y = casters.px_per_radius[view, 0], casters.px_per_radius[view, 1]
-    left, top = half - centre[0] * scale_x, half - centre[1] * scale_y
-    for index in range(places.shape[1]):
-        px, py, pz = places[0, index], places[1, index], places[2, index]
+    left, top, scale_x, scale_y = window
+    begin = np.uintp(first)
+    for index in range(np.uintp(last - first)):
+        px, py, pz = places[0, begin + index], places[1, begin + index], places[2, begin + index]
         depth = distance - (zx * px + zy * py + zz * pz)
         enlarged = distance / (depth if abs(depth) > _NO_DEPTH else _NO_DEPTH)
         out[0, index] = (xx * px + xy * py + xz * pz) * enlarged * scale_x + left
@@ -84,34 +113,37 @@ def _project(casters, view, places, out):
 
 
 @compiled
-def _end_in_the_middle(entry, leaving):
-    """Turn `leaving` into the depth at which light ends."""
+def _end_in_the_middle(entry, leaving, way):
+    """Fill way [P, 2]: the depths at which light enters and ends, side by side, as they are read together."""
     for pixel in range(len(entry)):
-        leaving[pixel] = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
+        way[pixel, 0] = entry[pixel]
+        way[pixel, 1] = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
 
 
 @compiled
-def _end_at_others(entry, end, other, contact):
-    """Let light end at other triangles too; entry is minus infinity where that is before the mesh."""
-    for pixel in range(len(entry)):
+def _end_at_others(other, contact, way):
+    """Let light end at other triangles too; it enters at minus infinity where that is before the mesh."""
+    for pixel in range(len(other)):
         blocker = other[pixel] + contact
-        end[pixel] = min(end[pixel], blocker)
-        if blocker < entry[pixel]:
-            entry[pixel] = -np.inf
+        way[pixel, 1] = min(way[pixel, 1], blocker)
+        if blocker < way[pixel, 0]:
+            way[pixel, 0] = -np.inf
 
 
 @compiled
-def _look_up(casters, view, points, entry, end, lit, depth_in):
+def _look_up(casters, view, window, points, way, lit, depth_in):
     """Fill the share of the four nearest pixels in which points are lit, and their depth behind the surface.
 
-    Points are taken in short rows without branches, which become vector instructions.
+    Points are taken in short rows without branches, which become vector instructions; only the reading of the map,
+    which is slow in them, stands apart.
     """
     place, at, shares = np.empty((3, _ROW), np.float32), np.empty(_ROW, np.uint32), np.empty((2, _ROW), np.float32)
+    read = np.empty((8, _ROW), np.float32)
     size, tolerance, most = casters.map_px, casters.tolerance, casters.max_depth_in
     limit = np.float32(size - 1)
     for start in range(0, points.shape[1], _ROW):
         count = min(_ROW, points.shape[1] - start)
-        _project(casters, view, points[:, start : start + count], place)
+        _project(casters, view, window, points, start, start + count, place)
         for index in range(count):
             x, y = place[0, index] - _HALF, place[1, index] - _HALF
             is_inside = (x >= _0) & (y >= _0) & (x < limit) & (y < limit) & (place[2, index] > _0)
@@ -121,15 +153,20 @@ def _look_up(casters, view, points, entry, end, lit, depth_in):
             shares[0, index], shares[1, index] = x - np.float32(column), y - np.float32(row)
             place[0, index] = _0 if is_inside else _1
         for index in range(count):
-            depth, pixel, fx, fy = place[2, index], np.uintp(at[index]), shares[0, index], shares[1, index]
-            below = pixel + np.uintp(size)
+            pixel = np.uintp(at[index])
+            for corner, there in enumerate(
+                (pixel, pixel + _NEXT, pixel + np.uintp(size), pixel + np.uintp(size) + _NEXT)
+            ):
+                read[2 * corner, index], read[2 * corner + 1, index] = way[there, 0], way[there, 1]
+        for index in range(count):
+            depth, fx, fy = place[2, index], shares[0, index], shares[1, index]
             wa, wb, wc, wd = (_1 - fx) * (_1 - fy), fx * (_1 - fy), (_1 - fx) * fy, fx * fy
             nearer = depth - tolerance
-            share = wa if nearer <= end[pixel] else _0
-            share += wb if nearer <= end[pixel + _NEXT] else _0
-            share += wc if nearer <= end[below] else _0
-            share += wd if nearer <= end[below + _NEXT] else _0
-            ea, eb, ec, ed = entry[pixel], entry[pixel + _NEXT], entry[below], entry[below + _NEXT]
+            share = wa if nearer <= read[1, index] else _0
+            share += wb if nearer <= read[3, index] else _0
+            share += wc if nearer <= read[5, index] else _0
+            share += wd if nearer <= read[7, index] else _0
+            ea, eb, ec, ed = read[0, index], read[2, index], read[4, index], read[6, index]
             inside = wa * min(max(depth - ea, -most), most) if ea < _INF else _0
             inside += wb * min(max(depth - eb, -most), most) if eb < _INF else _0
             inside += wc * min(max(depth - ec, -most), most) if ec < _INF else _0

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from threading import Lock, current_thread, get_ident
+from threading import Barrier, Event, Lock, Thread, current_thread, get_ident
 
 import numpy as np
 import pytest
@@ -26,15 +26,44 @@ def test_every_index_is_covered_once(count, threads):
     assert covered[count] == 0
 
 
-def test_many_indices_are_run_on_other_threads_and_few_on_this_one():
-    seen = []
-    in_parallel(lambda first, last: seen.append(current_thread().name), 1000, 2)
-    assert len(seen) > 2
-    assert all(name.startswith("livehand") for name in seen)
+def test_many_indices_are_run_on_two_threads_and_few_on_this_one():
+    seen, both = set(), Barrier(2)
+
+    def run(first, last):
+        if get_ident() not in seen:
+            seen.add(get_ident())
+            both.wait(10)
+
+    in_parallel(run, 1000, 2)
+    assert len(seen) == 2
+    assert get_ident() in seen
     for count, threads in ((1000, 1), (5, 2)):
         here = []
         in_parallel(lambda first, last, here=here: here.append((get_ident(), first, last)), count, threads)
         assert here == [(get_ident(), 0, count)]
+
+
+def test_nobody_waits_for_a_thread_that_does_not_come():
+    """As where another program holds its core: here, another call has it."""
+    started, over, here = Event(), Event(), []
+
+    def hold(first, last):
+        if current_thread().name.startswith("livehand"):
+            started.set()
+            over.wait(60)
+        started.wait(60)
+
+    other = Thread(target=in_parallel, args=(hold, 1000, 2))
+    other.start()
+    assert started.wait(60)
+    work = Thread(target=in_parallel, args=(lambda first, last: here.append(get_ident()), 1000, 2))
+    work.start()
+    work.join(20)
+    is_done = not work.is_alive()
+    over.set()
+    assert is_done
+    assert set(here) == {work.ident}
+    other.join()
 
 
 @pytest.mark.parametrize("threads", [1, 2])
