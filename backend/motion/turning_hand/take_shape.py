@@ -28,10 +28,10 @@ def fit_with_shape(take: FilmedTake, side: Side, model: HandModel, lifting: Lift
     Raises:
         LiveHandError: as `fit_take`.
     """
-    parts, beta = (take.hands[side], take.times, take.camera, model, side, take.fps), np.zeros(10)
+    beta = np.zeros(10)
     for _ in range(_ROUNDS):
-        beta = shape_of(fit_take(*parts, beta, lifting), take, side, model, lifting)
-    return fit_take(*parts, beta, lifting)
+        beta = shape_of(_fit(take, side, model, beta, lifting), take, side, model, lifting)
+    return _fit(take, side, model, beta, lifting)
 
 
 def shape_of(fit: TakeFit, take: FilmedTake, side: Side, model: HandModel, lifting: Lifting) -> np.ndarray:
@@ -57,6 +57,10 @@ def shape_of(fit: TakeFit, take: FilmedTake, side: Side, model: HandModel, lifti
         normal += share * rows.T @ rows
         right += share * rows.T @ off
     return np.linalg.solve(normal, right)
+
+
+def _fit(take: FilmedTake, side: Side, model: HandModel, beta: np.ndarray, lifting: Lifting) -> TakeFit:
+    return fit_take(take.hands[side], take.times, take.camera, model, side, take.fps, beta, lifting)
 
 
 def _rotations(theta: np.ndarray) -> np.ndarray:
