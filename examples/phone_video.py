@@ -11,7 +11,6 @@ wrist bends, which the capture's hand, without an arm, leaves out. `film` needs 
 """
 
 import argparse
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -120,10 +119,6 @@ def true_capture(args: argparse.Namespace) -> None:
     views = tuple(replace(view, camera=_with_focal(view.camera, share)) for view in capture.views)
     poses = tuple(motion.pose(index) for index in range(len(motion)))
     save_by_reference(replace(capture, poses=poses, views=views), args.output)
-    for view in capture.views:
-        if view.mask:
-            (args.output / view.mask).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(capture.folder / view.mask, args.output / view.mask)
 
 
 def _with_focal(camera: Camera, share: float) -> Camera:
