@@ -1,13 +1,15 @@
 """How far a phone carries: a made film of a turning hand with its truth, and captures that are compared with it.
 
-    python examples/phone_video.py film out/phone.mp4 out/truth.npz           # another person's hand, 20 s, 4 minutes
-    livehand track out/phone.mp4 -o out/take.npz --capture out/phone --fov 54.6
-    python examples/phone_video.py true out/phone out/truth.npz out/phone_true    # the same pictures, the true poses
-    livehand train out/phone -o out/on.safetensors --refine --from FILE       # of hand_without_arm
-    python examples/phone_video.py compare out/phone_true out/phone out/on.refined
+    python examples/phone_video.py film out/phone.mp4 out/truth.npz             # 20 s of another hand; 2 minutes
+    livehand track out/phone.mp4 -o out/take.npz --capture out/phone
+    python examples/phone_video.py true out/phone out/truth.npz out/phone_true  # the same pictures, the true poses
+    livehand train out/phone -o out/own.safetensors --refine --steps 1500 --perceptual 0 \\
+        --from backend/avatars/hand_without_arm/light.safetensors
+    livehand evaluate out/own.refined --avatar out/own.safetensors --split novel_pose
+    python examples/phone_video.py compare out/phone_true out/phone out/own.refined
 
-The film is rendered by an avatar that ships: a person with a shape of one's own, in a lamp's light, before a wall. The
-wrist bends, which the capture's hand, without an arm, leaves out. `film` needs PyAV.
+The film is rendered by an avatar that ships, in a random shape, in a lamp's light, before a wall. The wrist bends,
+which the capture's hand, without an arm, leaves out. `film` needs PyAV.
 """
 
 import argparse

@@ -218,12 +218,14 @@ def _views(cameras: Sequence[Camera]) -> tuple[CaptureView, ...]:
 
 
 def _provenance(source: str, take: FilmedTake, side: Side, chosen: _Candidates) -> dict[str, Any]:
+    """Of the capture, and so in the header of an avatar that is trained on it, which tells its person's shape by it."""
     return {
         "made_by": "livehand track",
         "source": source,
         "side": side,
         "is_mirrored": side == "left",
         "focal_px": take.camera.focal_px,
+        "plan": {"person": {"beta": chosen.motion.betas[0].tolist()}},
         "frames": chosen.frames.tolist(),
         "doubt": [round(float(value), 5) for value in chosen.doubt],
     }

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.captures.capture import load_capture
 from livehand.backend.captures.check import check_capture
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
@@ -140,9 +141,15 @@ def test_which_hand_is_taken(film):
 
 
 @pytest.mark.slow
-def test_it_is_trained_on(made, tmp_path):
+def test_it_is_trained_on(turning, tmp_path):
+    """For two steps; the avatar knows the shape of its person."""
+    film = turning(beta=np.linspace(-0.2, 0.2, 10))
+    made = written(film, tmp_path / "capture")
     out = tmp_path / "own.safetensors"
     options = ["--refine", "--perceptual", "0", "--steps", "2", "--preview-minutes", "0", "--device", "cpu"]
     assert main(["train", str(made.capture.folder), "-o", str(out), *options]) == 0
     assert out.is_file()
-    assert len(load_capture(tmp_path / "own.refined").poses) == len(made.frames)
+    refined = load_capture(tmp_path / "own.refined")
+    assert len(refined.poses) == len(made.frames)
+    assert refined.read_pixels(refined.views[0]).shape[2] == 4
+    assert read_metadata(out).beta == pytest.approx(film.motion.beta)

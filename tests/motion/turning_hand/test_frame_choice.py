@@ -35,9 +35,11 @@ def test_frames_are_spread_over_the_turn():
 
 
 def test_there_are_at_most_so_many():
-    degrees = np.linspace(0, 350, 2000)
-    same = np.full(2000, 0.01)
-    chosen = chosen_frames(turn(degrees), same, same)
+    """A whole turn with the fingers straight, and one with them bent."""
+    motion, same = turn(np.tile(np.linspace(0, 350, 1000), 2)), np.full(2000, 0.01)
+    theta = motion.theta.copy()
+    theta[1000:, 1:, 2] = 0.8
+    chosen = chosen_frames(replace(motion, theta=theta), same, same)
     assert 0.85 * MOST_CHOSEN < len(chosen) <= MOST_CHOSEN
     assert (np.diff(chosen) > 0).all()
 
