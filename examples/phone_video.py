@@ -3,6 +3,7 @@
     python examples/phone_video.py film out/phone.mp4 out/truth.npz             # 20 s of another hand; 2 minutes
     livehand track out/phone.mp4 -o out/take.npz --capture out/phone
     python examples/phone_video.py true out/phone out/truth.npz out/phone_true  # the same pictures, the true poses
+    python examples/phone_video.py rig out/phone out/rig                         # the same hand from six cameras
     livehand train out/phone -o out/own.safetensors --refine --steps 1500 --perceptual 0 \\
         --from backend/avatars/hand_without_arm/light.safetensors
     livehand evaluate out/own.refined --avatar out/own.safetensors --split novel_pose
@@ -20,7 +21,9 @@ from pathlib import Path
 import numpy as np
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.captures.masks.mask import MaskConfig
+from livehand.backend.captures.masks.mask_capture import mask_capture
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.lbs import posed_vertices
@@ -29,18 +32,20 @@ from livehand.backend.hand.poses import POSES
 from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.spaces import TO_BLENDER, rest_wrists, transformed
-from livehand.backend.records.camera import Camera
+from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.decode import straight_srgb
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.rendering.studio_light import studio_light
 from livehand.backend.tracking.video_writer import write_video
 from livehand.backend.training.refined_capture import save_by_reference
+from PIL import Image
 
 SIZE_PX, FOCAL_PX, FPS, SECONDS = (640, 480), 620.0, 15.0, 20.0
 DISTANCE_M, SHAPE_SPREAD, WRIST_DEG, NOISE = 0.45, 0.7, 8.0, 0.008
 KEY_EVERY_S, OPENNESS = 3.0, 0.6
 UPRIGHT = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # in a camera's axes: fingers up, palm towards it
+INSTANTS, CAMERAS = 18, 6  # as many images as the film gives
 SEED, TIPS = 5, [4, 8, 12, 16, 20]
 
 
@@ -100,12 +105,15 @@ def film(args: argparse.Namespace) -> None:
 
 def _pictures(motion: HandMotion, ground: np.ndarray, renderer: Renderer, rng) -> Iterator[np.ndarray]:
     for index in range(len(motion)):
-        pose = motion.pose(index)
-        rgba = straight_srgb(renderer.render(Shot(pose, posed_vertices(renderer.hand, pose), camera(), studio_light())))
-        shown = rgba[..., :3] * rgba[..., 3:] + ground * (1 - rgba[..., 3:]) + rng.normal(0, NOISE, ground.shape)
         if index % 30 == 0:
             print(index, flush=True)
-        yield (np.clip(shown, 0, 1) * 255).round().astype(np.uint8)
+        yield _picture(motion.pose(index), camera(), ground, renderer, rng)
+
+
+def _picture(pose: HandPose, camera: Camera, ground: np.ndarray, renderer: Renderer, rng) -> np.ndarray:
+    rgba = straight_srgb(renderer.render(Shot(pose, posed_vertices(renderer.hand, pose), camera, studio_light())))
+    shown = rgba[..., :3] * rgba[..., 3:] + ground * (1 - rgba[..., 3:]) + rng.normal(0, NOISE, ground.shape)
+    return (np.clip(shown, 0, 1) * 255).round().astype(np.uint8)
 
 
 def true_capture(args: argparse.Namespace) -> None:
@@ -121,6 +129,38 @@ def true_capture(args: argparse.Namespace) -> None:
     views = tuple(replace(view, camera=_with_focal(view.camera, share)) for view in capture.views)
     poses = tuple(motion.pose(index) for index in range(len(motion)))
     save_by_reference(replace(capture, poses=poses, views=views), args.output)
+
+
+def rig(args: argparse.Namespace) -> None:
+    """A capture of the same hand in the same light: instants of the training part of the turn, from all sides."""
+    capture = load_capture(args.capture)
+    trained = [capture.provenance["frames"][view.pose_index] for view in capture.of_split("train")]
+    frames = [trained[index] for index in np.linspace(0, len(trained) - 1, INSTANTS).round().astype(int)]
+    rng = np.random.default_rng(SEED)
+    motion, ground = made_motion(rng), wall(rng)
+    renderer = Renderer(load_avatar(shipped_avatar_path(args.person)), load_default_hand(), "cpu")
+    views = []
+    (args.output / "images").mkdir(parents=True)
+    for pose, frame in enumerate(frames):
+        for number, camera in enumerate(_around()):
+            views.append(CaptureView(f"images/{pose}_{number}.png", camera, number, pose, "train"))
+            picture = _picture(motion.pose(frame), camera, ground, renderer, rng)
+            Image.fromarray(picture).save(args.output / views[-1].file)
+    hand = load_hand_of(capture.hand_sha256, None)
+    poses = tuple(replace(motion.pose(frame), forearm=np.zeros(3)) for frame in frames)
+    save_capture_index(Capture(args.output, hand.sha256, {"made_by": "phone_video"}, poses, tuple(views)))
+    mask_capture(args.output, hand, MaskConfig())
+
+
+def _around() -> list[Camera]:
+    """Cameras around the hand, in turn level and above it; the first is the film's."""
+    turns = np.deg2rad(np.arange(CAMERAS) * 360 / CAMERAS)
+    places = [[np.sin(turn), -np.cos(turn), 0.45 * (number % 2)] for number, turn in enumerate(turns)]
+    up = np.array([0.0, 0, 1])
+    return [
+        replace(camera(), cam2world=look_at(DISTANCE_M * np.array(place) / np.linalg.norm(place), np.zeros(3), up))
+        for place in places
+    ]
 
 
 def _with_focal(camera: Camera, share: float) -> Camera:
@@ -161,6 +201,11 @@ if __name__ == "__main__":
     making.add_argument("truth", type=Path)
     making.add_argument("output", type=Path)
     making.set_defaults(run=true_capture)
+    rigging = commands.add_parser("rig", help="write a multi-view capture of the same hand")
+    rigging.add_argument("capture", type=Path)
+    rigging.add_argument("output", type=Path)
+    rigging.add_argument("--person", default="middle")
+    rigging.set_defaults(run=rig)
     comparing = commands.add_parser("compare", help="print how far captures' poses are from the true ones")
     comparing.add_argument("truth", type=Path)
     comparing.add_argument("captures", type=Path, nargs="+")
