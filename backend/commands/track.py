@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..hand.model_file import load_default_hand, load_hand_model
+from ..hand.model import HandModel
+from ..hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
 from ..motion.landmarks.sighted_take import filmed_take
-from ..motion.landmarks.take_file import write_take
+from ..motion.landmarks.take_file import FilmedTake, write_take
 from ..motion.landmarks.take_fit import LONGEST_GAP_S, TakeFit, fit_take
 from ..records.errors import LiveHandError
-from ..records.side import Side
+from ..records.side import SIDES, Side
 from ..runtime.command import Command, warn
 from ..runtime.figure import check_plot_name, new_figure, save_figure
 from .doubt_plot import PANEL_IN, draw_doubt
 
 if TYPE_CHECKING:
-    from ..tracking.video import VideoFrame
+    from ..tracking.video import Video, VideoFrame
 
 _WORST = 5
 
@@ -34,7 +35,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hands", type=int, choices=(1, 2), default=2, help="hands to look for (default: %(default)s)")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="the tracker's folder, if it is not the user's own")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot the doubt over time (needs matplotlib)")
-    parser.add_argument("--hand", type=Path, metavar="FILE", help="the hand model that is fitted (default: built-in)")
+    parser.add_argument(
+        "--hand",
+        type=Path,
+        metavar="FILE",
+        help=f"the hand model that is fitted (default: {DEFAULT_HAND}; with --capture {WITHOUT_ARM}, as wrists bend)",
+    )
+    parser.add_argument(
+        "--capture",
+        type=Path,
+        metavar="DIR",
+        help="make a capture of one hand that turns before a resting camera, to train on",
+    )
+    parser.add_argument("--side", choices=SIDES, help="the hand of the capture (default: the one seen longer)")
 
 
 def parse_fov(text: str) -> float:
@@ -59,7 +72,15 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if args.plot:
         check_plot_name(args.plot)
         new_figure(*PANEL_IN)  # before minutes of tracking: it raises where matplotlib is missing
-    model = load_hand_model(args.hand) if args.hand else load_default_hand()
+    if args.capture:
+        from ..motion.turning_hand.filmed_capture import check_capture_can_be_made
+
+        check_capture_can_be_made(args.capture)
+    elif args.side:
+        raise LiveHandError(
+            "--side names the hand of a capture, got no --capture; give its folder, or leave --side out"
+        )
+    model = load_hand_model(args.hand or (WITHOUT_ARM if args.capture else DEFAULT_HAND))
     video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
     found = track_frames(_shown(video.frames(), video.count), tracker)
     take = filmed_take(found, video.fps, args.fov, args.video)
@@ -72,12 +93,32 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         draw_doubt(figure, fits)
         save_figure(figure, args.plot)
     lines = [_facts(side, fit) for side, fit in fits.items()]
+    captured = _captured(args, video, take, model) if args.capture else {}
+    lines += [captured.pop("line")] if captured else []
     return {
         "take": str(args.output),
         "frames": len(take.times),
         "hands": {side: _numbers(fit) for side, fit in fits.items()},
+        **captured,
         "summary": f"{args.output}: {len(take.times)} frames\n" + "\n".join(lines),
     }
+
+
+def _captured(args: argparse.Namespace, video: Video, take: FilmedTake, model: HandModel) -> dict[str, Any]:
+    from ..motion.turning_hand.filmed_capture import hand_to_capture, write_filmed_capture
+    from ..motion.turning_hand.take_shape import fit_with_shape
+
+    side = hand_to_capture(take, args.side)
+    if len(take.hands) > 1 and not args.side:
+        warn(f"livehand track: the film shows two hands; the capture is of the {side} one (--side chooses)")
+    fit = fit_with_shape(take, side, model)
+    made = write_filmed_capture(video.frames, take, side, fit, model, args.capture, args.video.name)
+    held_out = len(made.capture.of_split("novel_pose"))
+    line = (
+        f"  {args.capture}: {len(made.frames)} images of the {side} hand, {held_out} of them held out, "
+        f"masks overlap the mesh by {made.overlap:.2f}"
+    )
+    return {"capture": str(args.capture), "images": len(made.frames), "overlap": round(made.overlap, 4), "line": line}
 
 
 def _shown(frames: Iterator[VideoFrame], count: int) -> Iterator[VideoFrame]:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_MOST_CHANGE = 8.0  # of 255, median, between frames of a camera that stands still
+from ..tracking.resting_camera import MOST_CHANGE, ground_change
+
 _BAND_ROWS = 64  # at once, which bounds memory
 
 
@@ -17,7 +18,8 @@ def clean_plate(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -
         pictures: uint8 [H, W, 3], frames of the footage.
         covered: [H, W] bool, where the hand may be. A pixel that is covered in all frames is filled from around it.
     """
-    if len(pictures) < 2 or not _stands_still(pictures, covered):
+    change = ground_change(pictures, covered)
+    if change is None or change > MOST_CHANGE:
         return None
     plate = np.zeros(pictures[0].shape, np.float32)
     hidden_always = np.logical_and.reduce(covered)
@@ -46,13 +48,3 @@ def filled(values: np.ndarray, is_known: np.ndarray) -> np.ndarray:
     coarse = filled(sums / np.maximum(counts, 1), counts[..., 0] > 0)
     back = coarse.repeat(2, 0).repeat(2, 1)[:height, :width]
     return np.where(is_known[..., None], values, back)
-
-
-def _stands_still(pictures: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> bool:
-    first, mask = pictures[0].astype(np.int16), covered[0]
-    changes = []
-    for picture, other in zip(pictures[1:], covered[1:], strict=True):
-        seen = ~(mask | other)
-        if seen.any():
-            changes.append(np.median(np.abs(picture[seen].astype(np.int16) - first[seen])))
-    return bool(changes) and float(np.max(changes)) <= _MOST_CHANGE

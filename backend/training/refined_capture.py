@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -67,8 +68,11 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
 
 
 def save_by_reference(capture: Capture, folder: Path) -> None:
-    """Write the index of the capture to another folder; it refers to the images in the capture's own folder."""
+    """Write the index of the capture to another folder, with its masks; it refers to the images in its own folder."""
     folder.mkdir(parents=True, exist_ok=True)
+    for mask in {view.mask for view in capture.views if view.mask is not None}:
+        with replacing(folder / mask) as temporary:
+            shutil.copyfile(capture.folder / mask, temporary)
     views = tuple(replace(view, file=_relative_path(folder, capture.folder / view.file)) for view in capture.views)
     save_capture_index(replace(capture, folder=folder, views=views))
 

@@ -1,10 +1,13 @@
 """`livehand track` and `livehand reenact` from the video to the file."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.captures.capture import load_capture
+from livehand.backend.captures.check import check_capture
+from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.livehand_blender.cli import main
 from PIL import Image
@@ -61,3 +64,46 @@ def test_a_video_is_reenacted(film, shown, tmp_path):
     is_hand, is_avatar = (np.ptp(side, axis=-1) > 25 for side in (before, after))
     assert (is_hand & is_avatar).sum() > 0.7 * is_hand.sum()
     assert np.abs(np.median(before[is_hand], 0) - np.median(after[is_avatar], 0)).max() < 25
+
+
+@pytest.mark.slow
+def test_a_turning_hand_becomes_a_capture(film, shown, tmp_path, capsys):
+    """The picture is turned before a grey ground: frames of a hand that turns in the picture's plane."""
+    pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
+    picture = Image.fromarray(np.ascontiguousarray(shown("palm")[::3, 160:1120:3]))
+    ground = tuple(np.asarray(picture)[5, 5].tolist())
+    turned = [
+        np.asarray(picture.rotate(angle, Image.Resampling.BICUBIC, fillcolor=ground)) for angle in range(-50, 51, 4)
+    ]
+    folder = tmp_path / "capture"
+    command = ["track", str(film(turned)), "-o", str(tmp_path / "take.npz"), "--capture", str(folder), "--json"]
+    assert main(command) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    capture = load_capture(folder)
+    assert result["images"] == len(capture.views) >= 20
+    check_capture(capture, load_hand_model(WITHOUT_ARM))
+    assert len({pose.beta.tobytes() for pose in capture.poses}) == 1
+    assert result["overlap"] > 0.8
+    assert main(command) == 1
+    assert "a new capture needs an empty folder" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_no_hand_leaves_no_capture(film, tmp_path, capsys):
+    pytest.importorskip("cv2", reason="OpenCV (the extra masks) is not installed")
+    black, folder = np.zeros((48, 64, 3), np.uint8), tmp_path / "capture"
+    assert main(["track", str(film([black] * 3)), "-o", str(tmp_path / "t.npz"), "--capture", str(folder)]) == 1
+    assert "must show a hand, got none in 3 frames" in capsys.readouterr().err
+    assert not folder.exists()
+
+
+def test_what_a_capture_needs_is_asked_before_the_video_is_read(tmp_path, capsys, monkeypatch):
+    missing = [str(tmp_path / "no.mp4"), "-o", str(tmp_path / "take.npz")]
+    assert main(["track", *missing, "--side", "left"]) == 1
+    assert "--side names the hand of a capture, got no --capture" in capsys.readouterr().err
+    (tmp_path / "mine.txt").write_text("mine")
+    assert main(["track", *missing, "--capture", str(tmp_path)]) == 1
+    assert "a new capture needs an empty folder" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    assert main(["track", *missing, "--capture", str(tmp_path / "new")]) == 1
+    assert 'install it with: pip install "livehand[masks]"' in capsys.readouterr().err

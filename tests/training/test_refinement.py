@@ -257,6 +257,19 @@ def test_a_refined_capture_is_a_capture(capture, hand, tmp_path):
     assert not json.loads((folder / "transforms.json").read_text())["frames"][0]["file_path"].startswith("/")
 
 
+def test_a_refined_capture_has_its_masks(capture, hand, tmp_path):
+    masked = replace(capture, folder=tmp_path / "masked", views=(replace(capture.views[0], mask="masks/0.png"),))
+    (masked.folder / "masks").mkdir(parents=True)
+    pixels = capture.read_pixels(capture.views[0])
+    Image.fromarray(pixels).save(masked.folder / capture.views[0].file)
+    Image.fromarray(255 - pixels[..., 3]).save(masked.folder / "masks" / "0.png")
+    save_refined_capture(
+        masked, Refinement(masked, hand, replace(ALL, surface_deviation_m=0.0), CPU), hand, tmp_path / "r"
+    )
+    back = load_capture(tmp_path / "r")
+    np.testing.assert_array_equal(back.read_image(back.views[0]), masked.read_image(masked.views[0]))
+
+
 def test_a_refined_surface_is_a_hand_model_of_its_own(capture, hand, tmp_path):
     refinement = perturbed(Refinement(capture, hand, ALL, CPU))
     refined = save_refined_capture(capture, refinement, hand, tmp_path)

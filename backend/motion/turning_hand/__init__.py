@@ -1,0 +1,1 @@
+"""One hand that turns before a resting camera, filmed, as a capture."""
