@@ -174,6 +174,8 @@ def train(paths: list[Path], held_out: int = 1000) -> None:
     """A Gaussian likelihood, each weighted by its deviation, so that the sure are not learnt at the others' cost."""
     torch.manual_seed(0)
     given, wanted = (np.concatenate(columns) for columns in zip(*map(inputs_and_targets, paths), strict=True))
+    order = np.random.default_rng(0).permutation(len(given))  # held out are some of every file
+    given, wanted = given[order], wanted[order]
     centre, spread, mean, deviation = given.mean(0), given.std(0) + 1e-3, wanted.mean(0), wanted.std(0) + 1e-4
     x, y = (torch.from_numpy(part).float() for part in ((given - centre) / spread, (wanted - mean) / deviation))
     layers = [nn.Linear(x.shape[1], WIDTH), nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, WIDTH)]

@@ -2,6 +2,8 @@
 
     python examples/live_rate.py [FILM.mp4]      # without a film, one of our own hand is made first, 1280 x 720
 
+The tracker has one core, and so has all else: set GOMP_SPINCOUNT=0 OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 before it.
+
 Prints the rate, and the time from a frame's arrival to the avatar's picture of the same pose. Needs PyAV and the
 tracker's networks (`livehand fetch-tracker`).
 """
@@ -27,13 +29,19 @@ from livehand.backend.tracking.live import CameraSource, LiveTracker
 from livehand.backend.tracking.video_writer import write_video
 
 HAND, FILM_PX, FRAMES, SHOWN_PX = load_default_hand(), (1280, 720), 240, 167 * 256
-LIGHT = Light((), Sky(np.ones((2, 4, 3))))
+LIGHT, RNG = Light((), Sky(np.ones((2, 4, 3)))), np.random.default_rng(0)
 
 
 def made_film(path: Path, renderer: Renderer) -> None:
     rng = np.random.default_rng(5)
     take = made_take(rng, HAND, "mixes", "palm", frames=FRAMES, size_px=FILM_PX)
     write_video(pictures(take, renderer, rng), path, np.arange(FRAMES) / 30, 30.0)
+
+
+def warm_up(renderer: Renderer) -> None:
+    """What the first pictures prepare."""
+    for picture in pictures(made_take(np.random.default_rng(1), HAND, "mixes", "palm", frames=3), renderer, RNG):
+        assert picture.any()
 
 
 def measure(film: Path, renderer: Renderer) -> None:
@@ -76,4 +84,5 @@ if __name__ == "__main__":
         film = args.film or Path(folder) / "film.mp4"
         if args.film is None:
             made_film(film, renderer)
+        warm_up(renderer)
         measure(film, renderer)
