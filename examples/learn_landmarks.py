@@ -24,7 +24,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
 from livehand.backend.motion.landmarks import lifting
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
-from livehand.backend.motion.landmarks.lifting import HandView
+from livehand.backend.motion.landmarks.lifting import CanonicalView
 from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take
 from livehand.backend.motion.spaces import rest_wrists
@@ -165,7 +165,7 @@ def inputs_and_targets(path: Path) -> tuple[np.ndarray, np.ndarray]:
         focal_px = sights["focal_px"][:, None, None]
         places, world = at_nodes((sights["px"] - np.array(SIZE_PX) / 2) / focal_px), at_nodes(sights["world"])
         joints, free = at_nodes(sights["joints"]), sights["free"]
-    view = HandView.of(places)
+    view = CanonicalView.of(places)
     off = view.shown(joints[..., :2] / joints[..., 2:]) - view.shown(places)
     return view.features(places, world), np.concatenate([off.reshape(len(off), -1), free], 1)
 

@@ -51,7 +51,7 @@ def joints_as_seen(places: np.ndarray, _world: np.ndarray, deviation: float = 0.
 
 def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
     """Of MediaPipe's landmarks, by the network."""
-    view = HandView.of(places)
+    view = CanonicalView.of(places)
     mean, log_sd = _network()(view.features(places, world))
     off = mean[:, :42].reshape(-1, 21, 2)
     sd = np.exp(log_sd[:, :42]).reshape(-1, 21, 2).mean(-1)
@@ -60,7 +60,7 @@ def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:
     )
 
 
-class HandView(NamedTuple):
+class CanonicalView(NamedTuple):
     """How hands are seen along the rays through their middles, knuckles up and of unit size: what the network knows.
 
     Attributes:
@@ -76,7 +76,7 @@ class HandView(NamedTuple):
     size: np.ndarray
 
     @classmethod
-    def of(cls, places: np.ndarray) -> HandView:
+    def of(cls, places: np.ndarray) -> CanonicalView:
         """The view of hands with nodes at places [T, 21, 2]."""
         towards = _along_axis(places.mean(1))
         ahead = _projected(places, towards)

@@ -8,7 +8,7 @@ import torch
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
 from livehand.backend.motion.landmarks.lifting import (
-    HandView,
+    CanonicalView,
     LiftingNetwork,
     joints_as_seen,
     mediapipe_lifting,
@@ -39,7 +39,7 @@ def turned(places, degrees):
 
 
 def test_in_its_view_a_hand_is_in_the_middle_upright_and_of_unit_size(sights):
-    view = HandView.of(sights["places"])
+    view = CanonicalView.of(sights["places"])
     shown = view.shown(sights["places"])
     np.testing.assert_allclose(shown.mean(1), 0, atol=1e-12)
     np.testing.assert_allclose((shown**2).sum(-1).mean(1), 1)
@@ -50,7 +50,7 @@ def test_in_its_view_a_hand_is_in_the_middle_upright_and_of_unit_size(sights):
 
 
 def test_the_view_looks_along_the_ray_through_the_hand(sights):
-    view = HandView.of(sights["places"])
+    view = CanonicalView.of(sights["places"])
     middle = np.concatenate([sights["places"].mean(1), np.ones((60, 1))], 1)
     along = np.einsum("tij,tj->ti", view.rotation, middle / np.linalg.norm(middle, axis=1, keepdims=True))
     np.testing.assert_allclose(along, np.tile([0, 0, 1], (60, 1)), atol=1e-12)
@@ -98,7 +98,7 @@ def test_joints_that_are_seen_stay_where_they_are(sights):
 def test_lifted_joints_are_nearer_to_the_truth_than_landmarks_and_know_how_near(sights):
     """Measured on these 60: 0.64 of the landmarks' distance; angles 6 degrees off; deviations right within a third."""
     lifted = mediapipe_lifting(sights["places"], sights["world"])
-    size = HandView.of(sights["places"]).size[:, None]
+    size = CanonicalView.of(sights["places"]).size[:, None]
 
     def distance(places):
         return (np.linalg.norm(places - sights["true"], axis=-1) / size).mean()
