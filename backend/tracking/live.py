@@ -24,7 +24,6 @@ from .weights import load_networks
 
 _END_S = 2.0  # that the process gets to end by itself
 _MOST_RECORDED = 100_000
-_PIPE_BYTES = 1 << 20  # whole frames, so that the tracker does not wait for this process to read; Linux alone heeds it
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from backend.tracking.live_process import run; run()"
 
 
@@ -70,7 +69,7 @@ class LiveTracker:
         order = {"name": source.name, "is_file": source.is_file, "hands": most_hands}
         order["weights"] = None if weights is None else str(weights)
         command = [sys.executable, "-c", _START, json.dumps([root, *sys.path]), json.dumps(order)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pipesize=_PIPE_BYTES)
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._lock = threading.Lock()
         self._newest: LiveFrame | None = None
         self._recorded: list[FrameHands] | None = None
