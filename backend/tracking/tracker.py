@@ -82,9 +82,8 @@ class HandTracker:
         for one in self._followed:
             hand = self.look(picture, one.region, one.track)
             if hand.presence < _SURE_PRESENCE and not is_searched:
-                again = [replace(one, region=region) for region in find_hands(picture, self._palm)]
-                near = [other for other in again if other.region.overlap(one.region) > _NEAR]
-                hand = max((hand, *(self.look(picture, at.region, at.track) for at in near)), key=_presence)
+                near = [at for at in find_hands(picture, self._palm) if at.overlap(one.region) > _NEAR]
+                hand = max((hand, *(self.look(picture, at, one.track) for at in near)), key=_presence)
             region = region_of_landmarks(hand.px)
             is_new = not any(region.overlap(other.region) > _SAME_HAND for other in followed)
             if hand.presence >= _LEAST_PRESENCE and is_new and region.side_px >= 1:

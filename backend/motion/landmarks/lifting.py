@@ -137,7 +137,8 @@ def _network() -> LiftingNetwork:
 
 def _along_axis(places: np.ndarray) -> np.ndarray:
     """[T, 3, 3] the shortest rotations that bring the rays through places [T, 2] onto the camera's axis."""
-    x, y, z = (_rays(places) / np.linalg.norm(_rays(places), axis=-1, keepdims=True)).T
+    rays = _rays(places)
+    x, y, z = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).T
     share = 1 / (1 + z)
     rows = [[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]]
     return np.stack([np.stack(row, -1) for row in rows], 1)
