@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
 from livehand.backend.motion.landmarks.lifting import (
     CanonicalView,
@@ -13,6 +14,8 @@ from livehand.backend.motion.landmarks.lifting import (
     joints_as_seen,
     mediapipe_lifting,
 )
+from livehand.backend.motion.landmarks.online_fit import OnlineFit
+from livehand.backend.motion.landmarks.take_fit import FilmCamera
 from torch import nn
 
 WRIST, KNUCKLES = 0, [1, 5, 13]
@@ -111,3 +114,11 @@ def test_lifted_joints_are_nearer_to_the_truth_than_landmarks_and_know_how_near(
         assert 0.6 < sure < 1.8
     doubtful = lifted.free_sd > np.median(lifted.free_sd, 0)
     assert np.abs(off[doubtful]).mean() > 1.3 * np.abs(off[~doubtful]).mean()
+
+
+def test_lifting_makes_no_hand_of_points_that_are_none(sights):
+    """Landmarks in another order: the network has never seen such a hand, and the fit does not believe it."""
+    camera, hand, rng = FilmCamera((640, 480), 620.0), load_default_hand(), np.random.default_rng(0)
+    places_px = camera.focal_px * sights["places"] + np.array(camera.size_px) / 2
+    for px, world in zip(places_px[:20], sights["world"][:20], strict=True):
+        assert OnlineFit(camera, hand, "right").follow(0.0, px[rng.permutation(21)], world) is None
