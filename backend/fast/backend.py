@@ -22,21 +22,14 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import (
-    enlarged_rays,
-    light_features,
-    normals_at_steps,
-    openness,
-    relit,
-    shares_of_rays,
-    smoothed_rays,
-    surface_means,
-)
+from .lighting import light_features, openness
+from .relighting import enlarged_rays, normals_at_steps, relit, shares_of_rays, smoothed_rays
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
 from .skin_detail import detailed_image
 from .superres import superres
+from .surface_means import surface_means
 from .trace import trace
 
 

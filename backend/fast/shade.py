@@ -22,6 +22,7 @@ from ..nerf.rays import HandInView, SurfaceRays
 from ..nerf.shade import RayGeometry
 from ..nerf.shade import shade as shade_reference
 from ..nerf.volume import Composite, Steps
+from .arrays import as_arrays
 from .kernels import gather as kernels
 from .kernels import planes as plane_kernels
 from .kernels.compiled import in_parallel
@@ -113,13 +114,13 @@ class _CompositeAlongRays(torch.autograd.Function):
         uv, gathered, relief, near, hidden, logit, weight, after = ctx.kept
         samples, precision = ctx.samples, near.dtype
         of_gathered, of_optical = torch.empty_like(gathered), torch.empty_like(weight)
-        arrays = _arrays(samples.steps.t, gathered.view(-1), weight, after, alpha, depth)
+        arrays = as_arrays(samples.steps.t, gathered.view(-1), weight, after, alpha, depth)
         _run(
             len(weight),
             kernels.composite_gradient,
             arrays,
-            _arrays(*outward[:3]),
-            _arrays(of_gathered.view(-1), of_optical),
+            as_arrays(*outward[:3]),
+            as_arrays(of_gathered.view(-1), of_optical),
         )
         of_logit = (of_optical * samples.steps.step_mm[:, None]).view(-1) * logit.sigmoid()
         of_raw = of_logit.to(precision)[:, None]
@@ -156,14 +157,14 @@ def _gather(
     count = len(samples.height)
     uv, gathered, relief = (torch.empty(count, width) for width in (2, columns, 3))
     face, barycentric, faces, channels, corner_uv = _surface(samples)
-    _run(count, kernels.atlas_coordinates, (face, barycentric, corner_uv), (), _arrays(uv))
+    _run(count, kernels.atlas_coordinates, (face, barycentric, corner_uv), (), as_arrays(uv))
     *others, bumps = zip(planes, tables, strict=True)
     at = 0
     for plane, table in others:
         _read(plane, table, uv, samples.height, gathered, at)
         at += plane.sizes[2]
     _read(*bumps, uv, samples.height, relief, 0)
-    where = (face, barycentric, *_arrays(samples.height, relief), faces, channels, LOCAL_POSE_CHANNELS)
+    where = (face, barycentric, *as_arrays(samples.height, relief), faces, channels, LOCAL_POSE_CHANNELS)
     flat = gathered.view(-1).numpy()
     in_parallel(
         lambda first, last: kernels.gather_features(*where, first, last, flat, columns, at),
@@ -174,7 +175,7 @@ def _gather(
 
 
 def _read(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, out: Tensor, at: int) -> None:
-    texels, *place, flat = _arrays(table.reshape(-1), uv, height, plane.fade, out.view(-1))
+    texels, *place, flat = as_arrays(table.reshape(-1), uv, height, plane.fade, out.view(-1))
     in_parallel(
         lambda first, last: plane_kernels.read_samples(
             texels, plane.sizes, *place, first, last, flat, out.shape[1], at
@@ -193,7 +194,9 @@ def _composite(
     clear = torch.exp(-optical_depth)
     rays, weight, after = len(clear), torch.empty_like(clear), torch.empty_like(clear)
     seen = torch.empty(rays, gathered.shape[1]), torch.empty(rays), torch.empty(rays)
-    _run(rays, kernels.composite_rays, _arrays(clear, steps.t, gathered.view(-1)), (), _arrays(weight, after, *seen))
+    _run(
+        rays, kernels.composite_rays, as_arrays(clear, steps.t, gathered.view(-1)), (), as_arrays(weight, after, *seen)
+    )
     return seen, weight, after
 
 
@@ -218,7 +221,7 @@ def _gather_gradient(
     ]
     normal_at = sum(widths) + 2 + LOCAL_POSE_CHANNELS
     of_relief = torch.empty_like(relief)
-    where = (face, barycentric, relief.numpy(), faces, channels, *_arrays(gathered.view(-1), outward.view(-1)))
+    where = (face, barycentric, relief.numpy(), faces, channels, *as_arrays(gathered.view(-1), outward.view(-1)))
     in_parallel(
         lambda first, last: kernels.relief_gradient(*where, columns, normal_at, first, last, of_relief.numpy()),
         len(relief),
@@ -233,7 +236,7 @@ def _gather_gradient(
 
 def _table_gradient(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, outward: Tensor, at: int) -> Tensor:
     gradient = torch.zeros_like(table)
-    *place, flat, total = _arrays(uv, height, plane.fade, outward.view(-1), gradient.view(-1))
+    *place, flat, total = as_arrays(uv, height, plane.fade, outward.view(-1), gradient.view(-1))
     in_parallel(
         lambda first, last: plane_kernels.table_gradient(
             plane.sizes, *place, flat, outward.shape[1], at, first, last, total
@@ -247,11 +250,7 @@ def _table_gradient(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, ou
 def _surface(samples: Samples) -> list[Any]:
     """Arrays for the kernels: face, barycentric, faces, the vertices' channels, corner_uv."""
     on_surface, topology = samples.samples, samples.topology
-    return _arrays(on_surface.face, on_surface.barycentric, topology.faces, samples.channels, topology.corner_uv)
-
-
-def _arrays(*values: Tensor) -> list[Any]:
-    return [value.detach().contiguous().numpy() for value in values]
+    return as_arrays(on_surface.face, on_surface.barycentric, topology.faces, samples.channels, topology.corner_uv)
 
 
 def _run(count: int, kernel: Any, inputs: Any, more: Any, out: Any) -> None:

@@ -1,0 +1,224 @@
+"""Equals `detailed`, `smoothed_rays`, `shares_of_rays`, `normals_at_steps` and `relit` of `nerf.relighting`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
+from .gloss import TINY, glossy
+
+_0, _QUARTER, _HALF, _3Q, _1 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1))
+LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
+"""As in `nerf.relighting`."""
+SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
+"""Where these begin among the coefficients."""
+
+
+@compiled
+def enlarge_pixels(maps, detail, pixels, world2cam, width, smooth, min_alpha, first, last, out):
+    """Fill `out` (`EnlargedArrays`) for pixels [first, last) of the full-size image.
+
+    `maps` [h * w, C] begins with premultiplied coefficients and ends with normals in camera axes and alpha; `detail`
+    [H * W, 12] is what is added at full size.
+    """
+    here, at, weights = np.empty(maps.shape[1], np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
+    for index in range(first, last):
+        _neighbours(len(maps), width, pixels[index], at, weights)
+        _blend(maps, at, weights, here)
+        _enlarge_pixel(index, pixels[index], here, detail, world2cam, smooth, min_alpha, out)
+
+
+@part
+def _enlarge_pixel(index, pixel, here, detail, world2cam, smooth, min_alpha, out):
+    count, end = out.coefficients.shape[1], len(here)
+    straight = _1 / max(here[end - 1], min_alpha)
+    alpha = here[end - 1] + detail[pixel, count - smooth + 3]
+    out.alpha[pixel] = alpha
+    visible = min(max(alpha, _0), _1)
+    for k in range(count):
+        value = here[k] * straight
+        if k >= smooth:
+            value += detail[pixel, k - smooth]
+        out.coefficients[index, k] = max(value, _0) * visible
+    x = here[end - 4] * straight + detail[pixel, count - smooth]
+    y = here[end - 3] * straight + detail[pixel, count - smooth + 1]
+    z = here[end - 2] * straight + detail[pixel, count - smooth + 2]
+    length = max(np.sqrt(x * x + y * y + z * z), TINY)
+    for k in range(3):
+        out.normal[index, k] = (world2cam[0, k] * x + world2cam[1, k] * y + world2cam[2, k] * z) / length
+
+
+@compiled
+def smooth_pixels(pixels, row, width, min_alpha, before, first, last, after):
+    """Fill `after` for pixels [first, last): means of `before` (`EnlargedArrays`) over 3 x 3 pixels of the hand.
+
+    `row` [H * W] tells where a pixel stands among `pixels`, -1 for none.
+    """
+    height, count = len(row) // width, before.coefficients.shape[1]
+    for index in range(first, last):
+        y, x = pixels[index] // width, pixels[index] % width
+        coefficients, normal, total = after.coefficients[index], after.normal[index], _0
+        coefficients[:] = _0
+        normal[:] = _0
+        for dy in range(max(-y, -1), min(height - y, 2)):
+            for dx in range(max(-x, -1), min(width - x, 2)):
+                there = pixels[index] + dy * width + dx
+                other = row[there]
+                if other < 0:
+                    continue
+                share = (_HALF if dy == 0 else _QUARTER) * (_HALF if dx == 0 else _QUARTER)
+                weight = share * min(max(before.alpha[there], min_alpha), _1)
+                total += weight
+                for k in range(count):
+                    coefficients[k] += share * before.coefficients[other, k]
+                for k in range(3):
+                    normal[k] += weight * before.normal[other, k]
+        scale = min(max(before.alpha[pixels[index]], min_alpha), _1) / total
+        for k in range(count):
+            coefficients[k] *= scale
+        length = max(np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]), TINY)
+        for k in range(3):
+            normal[k] /= length
+
+
+@compiled
+def relit_pixels(image, lobes, first, last, out):
+    """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
+    lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
+    here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    at, around = np.empty(4, np.int64), np.empty(4, np.float32)
+    sky_at, gloss_at, scattered_at, arriving_at = 3 * lamps, 9 + 3 * lamps, 15 + 3 * lamps, 21 + 3 * lamps
+    for index in range(first, last):
+        _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
+        _blend(image.maps, at, image.share[index], here)
+        normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
+        for c in range(3):
+            of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
+            rgb[c] = (
+                weights[DIFFUSE + c] * max(of_sky, _0)
+                + weights[SCATTERED + c] * here[scattered_at + c]
+                + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c]
+                + weights[GLOSS] * here[gloss_at + c]
+                + weights[GLOSS + 1] * here[gloss_at + 3 + c]
+            )
+        for lamp in range(lamps):
+            x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
+            facing = x * normal[0] + y * normal[1] + z * normal[2]
+            if facing <= _0:
+                continue
+            strength = max(np.sqrt(x * x + y * y + z * z), TINY)
+            x, y, z = x / strength, y / strength, z / strength
+            radius_rad, nail = image.lamp_radius_rad[lamp], image.nail[index]
+            glossy(facing / strength, x, y, z, normal, view, radius_rad, nail, lobes, both)
+            gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            for c in range(3):
+                rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)
+        for c in range(3):
+            white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
+            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + white * here[arriving_at + 3 + c]
+
+
+@compiled
+def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
+    """Fill shares [P, 4] of pixels [first, last) as `nerf.relighting.shares_of_rays`.
+
+    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
+    """
+    height, large = len(depth_of_rays) // width, 2 * width
+    at, share, own, summed = (
+        np.empty(4, np.int64),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+    )
+    depths, beside = np.empty(4, np.float32), np.empty(4, np.float32)
+    for index in range(first, last):
+        here = pixel[index]
+        row, column, depth = here // large, here % large, skin_depth[here]
+        _neighbours(len(depth_of_rays), width, here, at, share)
+        for k in range(4):
+            depths[k] = depth_of_rays[at[k]]
+            share[k] = share[k] if depths[k] < np.inf else _0
+        _guided(share, depths, depth, edge_m, own)
+        beside[0], beside[1] = skin_depth[here - min(column, 1)], skin_depth[here + min(large - 1 - column, 1)]
+        beside[2] = skin_depth[here - large * min(row, 1)]
+        beside[3] = skin_depth[here + large * min(2 * height - 1 - row, 1)]
+        is_edge = False
+        for k in range(4):
+            is_edge = is_edge or abs(beside[k] - depth) > edge_m
+        if is_edge:
+            for k in range(4):
+                own[k] *= OF_PIXEL
+            for one in range(4):
+                _guided(share, depths, beside[one], edge_m, summed)
+                for k in range(4):
+                    own[k] += OF_NEXT * summed[k]
+        for k in range(4):
+            shares[index, k] = own[k]
+
+
+@compiled
+def step_normals(at, share, row, width, of_rays, normal, first, last, out):
+    """Fill out [P, 3] for pixels [first, last) as `nerf.relighting.normals_at_steps`.
+
+    `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
+    """
+    around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
+    for index in range(first, last):
+        _neighbours(len(row), width, at[index], around, even)
+        total, off, squared = _0, _0, _0
+        for k in range(4):
+            even[k] = even[k] if row[around[k]] >= 0 else _0
+            total += even[k]
+        for k in range(4):
+            off += abs(share[index, k] - even[k] / total)
+        off = min(off, _1)
+        mean[:] = _0
+        for k in range(4):
+            if row[around[k]] >= 0:
+                for x in range(3):
+                    mean[x] += share[index, k] * of_rays[row[around[k]], x]
+        length = max(np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]), TINY)
+        for x in range(3):
+            out[index, x] = (_1 - off) * normal[index, x] + off * mean[x] / length
+            squared += out[index, x] * out[index, x]
+        length = max(np.sqrt(squared), TINY)
+        for x in range(3):
+            out[index, x] /= length
+
+
+@part
+def _guided(share, depths, depth, edge_m, out):
+    """The shares of the rays at a depth, or of all if none is there."""
+    total, plain = _0, _0
+    for k in range(4):
+        gap = (depth - depths[k]) / edge_m
+        out[k] = share[k] * np.exp(-gap * gap) if share[k] > _0 and depth < np.inf else _0
+        total += out[k]
+        plain += share[k]
+    for k in range(4):
+        out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
+
+
+@part
+def _neighbours(count, width, pixel, at, weights):
+    """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
+    height = count // width
+    row, column = pixel // (2 * width), pixel % (2 * width)
+    top = min(max((row - 1) // 2, 0), height - 1)
+    left = min(max((column - 1) // 2, 0), width - 1)
+    bottom, right = min((row + 1) // 2, height - 1), min((column + 1) // 2, width - 1)
+    wy = _QUARTER if row % 2 else _3Q
+    wx = _QUARTER if column % 2 else _3Q
+    at[0], at[1], at[2], at[3] = top * width + left, top * width + right, bottom * width + left, bottom * width + right
+    weights[0], weights[1] = (_1 - wy) * (_1 - wx), (_1 - wy) * wx
+    weights[2], weights[3] = wy * (_1 - wx), wy * wx
+
+
+@part
+def _blend(maps, at, weights, here):
+    a, b, c, d = np.uintp(at[0]), np.uintp(at[1]), np.uintp(at[2]), np.uintp(at[3])
+    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
+    for k in range(np.uintp(len(here))):
+        here[k] = wa * maps[a, k] + wb * maps[b, k] + wc * maps[c, k] + wd * maps[d, k]

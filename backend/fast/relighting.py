@@ -1,0 +1,97 @@
+"""Relighting on the CPU: as `nerf.relighting`, by the kernels, without gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..nerf.lighting import COEFFICIENTS, SMOOTH, LightFeatures
+from ..nerf.rays import CameraTensors
+from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
+from .arrays import as_arrays, row_of
+from .kernels.compiled import in_parallel
+from .kernels.records import EnlargedArrays, RelitImage
+from .kernels.relighting import enlarge_pixels, ray_shares, relit_pixels, smooth_pixels, step_normals
+from .lighting import lobes
+
+MIN_ALPHA_32 = np.float32(MIN_ALPHA)
+
+
+def enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """The rays' maps at full size with their detail, at the covered pixels."""
+    count, pixels = len(covered), detail[0].numel()
+    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(pixels))
+    out = EnlargedArrays(*(values.numpy() for values in buffers))
+    rows = maps.permute(1, 2, 0).flatten(0, 1)  # as they lie in memory
+    arrays = as_arrays(rows, detail.permute(1, 2, 0).reshape(pixels, -1), covered, world2cam)
+    in_parallel(
+        lambda first, last: enlarge_pixels(*arrays, maps.shape[-1], SMOOTH, MIN_ALPHA_32, first, last, out),
+        count,
+        torch.get_num_threads(),
+    )
+    return EnlargedRays(*buffers)
+
+
+def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
+    """As `nerf.relighting.smoothed_rays`."""
+    row = row_of(covered, len(large.alpha))
+    smooth = large._replace(coefficients=torch.empty_like(large.coefficients), normal=torch.empty_like(large.normal))
+    before, after = (EnlargedArrays(*as_arrays(*rays)) for rays in (large, smooth))
+    pixels = covered.numpy()
+    in_parallel(
+        lambda first, last: smooth_pixels(pixels, row, width, MIN_ALPHA_32, before, first, last, after),
+        len(covered),
+        torch.get_num_threads(),
+    )
+    return smooth
+
+
+def shares_of_rays(
+    position: Float[Tensor, "R 3"],
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
+    at: Int[Tensor, " P"],
+    skin: SkinDepth,
+) -> Float[Tensor, "P 4"]:
+    """As `nerf.relighting.shares_of_rays`."""
+    depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
+    arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
+    where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
+    in_parallel(lambda first, last: ray_shares(*where, first, last, out), len(at), torch.get_num_threads())
+    return shares
+
+
+def normals_at_steps(
+    normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
+) -> Float[Tensor, "P 3"]:
+    """As `nerf.relighting.normals_at_steps`."""
+    width, height = rays.size_px
+    row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
+    at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
+    after = normals.numpy()
+    in_parallel(
+        lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after),
+        len(normal),
+        torch.get_num_threads(),
+    )
+    return normals
+
+
+def relit(
+    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+) -> Float[Tensor, "3 H W"]:
+    """Scene-linear colours of an image at twice `size_px`."""
+    width, height = size_px
+    maps = feature_maps(features, pixel, size_px)
+    out = torch.zeros(4 * width * height, 3)
+    large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
+    light = (features.lamp_rgb, features.lamp_radius_rad, image.nail)
+    record, flat = RelitImage._make((*as_arrays(*large, maps), width, *as_arrays(*light))), out.numpy()
+    in_parallel(
+        lambda first, last: relit_pixels(record, lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()
+    )
+    return out.T.reshape(3, 2 * height, 2 * width)
