@@ -15,6 +15,7 @@ from ..nerf.skin_detail import (
     DEEPENED_FROM,
     FLATTENED,
     FOLD_LOG_ALBEDO,
+    FOLDS,
     LEAST_COSINE,
     SHADE_STEP,
     SLOPE_STEP_MM,
@@ -70,5 +71,6 @@ def _constants(hand: HandInView, maps: DetailMaps) -> DetailConstants:
     mesh, camera = hand.mesh, hand.camera
     texels = 1 / (float(camera.focal_px) * float(mesh.scale) * maps.texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * float(mesh.scale) * SLOPE_STEP_MM
-    numbers = texels, LEAST_COSINE, FLATTENED, DEEPENED_FROM, DEEPENED_BY, bump, TINT * SHADE_STEP, SHADE_STEP
+    folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
+    numbers = texels, LEAST_COSINE, *folds, bump, TINT * SHADE_STEP, SHADE_STEP
     return DetailConstants._make((*(np.float32(value) for value in numbers), np.array(FOLD_LOG_ALBEDO, np.float32)))

@@ -34,6 +34,8 @@ FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
 BUMP = 0.6
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
+FOLDS = 1.7
+"""How much more of folds shows than of what is finer, and which light passes below."""
 TINT, COARSE_TINT = 0.5, 1.0
 """Shares of the pigment and of the colour of folds, fine and coarse: the rest is in an avatar's own planes."""
 RESOLVED_PX = 1.5
@@ -150,7 +152,7 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     normal = image.normal[seen.row]
     values = _detail_at(seen, maps, hand, (normal * image.view[seen.row]).sum(-1).abs())
     flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)
-    dorsal, palmar = (1 - FLATTENED * flexed).clamp(min=0), DEEPENED_FROM + DEEPENED_BY * flexed
+    dorsal, palmar = FOLDS * (1 - FLATTENED * flexed).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flexed)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
     along = (slopes[:, :, None] * face_gradients(hand.mesh, hand.topology)[seen.face]).sum(1)
     bent = normalize(normal - BUMP * 1e-3 * maps.resolution * hand.mesh.scale * along, dim=-1)

@@ -17,6 +17,7 @@ from livehand.backend.nerf.skin_detail import (
     COARSE_TINT,
     DORSAL_MM,
     FOLD_LOG_ALBEDO,
+    FOLDS,
     PALMAR_MM,
     RESOLVED_PX,
     TINT,
@@ -96,13 +97,13 @@ def test_a_larger_hand_has_larger_relief_and_the_same_slopes(backend):
 @pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
 def test_folds_on_the_back_flatten_as_the_joint_bends(backend, flex, factor):
     found = detailed(backend, skin(dorsal=0.05 * ALONG_U), flex)
-    torch.testing.assert_close(found.normal[0], tilt(-0.05 * DORSAL_MM * factor), atol=4e-4, rtol=0)
+    torch.testing.assert_close(found.normal[0], tilt(-0.05 * FOLDS * DORSAL_MM * factor), atol=4e-4, rtol=0)
 
 
 @pytest.mark.parametrize(("flex", "factor"), [(0.0, 0.75), (0.5, 1.0)])
 def test_creases_deepen_as_the_joint_bends_and_with_age(backend, flex, factor):
     found = detailed(backend, skin(palmar=0.03 * ALONG_U), flex, folds=1.4)
-    torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * PALMAR_MM * factor), atol=4e-4, rtol=0)
+    torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * FOLDS * PALMAR_MM * factor), atol=4e-4, rtol=0)
 
 
 def test_veins_are_as_high_as_the_person_s(backend):
@@ -120,7 +121,7 @@ def test_pigment_is_mixed_by_melanin_and_darkens_colours_but_not_gloss(backend):
 
 def test_folds_have_their_colour(backend):
     found = detailed(backend, skin(palmar=np.full((N, N), 0.5, np.float32)), flex=0.5).coefficients
-    expected = torch.exp(TINT * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
+    expected = torch.exp(FOLDS * TINT * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
     torch.testing.assert_close(found[0, DIFFUSE], expected, atol=2e-2, rtol=0)
 
 

@@ -32,7 +32,7 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
         cosine = abs(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
         texels = depth * constants.texels / max(cosine, constants.least_cosine)
         _sample(maps, u, v, np.log2(texels), corner, values)
-        dorsal = max(_1 - constants.flattened * flex, _0)
+        dorsal = max(constants.straight - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
         along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * constants.bump
         along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * constants.bump

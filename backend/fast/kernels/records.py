@@ -366,9 +366,10 @@ class DetailConstants(NamedTuple):
     Attributes:
         texels: of the finest level in a pixel's width at a depth of 1 m.
         least_cosine: of normal and view.
-        flattened: share of dorsal folds that bending takes.
-        deepened_from: what bending leaves of palmar creases at least.
-        deepened_by: what it adds.
+        straight: how much of dorsal folds shows.
+        flattened: what bending takes of it.
+        deepened_from: how much of palmar creases shows.
+        deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
         shade: what a stored step of shades is worth, of which a share shows.
         nail: what a stored step of nails is worth.
@@ -377,6 +378,7 @@ class DetailConstants(NamedTuple):
 
     texels: np.float32
     least_cosine: np.float32
+    straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
     deepened_by: np.float32
