@@ -15,7 +15,8 @@ import numpy as np
 import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.backend.evaluation.takes import made_take, pictures, single_fingers_deg, true_landmarks
+from livehand.backend.evaluation.pose_errors import PoseErrors, pose_errors
+from livehand.backend.evaluation.takes import made_take, pictures, single_fingers_deg
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.joint_limits import FREE
@@ -41,7 +42,6 @@ from torch import nn
 HAND = load_default_hand()
 AVATARS = ("light", "middle", "deep")
 VIEWS = ("palm", "back", "side")
-TIPS = [4, 8, 12, 16, 20]
 SIZE_PX, PALM_TO_CAMERA = (640, 480), np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 LIBRARY = np.stack([pose.gesture.angles_deg() for pose in POSES.values()])
 WIDTH, STEPS, BATCH, INPUT_NOISE, DROPOUT = 256, 12000, 256, 0.03, 0.1
@@ -234,14 +234,10 @@ def measure(takes):
         camera = FilmCamera(take.camera.size_px, take.camera.K[0, 0])
         fit = fit_take(seen, np.arange(len(take.motion)) / 30, camera, HAND, "right", 30.0)
         kept = slice(seen.frames[0], seen.frames[-1] + 1)
-        both = axis_angle_to_matrix(fit.motion.theta).swapaxes(-1, -2) @ axis_angle_to_matrix(take.motion.theta[kept])
-        off_deg = np.rad2deg(np.linalg.norm(matrix_to_axis_angle(both), axis=-1))
-        points = np.stack([landmarks_of(HAND, fit.motion.pose(index)) for index in range(len(fit.motion))])
-        true = true_landmarks(take, HAND)[kept]
-        tips = ((points - points[:, :1]) - (true - true[:, :1]))[:, TIPS]
-        rows.append((off_deg[:, 1:].mean(), off_deg[:, 0].mean(), 1000 * np.linalg.norm(tips, axis=-1).mean()))
-        print("fingers {:.1f} deg, wrist {:.1f} deg, tips {:.1f} mm".format(*rows[-1]), flush=True)
-    print("mean: fingers {:.2f} deg, wrist {:.2f} deg, tips {:.1f} mm".format(*np.mean(rows, 0)))
+        found = [fit.motion.pose(index) for index in range(len(fit.motion))]
+        rows.append(pose_errors(HAND, found, [take.motion.pose(index) for index in range(len(take.motion))][kept]))
+        print(rows[-1], flush=True)
+    print("mean:", PoseErrors(*np.mean(rows, 0)))
 
 
 if __name__ == "__main__":

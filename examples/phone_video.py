@@ -24,12 +24,12 @@ from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.captures.masks.mask import MaskConfig
 from livehand.backend.captures.masks.mask_capture import mask_capture
+from livehand.backend.evaluation.pose_errors import pose_errors
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model, load_hand_of
 from livehand.backend.hand.poses import POSES
-from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.motion.spaces import TO_BLENDER, rest_wrists, transformed
 from livehand.backend.records.camera import Camera, look_at
@@ -46,7 +46,7 @@ DISTANCE_M, SHAPE_SPREAD, WRIST_DEG, NOISE = 0.45, 0.7, 8.0, 0.008
 KEY_EVERY_S, OPENNESS = 3.0, 0.6
 UPRIGHT = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # in a camera's axes: fingers up, palm towards it
 INSTANTS, CAMERAS = 18, 6  # as many images as the film gives
-SEED, TIPS = 5, [4, 8, 12, 16, 20]
+SEED = 5
 
 
 def made_motion(rng: np.random.Generator) -> HandMotion:
@@ -176,16 +176,8 @@ def compare(args: argparse.Namespace) -> None:
         capture = load_capture(folder)
         for split in ("train", "novel_pose"):
             poses = sorted({view.pose_index for view in truth.of_split(split)})
-            off = np.mean([_errors(capture.poses[index], truth.poses[index]) for index in poses], 0)
-            print("{} {}: fingers {:.2f} deg, wrist {:.2f} deg, tips {:.1f} mm".format(folder, split, *off))
-
-
-def _errors(pose: HandPose, true: HandPose) -> tuple[float, float, float]:
-    ours, theirs = axis_angle_to_matrix(pose.theta), axis_angle_to_matrix(true.theta)
-    off = np.rad2deg(np.linalg.norm(matrix_to_axis_angle(ours.swapaxes(-1, -2) @ theirs), axis=-1))
-    points, wanted = (landmarks_of(load_hand_model(WITHOUT_ARM), each) for each in (pose, true))
-    tips = ((points - points[0]) - (wanted - wanted[0]))[TIPS]
-    return off[1:].mean(), off[0], 1000 * np.linalg.norm(tips, axis=-1).mean()
+            found, wanted = ([some.poses[index] for index in poses] for some in (capture, truth))
+            print(f"{folder} {split}: {pose_errors(load_hand_model(WITHOUT_ARM), found, wanted)}")
 
 
 if __name__ == "__main__":
