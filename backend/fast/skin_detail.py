@@ -49,7 +49,7 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     gradients = face_gradients(mesh, topology).numpy()
     skin = DetailedSkin(topology.corner_uv.numpy(), gradients, flex.contiguous().numpy())
     first_rows = np.array([first for first, _ in maps.levels])
-    table = DetailTable(maps.table.numpy(), first_rows, maps.resolution)
+    table = DetailTable(maps.table.numpy(), first_rows, maps.resolution, maps.offset.numpy())
     copies = (_copy(values) for values in (image.coefficients, image.normal, image.nail))
     changed = image._replace(**dict(zip(("coefficients", "normal", "nail"), copies, strict=True)))
     seen_by_kernel = (changed.pixel, changed.coefficients, changed.normal, changed.view, changed.nail)
@@ -72,5 +72,5 @@ def _constants(hand: HandInView, maps: DetailMaps) -> DetailConstants:
     texels = 1 / (float(camera.focal_px) * float(mesh.scale) * maps.texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * float(mesh.scale) * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
-    numbers = texels, LEAST_COSINE, *folds, bump, TINT * SHADE_STEP, SHADE_STEP
+    numbers = texels, LEAST_COSINE, float(mesh.scale), *folds, bump, TINT * SHADE_STEP, SHADE_STEP
     return DetailConstants._make((*(np.float32(value) for value in numbers), np.array(FOLD_LOG_ALBEDO, np.float32)))

@@ -18,7 +18,7 @@ ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
 COARSEST_MM, WIDEST_MM = 0.8, 6.0
 """Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
-RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP = 0.002, 0.01, 0.01, 0.01
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, OFFSET_STEP_MM = 0.002, 0.01, 0.01, 0.01, 0.02
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
 """Bend at which folds on the back of a joint are gone."""
@@ -72,12 +72,14 @@ class SkinDetail:
         fine: without all that is coarser than `COARSEST_MM`.
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
+        offset_mm: [M, M, 3] where the skin lies beside the flat faces of the mesh: along u and v, and above.
         bend: which folds follow.
     """
 
     fine: SkinMaps
     coarse: SkinMaps
     nail: np.ndarray
+    offset_mm: np.ndarray
     bend: SkinBend
 
 
@@ -93,7 +95,8 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     fine = _arrays(f"skin_of_{WITH_ARM}.npz")
     bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
     coarse = _arrays(f"coarse_skin_of_{WITH_ARM}.npz")
-    return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
+    nail, offset_mm = coarse["nail"] * np.float32(NAIL_STEP), coarse["offset"] * np.float32(OFFSET_STEP_MM)
+    return SkinDetail(_maps(fine), _maps(coarse), nail, offset_mm, bend)
 
 
 def _arrays(name: str) -> dict[str, np.ndarray]:

@@ -41,7 +41,9 @@ TINT, COARSE_TINT = 0.5, 1.0
 RESOLVED_PX = 1.5
 """Deviation of the blur beyond which the rays, two pixels apart, show all."""
 LEAST_COSINE = 0.25
-"""Of normal and view: flatter views are filtered as this one."""
+"""Of normal and view: flatter views are filtered, and displaced, as this one."""
+PLACE_STEPS = 2
+"""Times that the skin's offset is read, each time where the last one led."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
 CHANNELS = 10
@@ -74,11 +76,13 @@ class DetailMaps(NamedTuple):
         table: [T, 10] int8: the texels of all levels, rows of the finest first, the smallest v first.
         resolution: of the finest level.
         texel_m: its texels' side, template metres.
+        offset: [M, M, 3] where the skin lies beside the flat faces: along u and v of the atlas, and m above (template).
     """
 
     table: Tensor
     resolution: int
     texel_m: float
+    offset: Tensor
 
     @classmethod
     def of(cls, detail: SkinDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
@@ -95,7 +99,8 @@ class DetailMaps(NamedTuple):
         coarse[_SHADES] = [COARSE_TINT / TINT * shade for shade in coarse[_SHADES]]
         columns = [_pyramid(*maps) for maps in zip(fine, coarse, _STEPS[:-1], strict=True)]
         columns.append(_mask_pyramid(detail.nail, resolution))
-        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
+        offset = torch.as_tensor(detail.offset_mm, dtype=torch.float32) / torch.tensor([ATLAS_MM, ATLAS_MM, 1000.0])
+        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution, offset.to(device))
 
     @property
     def levels(self) -> list[tuple[int, int]]:
@@ -150,11 +155,12 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
     """
     seen = seen_skin(hand, image.pixel)
     normal = image.normal[seen.row]
-    values = _detail_at(seen, maps, hand, (normal * image.view[seen.row]).sum(-1).abs())
+    gradients = face_gradients(hand.mesh, hand.topology)[seen.face]
+    values = _detail_at(seen, maps, hand, gradients, normal, image.view[seen.row])
     flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flexed).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flexed)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
-    along = (slopes[:, :, None] * face_gradients(hand.mesh, hand.topology)[seen.face]).sum(1)
+    along = (slopes[:, :, None] * gradients).sum(1)
     bent = normalize(normal - BUMP * 1e-3 * maps.resolution * hand.mesh.scale * along, dim=-1)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
     albedo = torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO)))
@@ -167,12 +173,56 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
 
 
 def _detail_at(
-    seen: SeenSkin, maps: DetailMaps, hand: HandInView, cosine: Float[Tensor, " K"]
+    seen: SeenSkin,
+    maps: DetailMaps,
+    hand: HandInView,
+    gradients: Float[Tensor, "K 2 3"],
+    normal: Float[Tensor, "K 3"],
+    view: Float[Tensor, "K 3"],
 ) -> Float[Tensor, "K 10"]:
     """What the maps hold at the places, without what is finer than a pixel there."""
-    uv = _blend(hand.topology.corner_uv[seen.face], seen.barycentric)
-    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine.clamp(min=LEAST_COSINE))
+    uv = places_of_skin(_blend(hand.topology.corner_uv[seen.face], seen.barycentric), gradients, view, hand, maps)
+    cosine = (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
+    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine)
     return maps.sample(uv, torch.log2(footprint_m / maps.texel_m))
+
+
+def places_of_skin(
+    uv: Float[Tensor, "K 2"],
+    gradients: Float[Tensor, "K 2 3"],
+    view: Float[Tensor, "K 3"],
+    hand: HandInView,
+    maps: DetailMaps,
+) -> Float[Tensor, "K 2"]:
+    """Where in the atlas the skin is that is seen at places of the flat faces (parallax mapping, Kaneko et al. 2001).
+
+    Faces are chords of a round surface, which the skin's relief raises besides: up to a millimetre off.
+
+    Args:
+        uv: of the places.
+        gradients: of their faces (`face_gradients`).
+        view: unit, from the camera.
+        hand: posed.
+        maps: with the skin's offset.
+    """
+    normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
+    cosine = (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
+    per_height = (gradients * view[:, None]).sum(-1) * (hand.mesh.scale / cosine)[:, None]
+    there = uv
+    for _ in range(PLACE_STEPS):
+        off = _bilinear_square(maps.offset, there)
+        there = uv - off[:, 2:] * per_height - off[:, :2]
+    return there
+
+
+def _bilinear_square(values: Float[Tensor, "M M C"], uv: Float[Tensor, "K 2"]) -> Float[Tensor, "K C"]:
+    """Values of texels' centres, at places of the atlas."""
+    size = len(values)
+    place = (uv * size - 0.5).clamp(0, size - 1.0)
+    first = place.floor().clamp(max=size - 2.0)
+    (fu, fv), (u, v) = (place - first)[..., None].unbind(1), first.long().unbind(1)
+    below, above = (values[row, u] * (1 - fu) + values[row, u + 1] * fu for row in (v, v + 1))
+    return below * (1 - fv) + above * fv
 
 
 def seen_skin(hand: HandInView, pixel: Int[Tensor, " P"]) -> SeenSkin:

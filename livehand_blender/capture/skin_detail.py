@@ -18,6 +18,7 @@ import numpy as np
 from ...backend.captures.person import PERSONS, Person
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
+from ...backend.hand.builtin.surface_offsets import surface_offsets
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import WITH_ARM, load_default_hand
 from ...backend.hand.skin_detail import (
@@ -25,6 +26,7 @@ from ...backend.hand.skin_detail import (
     COARSEST_MM,
     FOLD_STEP,
     NAIL_STEP,
+    OFFSET_STEP_MM,
     PIGMENT_STEP,
     RELIEF_STEP_MM,
     WIDEST_MM,
@@ -98,6 +100,11 @@ def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
     return _blocks(np.where(is_skin, inside * inside * (3 - 2 * inside), 0))
 
 
+def offset_steps(model: HandModel, surface: DetailedSurface) -> np.ndarray:
+    """[M, M, 3] int8: where a mean person's skin lies beside the mesh."""
+    return _steps(surface_offsets(model, surface, ATLAS_MM, Person.veins_mm), OFFSET_STEP_MM)
+
+
 def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """[N, N] each, in the units of `SkinMaps`."""
     pigments = (np.log(np.maximum(maps["albedo"], _LEAST_ALBEDO)).mean(-1) for maps in (light, deep))
@@ -111,7 +118,11 @@ def _blocks(values: np.ndarray) -> np.ndarray:
 
 
 def _whole_steps(maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name: np.clip(np.round(values / _STEPS[name]), -127, 127).astype(np.int8) for name, values in maps.items()}
+    return {name: _steps(values, _STEPS[name]) for name, values in maps.items()}
+
+
+def _steps(values: np.ndarray, step: float) -> np.ndarray:
+    return np.clip(np.round(values / step), -127, 127).astype(np.int8)
 
 
 def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[str, np.ndarray]:
@@ -145,6 +156,7 @@ def main() -> None:
     capture_scene(None)
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
+    coarse["offset"] = offset_steps(model, surface)
     write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
     write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
 

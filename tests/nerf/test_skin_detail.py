@@ -38,10 +38,11 @@ ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  #
 
 
 NO_NAIL = ZERO[::4, ::4]
+IN_PLACE = np.zeros((2, 2, 3), np.float32)
 
 
-def skin(nail=NO_NAIL, **maps):
-    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, BEND)
+def skin(nail=NO_NAIL, offset_mm=IN_PLACE, **maps):
+    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, offset_mm, BEND)
 
 
 def coarse_maps(**maps):
@@ -49,15 +50,15 @@ def coarse_maps(**maps):
     return SkinMaps(**{**{name: ZERO[::4, ::4] for name in FLAT}, **maps})
 
 
-def patch(depth_m=0.5, focal_px=400.0):
-    """A square as large as its atlas, u to the right and v up, seen from the front."""
+def patch(depth_m=0.5, focal_px=400.0, left_m=0.0):
+    """A square as large as its atlas, u to the right and v up, seen from the front or from the left."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * SIDE_M - [SIDE_M / 2, SIDE_M / 2, 0]
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     topology = Topology.of(vertices, faces, uv[faces])
     cam2world = np.diag([1.0, -1, -1, 1])
-    cam2world[2, 3] = depth_m
-    K = np.array([[focal_px, 0, SIZE[0] / 2], [0, focal_px, SIZE[1] / 2], [0, 0, 1]])
+    cam2world[0, 3], cam2world[2, 3] = -left_m, depth_m
+    K = np.array([[focal_px, 0, SIZE[0] / 2 - focal_px * left_m / depth_m], [0, focal_px, SIZE[1] / 2], [0, 0, 1]])
     mesh = posed_mesh(topology, torch.as_tensor(vertices, dtype=torch.float32))
     return HandInView(mesh, topology, camera_tensors(Camera(K, cam2world, SIZE), "cpu"))
 
@@ -136,6 +137,21 @@ def test_nails_are_where_the_map_has_them(backend):
     torch.testing.assert_close(found.coefficients[:, GLOSS], torch.stack([1 + found.nail, 1 - found.nail], 1))
 
 
+@pytest.mark.parametrize("offset_mm", [(20, 0, 0), (0, 0, 15), (10, 0, 15)])
+def test_the_skin_that_is_seen_lies_beside_and_above_the_face(backend, offset_mm):
+    """Pigment that grows along u tells where in the atlas pixels look; the view is from the left."""
+    slope = -0.008  # of its logarithm, per mm
+    ramp = {"pigment_light": slope * (ALONG_U - ATLAS_MM / 2)}
+    offsets = np.full((8, 8, 3), offset_mm, np.float32)
+    hand = patch(left_m=0.3)
+    here, there = (detailed(backend, skin(offset_mm=each, **ramp), hand=hand) for each in (IN_PLACE, offsets))
+    change = (there.coefficients / here.coefficients)[:, DIFFUSE][:, 0].log() / (TINT * slope)
+    view = here.view
+    expected_mm = -offset_mm[0] - offset_mm[2] * view[:, 0] / view[:, 2].abs()
+    assert (expected_mm.abs() > 1).all()
+    torch.testing.assert_close(change, expected_mm, atol=1.3, rtol=0)  # of stored steps
+
+
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     """Waves of four texels: seen at a texel a pixel, and averaged away at 16."""
     waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32))
@@ -148,7 +164,7 @@ def seen_tint(texels_a_pixel, wave_texels):
     """What is seen of waves of coarse pigment, as a share of them."""
     wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
     coarse = coarse_maps(pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
-    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, BEND), SkinLook(0.0, 1.0, 0.0))
+    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, IN_PLACE, BEND), SkinLook(0.0, 1.0, 0.0))
     at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
     seen = TINT * maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
     inner = slice(4, 12)  # nothing is known beyond the borders
@@ -192,7 +208,8 @@ def test_both_backends_agree_on_a_posed_hand(posed, seen_from, side):
         SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
         for size in (N, N // 4)
     )
-    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), BEND)
+    offset_mm = generator.normal(0, 0.5, (N // 4, N // 4, 3)).astype(np.float32)
+    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), offset_mm, BEND)
     pixel = torch.arange(hand_in_view.camera.size_px[0] * hand_in_view.camera.size_px[1])
     view = normalize(ray_directions(hand_in_view.camera, pixel), dim=-1)
     skin_alone = torch.zeros(len(pixel))

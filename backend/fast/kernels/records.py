@@ -353,11 +353,19 @@ class DetailedSkin(NamedTuple):
 
 
 class DetailTable(NamedTuple):
-    """A pyramid of maps: table [T, 10] int8, the first row of each level, and the finest level's resolution."""
+    """A pyramid of maps.
+
+    Attributes:
+        table: [T, 10] int8.
+        first: the first row of each level.
+        resolution: of the finest level.
+        offset: [M, M, 3] as in `DetailMaps`.
+    """
 
     table: np.ndarray
     first: np.ndarray
     resolution: int
+    offset: np.ndarray
 
 
 class DetailConstants(NamedTuple):
@@ -366,6 +374,7 @@ class DetailConstants(NamedTuple):
     Attributes:
         texels: of the finest level in a pixel's width at a depth of 1 m.
         least_cosine: of normal and view.
+        scale: of the hand against the template.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.
         deepened_from: how much of palmar creases shows.
@@ -378,6 +387,7 @@ class DetailConstants(NamedTuple):
 
     texels: np.float32
     least_cosine: np.float32
+    scale: np.float32
     straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
