@@ -41,7 +41,7 @@ TINT, COARSE_TINT = 0.5, 1.0
 RESOLVED_PX = 1.5
 """Deviation of the blur beyond which the rays, two pixels apart, show all."""
 LEAST_COSINE = 0.25
-"""Of normal and view: flatter views are filtered, and displaced, as this one."""
+"""Of face and view: flatter views are filtered, and displaced, as this one."""
 PLACE_STEPS = 2
 """Times that the skin's offset is read, each time where the last one led."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
@@ -144,6 +144,22 @@ class SeenSkin(NamedTuple):
     depth: Tensor
 
 
+class PixelDetail(NamedTuple):
+    """What the detail changes at K pixels of a lit image.
+
+    Attributes:
+        row: [K] of the pixels in the image.
+        slope: [K, 3] that is subtracted from unit normals, world.
+        albedo: [K, 3] factor of colours.
+        nail: [K] 1 on nails, 0 on skin.
+    """
+
+    row: Tensor
+    slope: Tensor
+    albedo: Tensor
+    nail: Tensor
+
+
 def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]) -> LitImage:
     """The image with the skin's detail.
 
@@ -153,37 +169,50 @@ def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Fl
         maps: of the person.
         flex: bend of the skin at the vertices (`SkinBend.flex`).
     """
-    seen = seen_skin(hand, image.pixel)
-    normal = image.normal[seen.row]
+    return with_detail(image, pixel_detail(image.pixel, image.view, hand, maps, flex))
+
+
+def pixel_detail(
+    pixel: Int[Tensor, " P"], view: Float[Tensor, "P 3"], hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]
+) -> PixelDetail:
+    """The detail that these pixels show, of which some see the mesh; `view` as in `LitImage`, others as there."""
+    seen = seen_skin(hand, pixel)
     gradients = face_gradients(hand.mesh, hand.topology)[seen.face]
-    values = _detail_at(seen, maps, hand, gradients, normal, image.view[seen.row])
+    values = _detail_at(seen, maps, hand, gradients, view[seen.row])
     flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flexed).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flexed)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
-    along = (slopes[:, :, None] * gradients).sum(1)
-    bent = normalize(normal - BUMP * 1e-3 * maps.resolution * hand.mesh.scale * along, dim=-1)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
-    albedo = torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO)))
-    coefficients = image.coefficients.clone()
-    coefficients[seen.row, SCATTERED.start : DIFFUSE.stop] *= albedo.repeat(1, 3)
-    nail = image.nail.index_put((seen.row,), values[:, -1])
-    of_nails = nail * coefficients[:, GLOSS.start + 1]
-    coefficients[:, GLOSS] += torch.stack([of_nails, -of_nails], 1)
-    return image._replace(normal=image.normal.index_put((seen.row,), bent), coefficients=coefficients, nail=nail)
+    return PixelDetail(
+        row=seen.row,
+        slope=BUMP * 1e-3 * maps.resolution * hand.mesh.scale * (slopes[:, :, None] * gradients).sum(1),
+        albedo=torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO))),
+        nail=values[:, -1],
+    )
+
+
+def with_detail(image: LitImage, detail: PixelDetail) -> LitImage:
+    """The image with this detail, with gradients to its normals and coefficients."""
+    row = detail.row
+    bent = normalize(image.normal[row] - detail.slope, dim=-1)
+    factor = torch.ones_like(image.coefficients)
+    factor[row, SCATTERED.start : DIFFUSE.stop] = detail.albedo.repeat(1, 3)
+    nail = image.nail.index_put((row,), detail.nail)
+    # Of the second lobe, all goes to the first on nails.
+    factor[:, GLOSS.stop - 1] = 1 - nail
+    coefficients = factor * image.coefficients
+    moved = torch.zeros_like(coefficients)
+    moved[:, GLOSS.start] = nail
+    coefficients = coefficients + moved * image.coefficients[:, GLOSS.stop - 1 : GLOSS.stop]
+    return image._replace(normal=image.normal.index_put((row,), bent), coefficients=coefficients, nail=nail)
 
 
 def _detail_at(
-    seen: SeenSkin,
-    maps: DetailMaps,
-    hand: HandInView,
-    gradients: Float[Tensor, "K 2 3"],
-    normal: Float[Tensor, "K 3"],
-    view: Float[Tensor, "K 3"],
+    seen: SeenSkin, maps: DetailMaps, hand: HandInView, gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]
 ) -> Float[Tensor, "K 10"]:
     """What the maps hold at the places, without what is finer than a pixel there."""
     uv = places_of_skin(_blend(hand.topology.corner_uv[seen.face], seen.barycentric), gradients, view, hand, maps)
-    cosine = (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
-    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * cosine)
+    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * _face_cosine(gradients, view))
     return maps.sample(uv, torch.log2(footprint_m / maps.texel_m))
 
 
@@ -205,14 +234,18 @@ def places_of_skin(
         hand: posed.
         maps: with the skin's offset.
     """
-    normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
-    cosine = (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
-    per_height = (gradients * view[:, None]).sum(-1) * (hand.mesh.scale / cosine)[:, None]
+    per_height = (gradients * view[:, None]).sum(-1) * (hand.mesh.scale / _face_cosine(gradients, view))[:, None]
     there = uv
     for _ in range(PLACE_STEPS):
         off = _bilinear_square(maps.offset, there)
         there = uv - off[:, 2:] * per_height - off[:, :2]
     return there
+
+
+def _face_cosine(gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]) -> Float[Tensor, " K"]:
+    """Of the faces' normals and the view, `LEAST_COSINE` at least."""
+    normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
+    return (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
 
 
 def _bilinear_square(values: Float[Tensor, "M M C"], uv: Float[Tensor, "K 2"]) -> Float[Tensor, "K C"]:

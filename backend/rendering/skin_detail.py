@@ -14,8 +14,13 @@ from ..nerf.skin_detail import DetailMaps, SkinLook
 
 def detail_of(avatar: Avatar, device: torch.device) -> tuple[DetailMaps, SkinBend] | None:
     """The detail of the skin that the avatar was trained on; None: its capture showed another than the built-in one."""
-    person = _person(avatar.provenance.get("capture"))
-    detail = None if person is None else load_skin_detail(avatar.hand_sha256)
+    return detail_of_capture(avatar.provenance.get("capture"), avatar.hand_sha256, device)
+
+
+def detail_of_capture(provenance: Any, hand_sha256: str, device: torch.device) -> tuple[DetailMaps, SkinBend] | None:
+    """The same, by a capture's provenance and hand."""
+    person = _person(provenance)
+    detail = None if person is None else load_skin_detail(hand_sha256)
     if person is None or detail is None:
         return None
     return DetailMaps.of(detail, person, device), detail.bend

@@ -21,6 +21,7 @@ from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
+from ..hand.skin_detail import SkinBend
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
@@ -32,10 +33,13 @@ from ..nerf.lit_rays import (
     sky_shadows,
     split_points,
 )
-from ..nerf.rays import HandInView
+from ..nerf.rays import HandInView, ray_directions
+from ..nerf.relighting import at_full_size, covered_pixels
 from ..nerf.sampler import SamplerConfig
+from ..nerf.skin_detail import DetailMaps, PixelDetail, pixel_detail
 from ..records.errors import LiveHandError
 from ..records.light import Light
+from ..rendering.skin_detail import detail_of_capture
 from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
@@ -59,6 +63,7 @@ class ViewLight(NamedTuple):
         position: [R, 3] of the rays' points, m.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
+        detail: of the skin, where it is known.
     """
 
     sky: SkySamples
@@ -70,6 +75,7 @@ class ViewLight(NamedTuple):
     position: Tensor
     targets: Tensor
     alpha: Tensor
+    detail: PixelDetail | None
 
 
 class MixedLight(NamedTuple):
@@ -81,6 +87,7 @@ class MixedLight(NamedTuple):
         open_sky: shadows of the sky by the hand alone.
         position: [R, 3] of the rays' points, m.
         exposure: [] factor of linear colours before they are encoded.
+        detail: of the skin, where it is known.
     """
 
     samples: LightSamples
@@ -88,6 +95,7 @@ class MixedLight(NamedTuple):
     open_sky: PointShadows
     position: Tensor
     exposure: Tensor
+    detail: PixelDetail | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Exposed and sRGB-encoded; values over 1 continue the curve."""
@@ -122,6 +130,8 @@ class LitTrainingViews(TrainingViews):
         by_file = {group[0].file: group for group in instants}
         self._groups = [by_file[view.file] for view in self.views]
         self._kept_light: dict[int, tuple] = {}
+        self._kept_detail: dict[int, PixelDetail] = {}
+        self._flex = [None if self._detail is None else self._flexed(pose.theta) for pose in capture.poses]
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
@@ -181,7 +191,31 @@ class LitTrainingViews(TrainingViews):
             position=position,
             targets=linear[:, :3],
             alpha=linear[0, 3],
+            detail=self._detail_at(index, view, hand),
         )
+
+    @cached_property
+    def _detail(self) -> tuple[DetailMaps, SkinBend] | None:
+        return detail_of_capture(self.capture.provenance, self.hand.sha256, self.device)
+
+    def _flexed(self, theta: np.ndarray) -> Float[Tensor, " V"]:
+        assert self._detail is not None
+        return torch.as_tensor(self._detail[1].flex(theta), dtype=torch.float32, device=self.device)
+
+    def _detail_at(self, index: int, view: TrainingView, hand: HandInView) -> PixelDetail | None:
+        """The skin's detail at the pixels of an instant, computed once and kept in half precision."""
+        flex = self._flex[self.views[index].pose_index]
+        if self._detail is None or flex is None:
+            return None
+        if index not in self._kept_detail:
+            large = at_full_size(hand)
+            pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
+            directions = torch.nn.functional.normalize(ray_directions(large.camera, pixel), dim=-1)
+            found = pixel_detail(pixel, directions, large, self._detail[0], flex)
+            row, *values = found
+            self._kept_detail[index] = PixelDetail(row, *(each.half() for each in values))
+        row, *values = self._kept_detail[index]
+        return PixelDetail(row, *(each.float() for each in values))
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
@@ -204,8 +238,13 @@ class LitTrainingViews(TrainingViews):
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
         """As in `TrainingViews`; the shadows are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
+        if self._detail is not None:
+            self._flex[pose_index] = self._flexed(theta.detach().cpu().numpy())
         self._kept_light = {
             index: kept for index, kept in self._kept_light.items() if self.views[index].pose_index != pose_index
+        }
+        self._kept_detail = {
+            index: kept for index, kept in self._kept_detail.items() if self.views[index].pose_index != pose_index
         }
 
 
@@ -218,7 +257,7 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
     samples = LightSamples(sky, lamps)
     exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
-    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure)
+    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure, light.detail)
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 

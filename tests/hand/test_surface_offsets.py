@@ -1,4 +1,4 @@
-"""Offsets of the detailed surface: none of flat subdivision, known shifts and heights, and those of the shipped hand."""
+"""Offsets of the detailed surface: none of flat faces, those of known moves, and those that ship."""
 
 from dataclasses import replace
 
@@ -40,7 +40,8 @@ def test_flat_faces_have_no_offset(detail):
 def test_a_surface_that_is_moved_is_off_by_as_much(detail):
     """Its length is that of the move wherever the atlas is neither stretched nor pressed: in the median."""
     flat = of_flat_faces(detail)
-    found = surface_offsets(HAND, replace(flat, vertices_m=flat.vertices_m + [0.0003, 0, 0.0004]), ATLAS_MM, 0.0)
+    moved = replace(flat, vertices_m=flat.vertices_m + np.array([0.0003, 0, 0.0004]))
+    found = surface_offsets(HAND, moved, ATLAS_MM, veins_mm=0.0)
     assert np.median(np.linalg.norm(found, axis=-1)) == pytest.approx(0.5, rel=0.15)
     assert np.ptp(found[..., 2]) > 0.9  # up on one side of the hand and down on the other
 

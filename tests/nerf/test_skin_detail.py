@@ -22,9 +22,11 @@ from livehand.backend.nerf.skin_detail import (
     RESOLVED_PX,
     TINT,
     DetailMaps,
+    PixelDetail,
     SkinLook,
     face_gradients,
     seen_skin,
+    with_detail,
 )
 from livehand.backend.records.camera import Camera
 from torch.nn.functional import normalize
@@ -150,6 +152,26 @@ def test_the_skin_that_is_seen_lies_beside_and_above_the_face(backend, offset_mm
     expected_mm = -offset_mm[0] - offset_mm[2] * view[:, 0] / view[:, 2].abs()
     assert (expected_mm.abs() > 1).all()
     torch.testing.assert_close(change, expected_mm, atol=1.3, rtol=0)  # of stored steps
+
+
+def test_gradients_pass_to_colours_gloss_and_normals():
+    image = image_of(patch())
+    coefficients, normal = image.coefficients.clone().requires_grad_(), image.normal.clone().requires_grad_()
+    detail = PixelDetail(
+        row=torch.tensor([3, 7]),
+        slope=torch.tensor([[0.0, 0, 0], [1, 0, 0]]),
+        albedo=torch.tensor([[0.5, 0.6, 0.7]]).expand(2, 3),
+        nail=torch.tensor([1.0, 0.25]),
+    )
+    found = with_detail(image._replace(coefficients=coefficients, normal=normal), detail)
+    (found.coefficients[:, DIFFUSE].sum() + (found.coefficients[:, GLOSS] * torch.tensor([2.0, 5])).sum()).backward()
+    torch.testing.assert_close(coefficients.grad[7, DIFFUSE], torch.tensor([0.5, 0.6, 0.7]))
+    torch.testing.assert_close(coefficients.grad[8, DIFFUSE], torch.ones(3))
+    torch.testing.assert_close(coefficients.grad[7, GLOSS], torch.tensor([2.0, 0.25 * 2 + 0.75 * 5]))
+    torch.testing.assert_close(coefficients.grad[3, GLOSS], torch.tensor([2.0, 2]))
+    found.normal[7, 0].backward()
+    assert normal.grad[7].isfinite().all()
+    assert normal.grad[7, 0] > 0
 
 
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):

@@ -22,6 +22,7 @@ from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.lit_views import LitTrainingViews, exposure_of, group_weights, mixed
 from livehand.backend.training.loop import Training, train
 from livehand.backend.training.setup import TrainingSetup, sky_of
+from livehand.backend.training.step import render_view
 
 ROTATION = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # shines along +Y
 SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=ROTATION),))
@@ -129,6 +130,41 @@ def test_an_image_whose_light_is_not_known_is_refused(lit_capture, hand, small, 
     views = tuple(replace(view, light=None) for view in lit_capture.of_split("train"))
     with pytest.raises(LiveHandError, match="light of every image"):
         LitTrainingViews(lit_capture, views, hand, small.sampler, cpu, 0)
+
+
+@pytest.fixture
+def known_skin_views(lit_capture, hand, small, cpu):
+    """Of a capture that says whose skin it shows."""
+    person = {"melanin": 0.2, "folds": 1.0, "veins_mm": 0.2}
+    known = replace(lit_capture, provenance={"made_by": "livehand capture", "plan": {"person": person}})
+    return LitTrainingViews(known, known.of_split("train"), hand, small.sampler, cpu, 0)
+
+
+def test_a_known_skin_is_trained_with_its_detail(known_skin_views, lit_views, lit_config, hand):
+    assert lit_views.get(0, 0).light.detail is None
+    view = mixed(known_skin_views.get(0, 0), torch.Generator().manual_seed(5))
+    detail = view.light.detail
+    avatar = new_avatar("a", hand.name, hand.sha256, lit_config, seed=1)
+    even = detail._replace(slope=0 * detail.slope, albedo=torch.ones_like(detail.albedo), nail=0 * detail.nail)
+    shown = {}
+    for name, of_skin in (("none", None), ("even", even), ("dark", even._replace(albedo=0.5 * even.albedo))):
+        light = view.light._replace(detail=of_skin)
+        shown[name] = render_view(avatar, known_skin_views, view._replace(light=light)).image.detach()
+    torch.testing.assert_close(shown["even"], shown["none"])
+    torch.testing.assert_close(shown["dark"][3], shown["none"][3])
+    assert shown["dark"][:3].sum() < 0.9 * shown["none"][:3].sum()
+    assert detail.albedo.std() > 0.01
+    assert detail.slope.abs().max() > 0.005
+
+
+def test_a_pose_that_moves_gets_its_detail_anew(known_skin_views):
+    views = known_skin_views
+    before = views.get(0, 0).light.detail
+    theta = torch.as_tensor(views.capture.poses[views.views[0].pose_index].theta, dtype=torch.float32) + 0.3
+    mesh = views.get(0, 0).mesh
+    views.move_pose(views.views[0].pose_index, theta, mesh.vertices + 0.002)
+    after = views.get(0, 0).light.detail
+    assert len(before.row) != len(after.row) or not torch.equal(before.albedo, after.albedo)
 
 
 def test_the_avatar_keeps_the_sky_of_the_capture(lit_capture, painted_capture):

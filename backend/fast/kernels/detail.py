@@ -19,7 +19,7 @@ _GLOSS = 12  # where that of both lobes begins
 def add_detail(seen, mesh, skin, maps, constants, first, last, image):
     """Bend the normals of pixels [first, last) of `image` (`DetailedArrays`), darken colours, and polish nails."""
     corner, weights, values = np.empty(4, np.int64), np.empty(3, np.float32), np.empty(_CHANNELS, np.float32)
-    place = np.empty(2, np.float32)
+    place, off = np.empty(2, np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         face = seen.face[image.pixel[index]]
         if face < 0:
@@ -33,9 +33,9 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
             flex += weights[k] * skin.flex[mesh.faces[face, k]]
         normal, view = image.normal[index], image.view_direction[index]
         place[0], place[1] = u, v
-        _move(skin.gradients[face], view, maps.offset, constants, place)
-        cosine = abs(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
-        texels = depth * constants.texels / max(cosine, constants.least_cosine)
+        cosine = max(_face_cosine(skin.gradients[face], view), constants.least_cosine)
+        _move(skin.gradients[face], view, constants.scale / cosine, maps.offset, off, place)
+        texels = depth * constants.texels / cosine
         _sample(maps, place[0], place[1], np.log2(texels), corner, values)
         dorsal = max(constants.straight - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
@@ -59,36 +59,41 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
 
 
 @compiled
-def _move(gradients, view, offset, constants, place):
-    """Move a place of a flat face to that of the skin which is seen there, as `nerf.skin_detail.places_of_skin`."""
+def _face_cosine(gradients, view):
+    """Of a face's normal and the view."""
     x = gradients[0, 1] * gradients[1, 2] - gradients[0, 2] * gradients[1, 1]
     y = gradients[0, 2] * gradients[1, 0] - gradients[0, 0] * gradients[1, 2]
     z = gradients[0, 0] * gradients[1, 1] - gradients[0, 1] * gradients[1, 0]
-    length = max(np.sqrt(x * x + y * y + z * z), _TINY)
-    cosine = max(abs(x * view[0] + y * view[1] + z * view[2]) / length, constants.least_cosine)
+    return abs(x * view[0] + y * view[1] + z * view[2]) / max(np.sqrt(x * x + y * y + z * z), _TINY)
+
+
+@compiled
+def _move(gradients, view, per_height, offset, off, place):
+    """Move a place of a flat face to that of the skin which is seen there, as `nerf.skin_detail.places_of_skin`."""
     along_u, along_v = _0, _0
     for k in range(3):
         along_u += gradients[0, k] * view[k]
         along_v += gradients[1, k] * view[k]
-    along_u *= constants.scale / cosine
-    along_v *= constants.scale / cosine
-    u, v, size = place[0], place[1], len(offset)
+    along_u *= per_height
+    along_v *= per_height
+    u, v = place[0], place[1]
     for _ in range(PLACE_STEPS):
-        x = min(max(place[0] * np.float32(size) - _HALF, _0), np.float32(size - 1))
-        y = min(max(place[1] * np.float32(size) - _HALF, _0), np.float32(size - 1))
-        column, row = min(int(x), size - 2), min(int(y), size - 2)
-        fu, fv = x - np.float32(column), y - np.float32(row)
-        for k in range(3):
-            below = offset[row, column, k] * (_1 - fu) + offset[row, column + 1, k] * fu
-            above = offset[row + 1, column, k] * (_1 - fu) + offset[row + 1, column + 1, k] * fu
-            value = below * (_1 - fv) + above * fv
-            if k == 0:
-                du = value
-            elif k == 1:
-                dv = value
-            else:
-                height = value
-        place[0], place[1] = u - height * along_u - du, v - height * along_v - dv
+        _read_offset(offset, place, off)
+        place[0], place[1] = u - off[2] * along_u - off[0], v - off[2] * along_v - off[1]
+
+
+@compiled
+def _read_offset(offset, place, off):
+    """Fill the offset at a place, bilinear."""
+    size = len(offset)
+    x = min(max(place[0] * np.float32(size) - _HALF, _0), np.float32(size - 1))
+    y = min(max(place[1] * np.float32(size) - _HALF, _0), np.float32(size - 1))
+    column, row = min(int(x), size - 2), min(int(y), size - 2)
+    right, above = x - np.float32(column), y - np.float32(row)
+    for k in range(3):
+        low = offset[row, column, k] * (_1 - right) + offset[row, column + 1, k] * right
+        high = offset[row + 1, column, k] * (_1 - right) + offset[row + 1, column + 1, k] * right
+        off[k] = low * (_1 - above) + high * above
 
 
 @compiled

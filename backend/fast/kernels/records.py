@@ -373,7 +373,7 @@ class DetailConstants(NamedTuple):
 
     Attributes:
         texels: of the finest level in a pixel's width at a depth of 1 m.
-        least_cosine: of normal and view.
+        least_cosine: of face and view.
         scale: of the hand against the template.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.

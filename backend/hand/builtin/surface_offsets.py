@@ -61,4 +61,5 @@ def _painted(uv: np.ndarray, values: np.ndarray) -> np.ndarray:
     painted[pixel], is_empty[pixel] = (values[face] * weights[..., None]).sum(1), False
     square = (OFFSETS, OFFSETS)
     nearest = distance_transform_edt(is_empty.reshape(square), return_distances=False, return_indices=True)
-    return painted.reshape(*square, -1)[tuple(nearest)].astype(np.float32)
+    row, column = np.asarray(nearest)
+    return painted.reshape(*square, -1)[row, column].astype(np.float32)
