@@ -33,8 +33,8 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
             flex += weights[k] * skin.flex[mesh.faces[face, k]]
         normal, view = image.normal[index], image.view_direction[index]
         place[0], place[1] = u, v
-        cosine = max(_face_cosine(skin.gradients[face], view), constants.least_cosine)
-        _move(skin.gradients[face], view, constants.scale / cosine, maps.offset, off, place)
+        cosine = max(_face_cosine(skin.gradients, face, view), constants.least_cosine)
+        _move(skin.gradients, face, view, constants.scale / cosine, maps.offset, off, place)
         texels = depth * constants.texels / cosine
         _sample(maps, place[0], place[1], np.log2(texels), corner, values)
         dorsal = max(constants.straight - constants.flattened * flex, _0)
@@ -59,21 +59,21 @@ def add_detail(seen, mesh, skin, maps, constants, first, last, image):
 
 
 @compiled
-def _face_cosine(gradients, view):
+def _face_cosine(gradients, face, view):
     """Of a face's normal and the view."""
-    x = gradients[0, 1] * gradients[1, 2] - gradients[0, 2] * gradients[1, 1]
-    y = gradients[0, 2] * gradients[1, 0] - gradients[0, 0] * gradients[1, 2]
-    z = gradients[0, 0] * gradients[1, 1] - gradients[0, 1] * gradients[1, 0]
+    x = gradients[face, 0, 1] * gradients[face, 1, 2] - gradients[face, 0, 2] * gradients[face, 1, 1]
+    y = gradients[face, 0, 2] * gradients[face, 1, 0] - gradients[face, 0, 0] * gradients[face, 1, 2]
+    z = gradients[face, 0, 0] * gradients[face, 1, 1] - gradients[face, 0, 1] * gradients[face, 1, 0]
     return abs(x * view[0] + y * view[1] + z * view[2]) / max(np.sqrt(x * x + y * y + z * z), _TINY)
 
 
 @compiled
-def _move(gradients, view, per_height, offset, off, place):
+def _move(gradients, face, view, per_height, offset, off, place):
     """Move a place of a flat face to that of the skin which is seen there, as `nerf.skin_detail.places_of_skin`."""
     along_u, along_v = _0, _0
     for k in range(3):
-        along_u += gradients[0, k] * view[k]
-        along_v += gradients[1, k] * view[k]
+        along_u += gradients[face, 0, k] * view[k]
+        along_v += gradients[face, 1, k] * view[k]
     along_u *= per_height
     along_v *= per_height
     u, v = place[0], place[1]
