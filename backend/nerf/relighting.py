@@ -92,6 +92,7 @@ class RaysAround(NamedTuple):
     size_px: tuple[int, int]
 
 
+Enlarged = Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays]
 Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
 Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
 
@@ -116,8 +117,7 @@ def lit_image(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     skin: SkinDepth,
-    enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
-    smoothed: Callable[[EnlargedRays, Tensor, int], EnlargedRays] | None = None,
+    enlarged: Enlarged | None = None,
     shares: Shares | None = None,
     normals: Normals | None = None,
 ) -> LitImage:
@@ -130,15 +130,14 @@ def lit_image(
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
         skin: in the full-size image.
-        enlarged: as `enlarged_rays`.
-        smoothed: as `smoothed_rays`, which stands for None.
+        enlarged: as `smooth_enlarged_rays`, which stands for None.
         shares: as `shares_of_rays`, which stands for None.
         normals: as `normals_at_steps`, which stands for None.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
-    large = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
-    coefficients, normal, alpha = (smoothed or smoothed_rays)(large, covered, full.size_px[0])
+    detail = enlarge_maps(superres, maps).float()
+    coefficients, normal, alpha = (enlarged or smooth_enlarged_rays)(maps, detail, covered, camera.world2cam)
     share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
     around = RaysAround(pixel, covered, share, camera.size_px)
     return LitImage(
@@ -151,6 +150,13 @@ def lit_image(
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
         nail=alpha.new_zeros(len(covered)),
     )
+
+
+def smooth_enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """`enlarged_rays`, as `smoothed_rays`."""
+    return smoothed_rays(enlarged_rays(maps, detail, covered, world2cam), covered, detail.shape[-1])
 
 
 def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
