@@ -23,7 +23,7 @@ from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import light_features, openness
-from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays
+from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -57,7 +57,13 @@ class NumbaBackend:
     decoder = staticmethod(decoder)
     superres = staticmethod(superres)
     lit_image = staticmethod(
-        partial(lit_image, enlarged=smooth_enlarged_rays, shares=shares_of_rays, normals=normals_at_steps)
+        partial(
+            lit_image,
+            enlarged=smooth_enlarged_rays,
+            shares=shares_of_rays,
+            normals=normals_at_steps,
+            views=view_directions,
+        )
     )
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)

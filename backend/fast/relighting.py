@@ -15,6 +15,7 @@ from .kernels.compiled import in_parallel
 from .kernels.enlarging import enlarge_rows
 from .kernels.records import EnlargedArrays, RelitImage
 from .kernels.relighting import ray_shares, relit_pixels, step_normals
+from .kernels.relighting import view_directions as fill_views
 from .lighting import lobes
 
 MIN_ALPHA_32 = np.float32(MIN_ALPHA)
@@ -64,6 +65,15 @@ def normals_at_steps(
         torch.get_num_threads(),
     )
     return normals
+
+
+def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+    """As `nerf.rays.view_directions`, to the precision of fp32: rays that sample a field are more sensitive."""
+    directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
+    at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
+    out = directions.numpy()
+    in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at), torch.get_num_threads())
+    return directions
 
 
 def relit(

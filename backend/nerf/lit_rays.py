@@ -18,7 +18,7 @@ from .light_samples import LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
-from .rays import HandInView, RenderedRays, ray_directions, ray_origin
+from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
 from .volume import Composite
 
@@ -94,7 +94,12 @@ def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:
 
 
 def ray_positions(
-    hand: HandInView, skin: SkinDepth, pixel: Tensor, t: Float[Tensor, "R N"], dt: Float[Tensor, " R"]
+    hand: HandInView,
+    skin: SkinDepth,
+    pixel: Tensor,
+    directions: Float[Tensor, "R 3"],
+    t: Float[Tensor, "R N"],
+    dt: Float[Tensor, " R"],
 ) -> Float[Tensor, "R 3"]:
     """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
@@ -102,12 +107,13 @@ def ray_positions(
         hand: posed, in the rays' view.
         skin: at every pixel.
         pixel: of the rays.
+        directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     depth = torch.where(depth.isfinite(), depth, middle)
-    return ray_origin(hand.camera) + depth[:, None] * ray_directions(hand.camera, pixel)
+    return ray_origin(hand.camera) + depth[:, None] * directions
 
 
 def sky_shadows(

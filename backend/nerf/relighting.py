@@ -16,7 +16,7 @@ from torch.nn.functional import conv2d, normalize
 from .at_least import at_least
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
-from .rays import CameraTensors, HandInView, ray_directions
+from .rays import CameraTensors, HandInView, view_directions
 from .superres import enlarge
 from .volume import Composite
 
@@ -95,6 +95,7 @@ class RaysAround(NamedTuple):
 Enlarged = Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays]
 Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
 Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
+Views = Callable[[CameraTensors, Tensor], Tensor]
 
 
 def enlarged_rays(
@@ -120,6 +121,7 @@ def lit_image(
     enlarged: Enlarged | None = None,
     shares: Shares | None = None,
     normals: Normals | None = None,
+    views: Views = view_directions,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
@@ -133,6 +135,7 @@ def lit_image(
         enlarged: as `smooth_enlarged_rays`, which stands for None.
         shares: as `shares_of_rays`, which stands for None.
         normals: as `normals_at_steps`, which stands for None.
+        views: as `view_directions`.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
@@ -144,7 +147,7 @@ def lit_image(
         pixel=covered,
         coefficients=coefficients,
         normal=(normals or normals_at_steps)(normal, points.relief_normal, around),
-        view=normalize(ray_directions(full, covered), dim=-1),
+        view=views(full, covered),
         share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),

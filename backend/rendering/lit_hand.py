@@ -137,10 +137,11 @@ def render_lit_hand(
     """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`."""
     device = rays.t.device
     on_stage("light")
-    view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
+    directions = ray_directions(hand.camera, rays.pixel)
+    view = normalize(directions, dim=-1)
     size_px = hand.camera.size_px
     skin = skin_layers(backend, hand).seen_by(rays, size_px)
-    position = ray_positions(hand, skin, rays.pixel, rays.t, rays.dt)
+    position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt)
     points = surface_points(field, rays.composite, position, view)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))

@@ -1,8 +1,9 @@
 """The kernels of relighting against `nerf.relighting`, where no other test does."""
 
 import torch
-from livehand.backend.fast.relighting import normals_at_steps, shares_of_rays, smooth_enlarged_rays
+from livehand.backend.fast.relighting import normals_at_steps, shares_of_rays, smooth_enlarged_rays, view_directions
 from livehand.backend.nerf.rays import CameraTensors, ray_directions
+from livehand.backend.nerf.rays import view_directions as views_reference
 from livehand.backend.nerf.relighting import RaysAround, SkinDepth, covered_pixels, enlarged_rays
 from livehand.backend.nerf.relighting import normals_at_steps as normals_reference
 from livehand.backend.nerf.relighting import shares_of_rays as reference
@@ -72,3 +73,10 @@ def test_normals_at_steps_are_those_of_torch_with_holes_and_at_borders():
     ours, theirs = normals_at_steps(normal, of_rays, rays), normals_reference(normal, of_rays, rays)
     torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
     assert ((ours - normal).abs().amax(1) > 0.5).sum() > 10
+
+
+def test_views_are_those_of_torch_in_a_turned_camera():
+    turned = torch.eye(4)
+    turned[:3, :3] = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(3)))[0]
+    camera, pixel = CAMERA._replace(world2cam=turned), torch.tensor([0, 5, 12, 13, 60, 116])
+    torch.testing.assert_close(view_directions(camera, pixel), views_reference(camera, pixel), atol=1e-6, rtol=0)

@@ -1,4 +1,4 @@
-"""Equals `shares_of_rays`, `normals_at_steps` and `relit` of `nerf.relighting`."""
+"""Equals `shares_of_rays`, `normals_at_steps` and `relit` of `nerf.relighting`, and `nerf.rays.view_directions`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,21 @@ LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.1
 """As in `nerf.relighting`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
+
+
+@compiled
+def view_directions(pixel, width, axes, first, last, out):
+    """Fill out [P, 3] with the unit directions of pixels [first, last) as `nerf.rays.view_directions`.
+
+    A pixel's direction is (x, y, 1) times `axes` [3, 3].
+    """
+    for index in range(first, last):
+        x, y = np.float32(pixel[index] % width) + _HALF, np.float32(pixel[index] // width) + _HALF
+        dx = x * axes[0, 0] + y * axes[1, 0] + axes[2, 0]
+        dy = x * axes[0, 1] + y * axes[1, 1] + axes[2, 1]
+        dz = x * axes[0, 2] + y * axes[1, 2] + axes[2, 2]
+        inverse = _1 / np.sqrt(dx * dx + dy * dy + dz * dz)
+        out[index, 0], out[index, 1], out[index, 2] = dx * inverse, dy * inverse, dz * inverse
 
 
 @compiled
