@@ -33,6 +33,14 @@ def test_fp32_is_that_of_torch(settings, rays):
     torch.testing.assert_close(decoder(field, CPU, "fp32")(inputs), field.decoded(inputs), rtol=0, atol=1e-5)
 
 
+@needs_vectors
+def test_outputs_may_be_more_than_two_blocks():
+    field = a_field()
+    field.channels = torch.nn.Linear(field.channels.in_features, 70).requires_grad_(False)
+    inputs = inputs_of(field, 7)
+    torch.testing.assert_close(decoder(field, CPU, "fp32")(inputs), field.decoded(inputs), rtol=0, atol=1e-5)
+
+
 @needs_int8_products
 @pytest.mark.parametrize("light", ["baked", "linear"])
 @pytest.mark.slow
