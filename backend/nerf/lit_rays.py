@@ -61,7 +61,12 @@ class SkinLayers(NamedTuple):
     @property
     def first(self) -> SkinDepth:
         """Where rays first meet the skin: the mesh, but beside its outline the skin that may stand out of it."""
-        return SkinDepth(torch.where(self.mesh - self.outer > self.edge_m, self.outer, self.mesh), self.edge_m)
+        return SkinDepth(torch.where(self._stands_out, self.outer, self.mesh), self.edge_m)
+
+    @property
+    def _stands_out(self) -> Tensor:
+        """[P] whether skin may stand out of the mesh far before what is behind it."""
+        return self.mesh - self.outer > self.edge_m
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.
@@ -72,7 +77,8 @@ class SkinLayers(NamedTuple):
             rays: rendered.
             size_px: of the rays' image; these layers are of that size, or twice as large.
         """
-        at = ((self.mesh - self.outer > self.edge_m) & self.mesh.isfinite()).nonzero()[:, 0]
+        at = self._stands_out.nonzero()[:, 0]
+        at = at[self.mesh[at] < torch.inf]
         is_of_rays = len(self.mesh) == size_px[0] * size_px[1]
         around, share = (at[:, None], torch.ones_like(self.mesh[at, None])) if is_of_rays else neighbours(at, size_px)
         ray = ray_of_pixel(rays.pixel, size_px[0] * size_px[1])[around]

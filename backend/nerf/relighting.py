@@ -227,7 +227,7 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
     """The features on the low-resolution grid, zero where there is no ray."""
     rows, (width, height) = ray_rows(features), size_px
-    return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
+    return rows.new_zeros(width * height, rows.shape[1]).index_put_((pixel,), rows)
 
 
 def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:
