@@ -14,7 +14,7 @@ from ..records.light import Light
 from .backend import RenderBackend
 from .bounce import Probes, probe_vertices
 from .field import mean_features
-from .light_samples import LightSamples, SkySamples
+from .light_samples import LampSamples, LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
@@ -139,6 +139,7 @@ def light_shadows(
     position: Float[Tensor, "R 3"],
     of_sky: PointShadows,
     albedo: Tensor,
+    shining_on_probes: LampSamples | None = None,
 ) -> LightShadows:
     """The shadows of a light at points, by the hand itself and by occluders.
 
@@ -150,16 +151,20 @@ def light_shadows(
         position: of the points, m, world.
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin that sheds light on itself, [P, 3] or [3].
+        shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
     """
-    probes = Probes.of(hand.mesh, hand.topology)
-    views = light.lamps.views(Bounds.of(hand.mesh))
+    probes, bounds = Probes.of(hand.mesh, hand.topology), Bounds.of(hand.mesh)
 
-    def of_lamps(points: Tensor, map_px: int) -> PointShadows:  # apart: a map is as fine as its points are near
-        return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, map_px)
+    def of_lamps(lamps: LampSamples, points: Tensor, map_px: int) -> PointShadows:
+        return backend.point_shadows(hand.mesh, hand.topology, occluders, lamps.views(bounds), points, map_px)
 
-    lamps, probe_lamps = of_lamps(position, LAMP_MAP_PX), of_lamps(probes.position, PROBE_MAP_PX)
+    # Apart, for a map is as fine as its points are near.
+    lamps = of_lamps(light.lamps, position, LAMP_MAP_PX)
+    probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
+    probe_lamps = of_lamps(probe_light.lamps, probes.position, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
-    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *light_at_probes(light, probe_sky, probe_lamps, probes)))
+    of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
+    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

@@ -19,7 +19,7 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
-from ..nerf.light_samples import LightSamples, SkySamples
+from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
@@ -100,7 +100,9 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
-        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo)
+        # Light that the hand sheds on itself is soft whatever its shadows.
+        coarse = LampSamples.of(light.lamps, self.bounds) if light.has_fine_shadows else None
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         features = smoothed_light(backend.light_features(samples, shadows, self.points), places, backend.surface_means)
         if light.measured is None:
