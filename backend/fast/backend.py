@@ -17,7 +17,7 @@ from ..nerf.field import MlpField, PlaneField
 from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
-from .decoder import decoder
+from .decoder import decoder, decoder_inputs
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
@@ -55,6 +55,7 @@ class NumbaBackend:
     light_features = staticmethod(light_features)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)
+    decoder_inputs = staticmethod(decoder_inputs)
     superres = staticmethod(superres)
     lit_image = staticmethod(
         partial(

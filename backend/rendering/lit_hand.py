@@ -149,7 +149,7 @@ def render_lit_hand(
     at_points, _ = split_points(open_sky, len(position))
     open_to = backend.openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
-    low = field.decode(rays.composite, view, open_to, decoder)
+    low = field.decode(rays.composite, view, open_to, decoder, backend.decoder_inputs)
     on_stage("superres")
     skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)

@@ -1,4 +1,4 @@
-"""Layers of a field's decoder, a few rays at a time."""
+"""Layers of a field's decoder, a few rays at a time, and what a relightable one is given."""
 
 from __future__ import annotations
 
@@ -47,6 +47,47 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
             for ray in range(count):
                 for column in range(min(HALF, out.shape[1] - begin)):
                     out[start + ray, begin + column] = halves[ray, column] + three[2][begin + column]
+
+
+@compiled
+def decoder_inputs(channels, alpha, view, share, towards, normal, relief, least_alpha, first, last, out):
+    """Fill out [R, C] for rays [first, last) as `nerf.lit_field.LitField.decoder_inputs`.
+
+    Args:
+        channels: [R, K] gathered; the first of them are the decoder's.
+        alpha: [R].
+        view: [R, 3] unit, from the camera.
+        share: [R] of the sky that is open.
+        towards: [R, 3] unit, the open side.
+        normal: where the mesh's normal begins among the channels, after the decoder's.
+        relief: where that with relief begins.
+        least_alpha: by which channels are divided at least.
+        first: ray.
+        last: ray.
+        out: channels near the skin and seven angles.
+    """
+    for ray in range(first, last):
+        inverse = _1 / max(alpha[ray], least_alpha)
+        for k in range(normal):
+            out[ray, k] = channels[ray, k] * inverse
+        nx, ny, nz = _unit(channels, ray, normal)
+        rx, ry, rz = _unit(channels, ray, relief)
+        vx, vy, vz = view[ray, 0], view[ray, 1], view[ray, 2]
+        ox, oy, oz = towards[ray, 0], towards[ray, 1], towards[ray, 2]
+        facing = -(rx * vx + ry * vy + rz * vz)
+        away = _1 - min(max(facing, _0), _1)
+        out[ray, normal], out[ray, normal + 1] = -(nx * vx + ny * vy + nz * vz), facing
+        out[ray, normal + 2] = away * away * away * away * away
+        out[ray, normal + 3], out[ray, normal + 4] = nx * rx + ny * ry + nz * rz, share[ray]
+        out[ray, normal + 5], out[ray, normal + 6] = ox * rx + oy * ry + oz * rz, -(ox * vx + oy * vy + oz * vz)
+
+
+@part
+def _unit(values, row, at):
+    """Three values of a row, of length 1, or zero."""
+    x, y, z = values[row, at], values[row, at + 1], values[row, at + 2]
+    inverse = _1 / max(np.sqrt(x * x + y * y + z * z), _TINY)
+    return x * inverse, y * inverse, z * inverse
 
 
 @part
