@@ -62,7 +62,9 @@ def enlarge_maps(
         top, bottom = max(first - MARGIN_PX, 0), min(last + MARGIN_PX, height)
         band = maps[None, :, top:bottom].contiguous(memory_format=torch.channels_last)
         bands.append(superres(band)[0, :, 2 * (first - top) : 2 * (last - top)])
-    return bands[0] if len(bands) == 1 else torch.cat(bands, 1)
+    if len(bands) == 1:
+        return bands[0]
+    return torch.cat([band.permute(1, 2, 0) for band in bands]).permute(2, 0, 1)  # pixel by pixel, as bands lie
 
 
 def low_resolution_maps(
