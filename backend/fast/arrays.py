@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 
 def as_arrays(*values: Tensor) -> list[np.ndarray]:
     """Contiguous, without gradients; of the tensors' own memory where they are contiguous."""
     return [value.detach().contiguous().numpy() for value in values]
+
+
+def whole_rows(values: Float[Tensor, "K P"]) -> np.ndarray:
+    """As `as_arrays`; where these are the first columns of a matrix, all of it, which need not be copied."""
+    is_slice = values.stride(1) == 1 and values.stride(0) > values.shape[1] and values.storage_offset() == 0
+    return as_arrays(values.as_strided((len(values), values.stride(0)), values.stride()) if is_slice else values)[0]
 
 
 def row_of(pixel: Int[Tensor, " P"], count: int) -> np.ndarray:

@@ -17,13 +17,13 @@ from ..nerf.field import MlpField, PlaneField
 from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
-from .decoder import decoder
+from .decoder import decoder, decoder_inputs
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import light_features, openness
-from .relighting import enlarged_rays, normals_at_steps, relit, shares_of_rays, smoothed_rays
+from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
@@ -55,10 +55,15 @@ class NumbaBackend:
     light_features = staticmethod(light_features)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)
+    decoder_inputs = staticmethod(decoder_inputs)
     superres = staticmethod(superres)
     lit_image = staticmethod(
         partial(
-            lit_image, enlarged=enlarged_rays, smoothed=smoothed_rays, shares=shares_of_rays, normals=normals_at_steps
+            lit_image,
+            enlarged=smooth_enlarged_rays,
+            shares=shares_of_rays,
+            normals=normals_at_steps,
+            views=view_directions,
         )
     )
     detailed_image = staticmethod(detailed_image)

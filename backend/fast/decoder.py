@@ -11,9 +11,14 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..nerf.backend import Decoder, Precision, decoder_in_precision
-from ..nerf.field import PlaneField
+from ..nerf.field import MIN_ALPHA, PlaneField
+from ..nerf.lighting import Openness
+from ..nerf.lit_field import LitField
+from ..nerf.volume import Composite
+from .arrays import as_arrays
 from .kernels.compiled import in_parallel
 from .kernels.decoder import GROUP, decode_rays
+from .kernels.decoder import decoder_inputs as fill_inputs
 from .kernels.vectors import has_int8_products, has_vectors
 from .packing import PackedWeights
 
@@ -33,6 +38,18 @@ def decoder(field: PlaneField, device: torch.device, precision: Precision) -> De
         layers.append(_packed(layer, inputs, is_int8 and len(layers) == 1))
     steps = np.full(1, 255, np.uint8) if is_int8 else np.empty(0, np.float32)
     return partial(_decode, layers, steps, field.channels.out_features)
+
+
+def decoder_inputs(
+    field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+) -> Float[Tensor, "R C"]:
+    """As `LitField.decoder_inputs`."""
+    count, near = len(view), field.near_channels
+    inputs = torch.empty(count, near + field.ANGLES)
+    rays, out = as_arrays(gathered.channels, gathered.alpha, view, *open_to), inputs.numpy()
+    known = *rays, near, field.normal_slice.start, np.float32(MIN_ALPHA)
+    in_parallel(lambda first, last: fill_inputs(*known, first, last, out), count, torch.get_num_threads())
+    return inputs
 
 
 def _decode(layers: Sequence[Layer], steps: np.ndarray, outputs: int, inputs: Float[Tensor, "R C"]) -> Tensor:

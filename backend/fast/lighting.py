@@ -21,7 +21,7 @@ from ..nerf.lighting import (
     Openness,
     SurfacePoints,
 )
-from .arrays import as_arrays
+from .arrays import as_arrays, whole_rows
 from .kernels.compiled import in_parallel
 from .kernels.lighting import light_features as fill_features
 from .kernels.lighting import openness as fill_openness
@@ -35,7 +35,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3), (3,))]
     out = FeatureArrays(*(values.numpy() for values in buffers))
     arrays = PointArrays(*as_arrays(*points))
-    sky_arrays = SkyArrays(*as_arrays(*sky, *shadows.sky))
+    sky_arrays = SkyArrays(*as_arrays(*sky), *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     probes = shadows.probes.probes
     at, normal, shed = as_arrays(probes.position.T, probes.normal.T, shadows.probes.shed(light).T)
@@ -52,7 +52,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
 def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:
     """The openness of points with these normals."""
     found = Openness(torch.empty(len(normal)), torch.empty(len(normal), 3))
-    towards, normals, lit, share, mean = as_arrays(sky.towards, normal.T, shadows.lit, *found)
+    (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
     in_parallel(
         lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean),
         len(normal),

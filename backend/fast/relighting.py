@@ -7,47 +7,33 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..nerf.lighting import COEFFICIENTS, SMOOTH, LightFeatures
+from ..nerf.lighting import COEFFICIENTS, LightFeatures
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
 from .arrays import as_arrays, row_of
 from .kernels.compiled import in_parallel
+from .kernels.enlarging import enlarge_rows
 from .kernels.records import EnlargedArrays, RelitImage
-from .kernels.relighting import enlarge_pixels, ray_shares, relit_pixels, smooth_pixels, step_normals
+from .kernels.relighting import ray_shares, relit_pixels, step_normals
+from .kernels.relighting import view_directions as fill_views
 from .lighting import lobes
 
 MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 
 
-def enlarged_rays(
+def smooth_enlarged_rays(
     maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
 ) -> EnlargedRays:
-    """The rays' maps at full size with their detail, at the covered pixels."""
-    count, pixels = len(covered), detail[0].numel()
-    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(pixels))
+    """As `nerf.relighting.smooth_enlarged_rays`; the pixels are in order."""
+    count, (height, width) = len(covered), detail.shape[1:]
+    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(height * width))
     out = EnlargedArrays(*(values.numpy() for values in buffers))
     rows = maps.permute(1, 2, 0).flatten(0, 1)  # as they lie in memory
-    arrays = as_arrays(rows, detail.permute(1, 2, 0).reshape(pixels, -1), covered, world2cam)
-    in_parallel(
-        lambda first, last: enlarge_pixels(*arrays, maps.shape[-1], SMOOTH, MIN_ALPHA_32, first, last, out),
-        count,
-        torch.get_num_threads(),
-    )
+    source, added, pixels, axes = as_arrays(rows, detail.permute(1, 2, 0).flatten(0, 1), covered, world2cam)
+    starts = np.searchsorted(pixels, width * np.arange(height + 1))
+    arrays = source, added, pixels, starts, axes, width // 2, MIN_ALPHA_32
+    in_parallel(lambda first, last: enlarge_rows(*arrays, first, last, out), height, torch.get_num_threads())
     return EnlargedRays(*buffers)
-
-
-def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
-    """As `nerf.relighting.smoothed_rays`."""
-    row = row_of(covered, len(large.alpha))
-    smooth = large._replace(coefficients=torch.empty_like(large.coefficients), normal=torch.empty_like(large.normal))
-    before, after = (EnlargedArrays(*as_arrays(*rays)) for rays in (large, smooth))
-    pixels = covered.numpy()
-    in_parallel(
-        lambda first, last: smooth_pixels(pixels, row, width, MIN_ALPHA_32, before, first, last, after),
-        len(covered),
-        torch.get_num_threads(),
-    )
-    return smooth
 
 
 def shares_of_rays(
@@ -79,6 +65,15 @@ def normals_at_steps(
         torch.get_num_threads(),
     )
     return normals
+
+
+def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+    """As `nerf.rays.view_directions`, to the precision of fp32: rays that sample a field are more sensitive."""
+    directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
+    at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
+    out = directions.numpy()
+    in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at), torch.get_num_threads())
+    return directions
 
 
 def relit(

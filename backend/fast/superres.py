@@ -21,6 +21,7 @@ from ..nerf.superres import ResidualSuperRes
 from .kernels.compiled import in_parallel
 from .kernels.convolution import (
     CHANNELS,
+    LAST_CHANNELS,
     SLOPE,
     SPARE,
     convolve_hidden,
@@ -86,6 +87,7 @@ class RowSuperRes:
             layers.append(PackedLayer.of(weight, bias, nothing, not is_first, is_int8 and not is_first))
             answer = torch.nn.functional.leaky_relu(weight.sum((2, 3)) @ nothing + bias, SLOPE)
             nothing = answer if is_first else answer + nothing
+        assert network.tail.out_channels <= LAST_CHANNELS
         channels = network.tail.out_channels // 4
         order = torch.arange(4 * channels).reshape(channels, 4).T.flatten()  # the four pixels one after the other
         weight, bias = (values.detach().float().cpu()[order] for values in network.even_tail())

@@ -175,7 +175,7 @@ def point_shadows(
         max_depth_in=MAX_DEPTH_IN_M * in_template,
     )
     shadows = (look_up or look_up_reference)(scene, local)
-    return PointShadows(shadows.lit, shadows.depth_in_m / in_template)
+    return PointShadows(shadows.lit, shadows.depth_in_m.div_(in_template))
 
 
 def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWindows) -> ProjectedPoints:

@@ -21,6 +21,7 @@ from .conditions import FrameConditions
 from .field import MlpField, PlaneField
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
+from .lit_field import LitField
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
@@ -91,6 +92,12 @@ class RenderBackend(Protocol):
 
     def decoder(self, field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
         """As `PlaneField.decoded`, without gradients; the field's weights must not change."""
+        ...
+
+    def decoder_inputs(
+        self, field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+    ) -> Float[Tensor, "R C"]:
+        """As `LitField.decoder_inputs`, without gradients."""
         ...
 
     def superres(self, network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:

@@ -26,7 +26,7 @@ CHANNELS = 3 + FEATURE_CHANNELS
 # Prior of the density before training: opaque inside the surface, transparent outside.
 PRIOR_SLOPE, PRIOR_OFFSET = -6.0, -1.0
 # Keeps the mean finite along nearly transparent rays.
-_MIN_ALPHA = 1e-4
+MIN_ALPHA = 1e-4
 # Scales down the relief plane's learning rate: its useful values are a few tenths.
 RELIEF_GAIN = 0.25
 
@@ -235,7 +235,7 @@ class BakedField(PlaneField):
 
 def mean_features(gathered: Composite) -> Float[Tensor, "R K"]:
     """The gathered features of rays, as means over their samples."""
-    return gathered.channels / gathered.alpha.clamp(min=_MIN_ALPHA)[:, None]
+    return gathered.channels / gathered.alpha.clamp(min=MIN_ALPHA)[:, None]
 
 
 def _mask_inputs(weight: Tensor, inputs: slice) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import cos, pi, tan
 from typing import NamedTuple
 
@@ -38,7 +38,7 @@ class SkySamples(NamedTuple):
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str) -> SkySamples:
         """The samples of a sky; None is black."""
-        towards = direction_frames(SKY_DIRECTIONS, device)[:, 2]
+        towards = torch.tensor(_towards(), device=device)
         flux = torch.zeros(SKY_DIRECTIONS, 3, device=device)
         if sky is not None:
             energy = (sky.radiance * sky.solid_angles[..., None] / pi).reshape(-1, 3)
@@ -223,8 +223,13 @@ def _tensor(values: np.ndarray, device: torch.device) -> Tensor:
     return torch.as_tensor(values, dtype=kind, device=device)
 
 
+@cache
+def _towards() -> np.ndarray:
+    """[K, 3] the sky's directions."""
+    return direction_frames(SKY_DIRECTIONS, "cpu")[:, 2].numpy()
+
+
 @lru_cache(maxsize=8)
 def _cells(height: int, width: int) -> np.ndarray:
     """[H * W] the sky direction nearest to each texel of an equirectangular map."""
-    towards = direction_frames(SKY_DIRECTIONS, "cpu")[:, 2].double().numpy()
-    return (sky_directions(height, width).reshape(-1, 3) @ towards.T).argmax(1)
+    return (sky_directions(height, width).reshape(-1, 3) @ _towards().T.astype(np.float64)).argmax(1)

@@ -59,6 +59,7 @@ class LitField(PlaneField):
         view: Float[Tensor, "R 3"],
         open_to: Openness,
         decoder: Callable[[Tensor], Tensor] | None = None,
+        inputs: LitInputs | None = None,
     ) -> Composite:
         """Coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
 
@@ -67,18 +68,26 @@ class LitField(PlaneField):
             view: unit directions, world.
             open_to: of the points that the rays meet, for their normals.
             decoder: as `decoded`, which stands for None.
+            inputs: as `decoder_inputs`, which stands for None.
         """
-        mean = mean_features(gathered)
-        normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
-        inputs = torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
-        raw = (decoder or self.decoded)(inputs).float()
+        raw = (decoder or self.decoded)((inputs or LitField.decoder_inputs)(self, gathered, view, open_to)).float()
         channels = torch.cat([softplus(at_least(raw[:, :COEFFICIENTS], _LEAST)), raw[:, COEFFICIENTS:]], -1)
         return gathered._replace(channels=channels * gathered.alpha[:, None])
+
+    def decoder_inputs(self, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness) -> Tensor:
+        """What the decoder is given of rays: mean features near the skin, and angles."""
+        mean = mean_features(gathered)
+        normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
+        return torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
 
     def normals(self, mean: Float[Tensor, "R K"]) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
         """The mesh's normal and the relief normal among gathered features, not of unit length."""
         at = self.near_channels
         return mean[:, at : at + 3], mean[:, self.normal_slice]
+
+
+LitInputs = Callable[[LitField, Composite, Tensor, Openness], Tensor]
+"""`LitField.decoder_inputs`, or what equals it."""
 
 
 def _angles(

@@ -14,11 +14,11 @@ from ..records.light import Light
 from .backend import RenderBackend
 from .bounce import Probes, probe_vertices
 from .field import mean_features
-from .light_samples import LightSamples, SkySamples
+from .light_samples import LampSamples, LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
-from .rays import HandInView, RenderedRays, ray_directions, ray_origin
+from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
 from .volume import Composite
 
@@ -61,7 +61,12 @@ class SkinLayers(NamedTuple):
     @property
     def first(self) -> SkinDepth:
         """Where rays first meet the skin: the mesh, but beside its outline the skin that may stand out of it."""
-        return SkinDepth(torch.where(self.mesh - self.outer > self.edge_m, self.outer, self.mesh), self.edge_m)
+        return SkinDepth(torch.where(self._stands_out, self.outer, self.mesh), self.edge_m)
+
+    @property
+    def _stands_out(self) -> Tensor:
+        """[P] whether skin may stand out of the mesh far before what is behind it."""
+        return self.mesh - self.outer > self.edge_m
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.
@@ -72,7 +77,8 @@ class SkinLayers(NamedTuple):
             rays: rendered.
             size_px: of the rays' image; these layers are of that size, or twice as large.
         """
-        at = ((self.mesh - self.outer > self.edge_m) & self.mesh.isfinite()).nonzero()[:, 0]
+        at = self._stands_out.nonzero()[:, 0]
+        at = at[self.mesh[at] < torch.inf]
         is_of_rays = len(self.mesh) == size_px[0] * size_px[1]
         around, share = (at[:, None], torch.ones_like(self.mesh[at, None])) if is_of_rays else neighbours(at, size_px)
         ray = ray_of_pixel(rays.pixel, size_px[0] * size_px[1])[around]
@@ -94,7 +100,12 @@ def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:
 
 
 def ray_positions(
-    hand: HandInView, skin: SkinDepth, pixel: Tensor, t: Float[Tensor, "R N"], dt: Float[Tensor, " R"]
+    hand: HandInView,
+    skin: SkinDepth,
+    pixel: Tensor,
+    directions: Float[Tensor, "R 3"],
+    t: Float[Tensor, "R N"],
+    dt: Float[Tensor, " R"],
 ) -> Float[Tensor, "R 3"]:
     """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
 
@@ -102,12 +113,13 @@ def ray_positions(
         hand: posed, in the rays' view.
         skin: at every pixel.
         pixel: of the rays.
+        directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
     depth = torch.where(depth.isfinite(), depth, middle)
-    return ray_origin(hand.camera) + depth[:, None] * ray_directions(hand.camera, pixel)
+    return ray_origin(hand.camera) + depth[:, None] * directions
 
 
 def sky_shadows(
@@ -127,6 +139,7 @@ def light_shadows(
     position: Float[Tensor, "R 3"],
     of_sky: PointShadows,
     albedo: Tensor,
+    shining_on_probes: LampSamples | None = None,
 ) -> LightShadows:
     """The shadows of a light at points, by the hand itself and by occluders.
 
@@ -138,16 +151,20 @@ def light_shadows(
         position: of the points, m, world.
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin that sheds light on itself, [P, 3] or [3].
+        shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
     """
-    probes = Probes.of(hand.mesh, hand.topology)
-    views = light.lamps.views(Bounds.of(hand.mesh))
+    probes, bounds = Probes.of(hand.mesh, hand.topology), Bounds.of(hand.mesh)
 
-    def of_lamps(points: Tensor, map_px: int) -> PointShadows:  # apart: a map is as fine as its points are near
-        return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, map_px)
+    def of_lamps(lamps: LampSamples, points: Tensor, map_px: int) -> PointShadows:
+        return backend.point_shadows(hand.mesh, hand.topology, occluders, lamps.views(bounds), points, map_px)
 
-    lamps, probe_lamps = of_lamps(position, LAMP_MAP_PX), of_lamps(probes.position, PROBE_MAP_PX)
+    # Apart, for a map is as fine as its points are near.
+    lamps = of_lamps(light.lamps, position, LAMP_MAP_PX)
+    probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
+    probe_lamps = of_lamps(probe_light.lamps, probes.position, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
-    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *light_at_probes(light, probe_sky, probe_lamps, probes)))
+    of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
+    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

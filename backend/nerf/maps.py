@@ -62,7 +62,9 @@ def enlarge_maps(
         top, bottom = max(first - MARGIN_PX, 0), min(last + MARGIN_PX, height)
         band = maps[None, :, top:bottom].contiguous(memory_format=torch.channels_last)
         bands.append(superres(band)[0, :, 2 * (first - top) : 2 * (last - top)])
-    return bands[0] if len(bands) == 1 else torch.cat(bands, 1)
+    if len(bands) == 1:
+        return bands[0]
+    return torch.cat([band.permute(1, 2, 0) for band in bands]).permute(2, 0, 1)  # pixel by pixel, as bands lie
 
 
 def low_resolution_maps(
@@ -71,7 +73,7 @@ def low_resolution_maps(
     """Rays scattered into maps [colour 3, features 29, alpha 1], zero where there is no ray; and depth."""
     width, height = size_px
     values = torch.cat([low.channels, low.alpha[:, None].to(low.channels.dtype)], -1)
-    maps = values.new_zeros(width * height, values.shape[1]).index_put((pixel,), values)
+    maps = values.new_zeros(width * height, values.shape[1]).index_put_((pixel,), values)
     depth = torch.where(low.alpha > 0, low.depth, torch.full_like(low.depth, torch.inf))
     depth = low.depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)
     return maps.T.reshape(-1, height, width), depth.reshape(height, width)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
@@ -96,6 +97,11 @@ def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]
     row = torch.div(pixel, width, rounding_mode="floor")
     centre = torch.stack([pixel - width * row + 0.5, row + 0.5, ones], -1).to(camera.K.dtype)
     return centre @ torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
+
+
+def view_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
+    """The same of length 1."""
+    return normalize(ray_directions(camera, pixel), dim=-1)
 
 
 def ray_origin(camera: CameraTensors) -> Float[Tensor, 3]:

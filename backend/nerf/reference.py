@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
-from .lighting import light_features, openness
+from .lighting import Openness, light_features, openness
+from .lit_field import LitField
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
@@ -38,6 +41,12 @@ class ReferenceBackend:
     relit = staticmethod(relit)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
+
+    def decoder_inputs(
+        self, field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+    ) -> Float[Tensor, "R C"]:
+        """As the protocol."""
+        return field.decoder_inputs(gathered, view, open_to)
 
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
         """As the protocol."""

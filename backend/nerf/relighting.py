@@ -16,7 +16,7 @@ from torch.nn.functional import conv2d, normalize
 from .at_least import at_least
 from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
-from .rays import CameraTensors, HandInView, ray_directions
+from .rays import CameraTensors, HandInView, view_directions
 from .superres import enlarge
 from .volume import Composite
 
@@ -92,8 +92,10 @@ class RaysAround(NamedTuple):
     size_px: tuple[int, int]
 
 
+Enlarged = Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays]
 Shares = Callable[[Tensor, Tensor, CameraTensors, Tensor, SkinDepth], Tensor]
 Normals = Callable[[Tensor, Tensor, RaysAround], Tensor]
+Views = Callable[[CameraTensors, Tensor], Tensor]
 
 
 def enlarged_rays(
@@ -116,10 +118,10 @@ def lit_image(
     pixel: Int[Tensor, " R"],
     camera: CameraTensors,
     skin: SkinDepth,
-    enlarged: Callable[[Tensor, Tensor, Tensor, Tensor], EnlargedRays] = enlarged_rays,
-    smoothed: Callable[[EnlargedRays, Tensor, int], EnlargedRays] | None = None,
+    enlarged: Enlarged | None = None,
     shares: Shares | None = None,
     normals: Normals | None = None,
+    views: Views = view_directions,
 ) -> LitImage:
     """Enlarge the decoded rays of a relightable field.
 
@@ -130,27 +132,34 @@ def lit_image(
         pixel: of the rays, in the low-resolution image.
         camera: of the low-resolution image.
         skin: in the full-size image.
-        enlarged: as `enlarged_rays`.
-        smoothed: as `smoothed_rays`, which stands for None.
+        enlarged: as `smooth_enlarged_rays`, which stands for None.
         shares: as `shares_of_rays`, which stands for None.
         normals: as `normals_at_steps`, which stands for None.
+        views: as `view_directions`.
     """
     maps, depth = lit_maps(low, points, pixel, camera)
     covered, full = covered_pixels(pixel, camera.size_px), doubled(camera)
-    large = enlarged(maps, enlarge_maps(superres, maps).float(), covered, camera.world2cam)
-    coefficients, normal, alpha = (smoothed or smoothed_rays)(large, covered, full.size_px[0])
+    detail = enlarge_maps(superres, maps).float()
+    coefficients, normal, alpha = (enlarged or smooth_enlarged_rays)(maps, detail, covered, camera.world2cam)
     share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
     around = RaysAround(pixel, covered, share, camera.size_px)
     return LitImage(
         pixel=covered,
         coefficients=coefficients,
         normal=(normals or normals_at_steps)(normal, points.relief_normal, around),
-        view=normalize(ray_directions(full, covered), dim=-1),
+        view=views(full, covered),
         share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
         nail=alpha.new_zeros(len(covered)),
     )
+
+
+def smooth_enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """`enlarged_rays`, as `smoothed_rays`."""
+    return smoothed_rays(enlarged_rays(maps, detail, covered, world2cam), covered, detail.shape[-1])
 
 
 def smoothed_rays(large: EnlargedRays, covered: Int[Tensor, " P"], width: int) -> EnlargedRays:
@@ -218,7 +227,7 @@ def relit_rays(low: Composite, points: SurfacePoints, features: LightFeatures) -
 def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Float[Tensor, "P C"]:
     """The features on the low-resolution grid, zero where there is no ray."""
     rows, (width, height) = ray_rows(features), size_px
-    return rows.new_zeros(width * height, rows.shape[1]).index_put((pixel,), rows)
+    return rows.new_zeros(width * height, rows.shape[1]).index_put_((pixel,), rows)
 
 
 def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import threshold
 
 from ..nerf.crop import Crop
 from ..records.depth_profile import DepthProfile
@@ -38,18 +39,18 @@ def linear_frame(
 ) -> Frame:
     """Scene-linear colours that are premultiplied, of any brightness, as a frame of the whole image."""
     alpha = _clear_alpha(alpha)
-    is_seen = (alpha > 0)[..., None]
-    seen = torch.where(is_seen, colours.permute(1, 2, 0), 0.0).permute(2, 0, 1)  # pixel by pixel, as colours lie
+    hidden = (alpha <= 0).flatten().nonzero()[:, 0]
+    pixels = colours.permute(1, 2, 0).flatten(0, 1).index_fill(0, hidden, 0.0)  # pixel by pixel, as colours lie
+    seen = pixels.T.reshape(colours.shape)
     return replace(_frame(seen, alpha, depth, window, size_px), profile=profile)
 
 
 def _clear_alpha(alpha: Float[Tensor, "h w"]) -> Float[Tensor, "h w"]:
-    alpha = alpha.clamp(0, 1)
-    return torch.where(alpha < _MIN_ALPHA, torch.zeros_like(alpha), alpha)
+    return threshold(alpha.clamp(max=1), _MIN_ALPHA, 0.0)
 
 
 def _frame(linear: Tensor, alpha: Tensor, depth: Tensor, window: Crop, size_px: tuple[int, int]) -> Frame:
-    solid_depth = torch.where((alpha >= 0.5) & depth.isfinite(), depth, torch.full_like(depth, DEPTH_BACKGROUND))
+    solid_depth = torch.where((alpha >= 0.5) & (depth < torch.inf), depth, DEPTH_BACKGROUND)
     frame = empty_frame(size_px)
     window.paste(linear.permute(1, 2, 0).cpu().numpy(), frame.rgb)
     window.paste(alpha.cpu().numpy(), frame.alpha)

@@ -19,7 +19,7 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
-from ..nerf.light_samples import LightSamples, SkySamples
+from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
@@ -100,7 +100,9 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
-        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo)
+        # Light that the hand sheds on itself is soft whatever its shadows.
+        coarse = LampSamples.of(light.lamps, self.bounds) if light.has_fine_shadows else None
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         features = smoothed_light(backend.light_features(samples, shadows, self.points), places, backend.surface_means)
         if light.measured is None:
@@ -137,16 +139,17 @@ def render_lit_hand(
     """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`."""
     device = rays.t.device
     on_stage("light")
-    view = normalize(ray_directions(hand.camera, rays.pixel), dim=-1)
+    directions = ray_directions(hand.camera, rays.pixel)
+    view = normalize(directions, dim=-1)
     size_px = hand.camera.size_px
     skin = skin_layers(backend, hand).seen_by(rays, size_px)
-    position = ray_positions(hand, skin, rays.pixel, rays.t, rays.dt)
+    position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt)
     points = surface_points(field, rays.composite, position, view)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
     open_to = backend.openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
-    low = field.decode(rays.composite, view, open_to, decoder)
+    low = field.decode(rays.composite, view, open_to, decoder, backend.decoder_inputs)
     on_stage("superres")
     skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
     image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)

@@ -175,9 +175,8 @@ class LitTrainingViews(TrainingViews):
         skies = [SkySamples.of(light.sky, self.device) for light in lights]
         sky_flux = torch.stack([sky.flux for sky in skies])
         hand = HandInView(view.mesh, self.topology, view.camera)
-        position = ray_positions(
-            hand, skin_layers(self.backend, hand).first, view.rays.pixel, view.rays.t, view.rays.dt
-        )
+        skin, (pixel, directions, t, dt) = skin_layers(self.backend, hand).first, view.rays[:4]
+        position = ray_positions(hand, skin, pixel, directions, t, dt)
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
         shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)

@@ -4,10 +4,14 @@ import sys
 
 import pytest
 import torch
-from livehand.backend.fast.decoder import decoder
+from livehand.backend.fast.decoder import decoder, decoder_inputs
 from livehand.backend.fast.kernels.vectors import has_int8_products, has_vectors
 from livehand.backend.nerf.avatar import build_field
 from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.lighting import Openness
+from livehand.backend.nerf.lit_field import LitField
+from livehand.backend.nerf.volume import Composite
+from torch.nn.functional import normalize
 
 CPU = torch.device("cpu")
 needs_vectors = pytest.mark.skipif(not has_vectors(), reason="needs a processor with AVX2 or AVX-512")
@@ -30,6 +34,14 @@ def inputs_of(field, rays):
 def test_fp32_is_that_of_torch(settings, rays):
     field = a_field(**settings)
     inputs = inputs_of(field, rays)
+    torch.testing.assert_close(decoder(field, CPU, "fp32")(inputs), field.decoded(inputs), rtol=0, atol=1e-5)
+
+
+@needs_vectors
+def test_outputs_may_be_more_than_two_blocks():
+    field = a_field()
+    field.channels = torch.nn.Linear(field.channels.in_features, 70).requires_grad_(False)
+    inputs = inputs_of(field, 7)
     torch.testing.assert_close(decoder(field, CPU, "fp32")(inputs), field.decoded(inputs), rtol=0, atol=1e-5)
 
 
@@ -60,3 +72,17 @@ def test_a_processor_without_vectors_leaves_it_to_torch(monkeypatch):
     field = a_field()
     inputs = inputs_of(field, 5)
     torch.testing.assert_close(decoder(field, CPU, "fp32")(inputs), field.decoded(inputs), rtol=0, atol=0)
+
+
+def test_inputs_are_those_of_torch_where_nothing_was_gathered_too():
+    field, random = a_field(light="linear"), torch.Generator().manual_seed(7)
+    alpha = torch.rand(50, generator=random) * (torch.rand(50, generator=random) < 0.8)
+    gathered = Composite(
+        (torch.rand(50, field.gathered_channels, generator=random) - 0.5) * alpha[:, None], alpha, alpha, alpha[:, None]
+    )
+    view, towards = (normalize(torch.randn(50, 3, generator=random), dim=-1) for _ in range(2))
+    open_to = Openness(torch.rand(50, generator=random), towards)
+    ours, theirs = (of(field, gathered, view, open_to) for of in (decoder_inputs, LitField.decoder_inputs))
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-5)
+    assert (alpha == 0).any()
+    assert theirs[:, -7:].abs().amax(0).min() > 0.2

@@ -1,10 +1,14 @@
-"""Which skin a ray shows beside the outline of a finger: what may stand out of it, or what lies behind."""
+"""Which skin a ray shows beside the outline of a finger: what may stand out of it, or what lies behind; its lamps."""
 
+import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.lit_rays import SkinLayers
-from livehand.backend.nerf.rays import RenderedRays
+from livehand.backend.geometry.shadow_maps import Bounds
+from livehand.backend.nerf.light_samples import LampSamples, LightSamples
+from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, SkinLayers, light_shadows, sky_shadows
+from livehand.backend.nerf.rays import HandInView, RenderedRays
 from livehand.backend.nerf.volume import Composite
+from livehand.backend.records.light import Lamp, Light
 
 SIZE = (4, 1)
 FINGER_M, PALM_M = 0.50, 0.60
@@ -52,3 +56,21 @@ def test_pixels_without_rays_have_no_say():
     found = beside.seen_by(rays([0.0], pixel=(1,)), SIZE).depth.reshape(2, 8)
     has_ray = torch.tensor([False, True, True, True, True, False, False, False])
     torch.testing.assert_close(found, torch.where(has_ray, PALM_M, FINGER_M).expand(2, 8))
+
+
+def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend, posed, seen_from):
+    """A soft lamp: both ways the probes receive nearly the same, and the rays' shadows are of all samples."""
+    one = posed("fist")
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)))
+    lamps = (Lamp("point", np.ones(3), np.array([0.1, -0.25, 0.2]), radius_m=0.04),)
+    bounds, position, white = Bounds.of(one.mesh), one.mesh.vertices[::7], torch.ones(3)
+    fine = LightSamples.of(Light(lamps, has_fine_shadows=True), bounds)
+    coarse = LampSamples.of(lamps, bounds)
+    of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, position)
+    whole, quick, rough = (
+        light_shadows(backend, hand, light, NO_OCCLUDERS, position, of_sky, white, fewer)
+        for light, fewer in ((fine, None), (fine, coarse), (fine._replace(lamps=coarse), None))
+    )
+    assert torch.equal(quick.lamps.lit, whole.lamps.lit)
+    assert torch.equal(quick.probes.of_lamps, rough.probes.of_lamps)
+    assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()

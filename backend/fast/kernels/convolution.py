@@ -19,6 +19,8 @@ SPARE = BLOCK
 """Pixels to the right of the border, which the last block of a row may read."""
 CHANNELS = 64
 """Of hidden layers: four vectors."""
+LAST_CHANNELS = 48
+"""Of the last layer at most: three vectors."""
 SLOPE = 0.2
 _SLOPE, _0, _HALF, _MOST = (np.float32(value) for value in (SLOPE, 0, 0.5, 255))
 
@@ -115,7 +117,7 @@ def convolve_hidden(source, weights, factors, bias, before, is_residual, runs, f
 def convolve_last(source, weights, factors, bias, runs, first, last, out):
     """Rows [first, last) of the last convolution into the doubled image [2h, 2w, D], four pixels for each."""
     channels = out.shape[2]
-    sums = np.empty((BLOCK, CHANNELS), weights.dtype)
+    sums = np.empty((BLOCK, LAST_CHANNELS), weights.dtype)
     for y in range(first, last):
         for x in range(runs[y, 0], runs[y, 1], BLOCK):
             _sum_windows(source, weights, y, x, sums)
@@ -129,7 +131,11 @@ def convolve_last(source, weights, factors, bias, runs, first, last, out):
 
 @compiled
 def _sum_windows(source, weights, y, x, sums):
-    """Fill sums [BLOCK, 64] for the pixels from (x, y) on; the border's width makes theirs the windows' corners."""
+    """Fill sums [BLOCK, 64 or 48] for pixels from (x, y) on; the border's width makes theirs the windows' corners."""
     pixel_bytes = source.itemsize * source.shape[2]
     row_bytes = pixel_bytes * source.shape[1]
-    window_sums(3, 6, 4, source, y * row_bytes + x * pixel_bytes, pixel_bytes, row_bytes, weights, sums)
+    corner = y * row_bytes + x * pixel_bytes
+    if sums.shape[1] == LAST_CHANNELS:
+        window_sums(3, 6, 3, source, corner, pixel_bytes, row_bytes, weights, sums)
+    else:
+        window_sums(3, 6, 4, source, corner, pixel_bytes, row_bytes, weights, sums)

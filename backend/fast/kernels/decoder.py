@@ -1,4 +1,4 @@
-"""Layers of a field's decoder, a few rays at a time."""
+"""Layers of a field's decoder, a few rays at a time, and what a relightable one is given."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ BLOCK = 6
 """Rays that are decoded at once."""
 GROUP = 4 * LANES
 """Outputs of a layer that are computed at once; every layer has a multiple of these."""
+HALF = GROUP // 2
+"""The same of the last layer, which has few."""
 _GROUP, _LANES = np.uintp(GROUP), np.uintp(LANES)
 _0, _1, _HALF, _TINY = (np.float32(value) for value in (0, 1, 0.5, 1e-12))
 
@@ -28,6 +30,7 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
     block, hidden = np.zeros((BLOCK, columns), np.float32), np.empty((BLOCK, width), np.float32)
     source, scale = np.empty((BLOCK, width), steps.dtype), np.ones(BLOCK, np.float32)
     sums, of_source = np.empty((BLOCK, GROUP), np.float32), np.empty((BLOCK, GROUP), two[0].dtype)
+    halves = np.empty((BLOCK, HALF), np.float32)
     unscaled, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
@@ -39,12 +42,52 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
         for group in range(len(two[0])):
             window_sums(1, 6, 4, source, 0, item * width, 0, two[0][group], of_source)
             _activate(of_source, scale, two[1], two[2], group, hidden)
-        for group in range(len(three[0])):
-            window_sums(1, 6, 4, hidden, 0, 4 * width, 0, three[0][group], sums)
+        for begin in range(0, out.shape[1], HALF):
+            window_sums(1, 6, 2, hidden, 0, 4 * width, 0, three[0][begin // GROUP, :, :, begin % GROUP :], halves)
             for ray in range(count):
-                for column in range(min(GROUP, out.shape[1] - group * GROUP)):
-                    at = group * GROUP + column
-                    out[start + ray, at] = sums[ray, column] + three[2][at]
+                for column in range(min(HALF, out.shape[1] - begin)):
+                    out[start + ray, begin + column] = halves[ray, column] + three[2][begin + column]
+
+
+@compiled
+def decoder_inputs(channels, alpha, view, share, towards, normal, relief, least_alpha, first, last, out):
+    """Fill out [R, C] for rays [first, last) as `nerf.lit_field.LitField.decoder_inputs`.
+
+    Args:
+        channels: [R, K] gathered; the first of them are the decoder's.
+        alpha: [R].
+        view: [R, 3] unit, from the camera.
+        share: [R] of the sky that is open.
+        towards: [R, 3] unit, the open side.
+        normal: where the mesh's normal begins among the channels, after the decoder's.
+        relief: where that with relief begins.
+        least_alpha: by which channels are divided at least.
+        first: ray.
+        last: ray.
+        out: channels near the skin and seven angles.
+    """
+    for ray in range(first, last):
+        inverse = _1 / max(alpha[ray], least_alpha)
+        for k in range(normal):
+            out[ray, k] = channels[ray, k] * inverse
+        nx, ny, nz = _unit(channels, ray, normal)
+        rx, ry, rz = _unit(channels, ray, relief)
+        vx, vy, vz = view[ray, 0], view[ray, 1], view[ray, 2]
+        ox, oy, oz = towards[ray, 0], towards[ray, 1], towards[ray, 2]
+        facing = -(rx * vx + ry * vy + rz * vz)
+        away = _1 - min(max(facing, _0), _1)
+        out[ray, normal], out[ray, normal + 1] = -(nx * vx + ny * vy + nz * vz), facing
+        out[ray, normal + 2] = away * away * away * away * away
+        out[ray, normal + 3], out[ray, normal + 4] = nx * rx + ny * ry + nz * rz, share[ray]
+        out[ray, normal + 5], out[ray, normal + 6] = ox * rx + oy * ry + oz * rz, -(ox * vx + oy * vy + oz * vz)
+
+
+@part
+def _unit(values, row, at):
+    """Three values of a row, of length 1, or zero."""
+    x, y, z = values[row, at], values[row, at + 1], values[row, at + 2]
+    inverse = _1 / max(np.sqrt(x * x + y * y + z * z), _TINY)
+    return x * inverse, y * inverse, z * inverse
 
 
 @part

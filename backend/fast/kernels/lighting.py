@@ -14,7 +14,7 @@ _0, _HALF, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.5, 1, 2, 3, 4)
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
 _PI, _LEAST_SQUARED_M = np.float32(pi), np.float32(0.005**2)
 _LEAST_PROBE_SQUARED_M, _LEAST_LENGTH, _LEAST_FACING = np.float32(1e-8), np.float32(1e-12), np.float32(1e-6)
-BLOCK = 64
+BLOCK = 128
 """Points whose light is computed at once."""
 # Rows of a block, and of its sums.
 _NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE = 0, 3, 6, 9, 10, 12, 13, 14

@@ -1,4 +1,4 @@
-"""Equals `detailed`, `smoothed_rays`, `shares_of_rays`, `normals_at_steps` and `relit` of `nerf.relighting`."""
+"""Equals `shares_of_rays`, `normals_at_steps` and `relit` of `nerf.relighting`, and `nerf.rays.view_directions`."""
 
 from __future__ import annotations
 
@@ -16,70 +16,18 @@ SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 
 
 @compiled
-def enlarge_pixels(maps, detail, pixels, world2cam, width, smooth, min_alpha, first, last, out):
-    """Fill `out` (`EnlargedArrays`) for pixels [first, last) of the full-size image.
+def view_directions(pixel, width, axes, first, last, out):
+    """Fill out [P, 3] with the unit directions of pixels [first, last) as `nerf.rays.view_directions`.
 
-    `maps` [h * w, C] begins with premultiplied coefficients and ends with normals in camera axes and alpha; `detail`
-    [H * W, 12] is what is added at full size.
+    A pixel's direction is (x, y, 1) times `axes` [3, 3].
     """
-    here, at, weights = np.empty(maps.shape[1], np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
     for index in range(first, last):
-        _neighbours(len(maps), width, pixels[index], at, weights)
-        _blend(maps, at, weights, here)
-        _enlarge_pixel(index, pixels[index], here, detail, world2cam, smooth, min_alpha, out)
-
-
-@part
-def _enlarge_pixel(index, pixel, here, detail, world2cam, smooth, min_alpha, out):
-    count, end = out.coefficients.shape[1], len(here)
-    straight = _1 / max(here[end - 1], min_alpha)
-    alpha = here[end - 1] + detail[pixel, count - smooth + 3]
-    out.alpha[pixel] = alpha
-    visible = min(max(alpha, _0), _1)
-    for k in range(count):
-        value = here[k] * straight
-        if k >= smooth:
-            value += detail[pixel, k - smooth]
-        out.coefficients[index, k] = max(value, _0) * visible
-    x = here[end - 4] * straight + detail[pixel, count - smooth]
-    y = here[end - 3] * straight + detail[pixel, count - smooth + 1]
-    z = here[end - 2] * straight + detail[pixel, count - smooth + 2]
-    length = max(np.sqrt(x * x + y * y + z * z), TINY)
-    for k in range(3):
-        out.normal[index, k] = (world2cam[0, k] * x + world2cam[1, k] * y + world2cam[2, k] * z) / length
-
-
-@compiled
-def smooth_pixels(pixels, row, width, min_alpha, before, first, last, after):
-    """Fill `after` for pixels [first, last): means of `before` (`EnlargedArrays`) over 3 x 3 pixels of the hand.
-
-    `row` [H * W] tells where a pixel stands among `pixels`, -1 for none.
-    """
-    height, count = len(row) // width, before.coefficients.shape[1]
-    for index in range(first, last):
-        y, x = pixels[index] // width, pixels[index] % width
-        coefficients, normal, total = after.coefficients[index], after.normal[index], _0
-        coefficients[:] = _0
-        normal[:] = _0
-        for dy in range(max(-y, -1), min(height - y, 2)):
-            for dx in range(max(-x, -1), min(width - x, 2)):
-                there = pixels[index] + dy * width + dx
-                other = row[there]
-                if other < 0:
-                    continue
-                share = (_HALF if dy == 0 else _QUARTER) * (_HALF if dx == 0 else _QUARTER)
-                weight = share * min(max(before.alpha[there], min_alpha), _1)
-                total += weight
-                for k in range(count):
-                    coefficients[k] += share * before.coefficients[other, k]
-                for k in range(3):
-                    normal[k] += weight * before.normal[other, k]
-        scale = min(max(before.alpha[pixels[index]], min_alpha), _1) / total
-        for k in range(count):
-            coefficients[k] *= scale
-        length = max(np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]), TINY)
-        for k in range(3):
-            normal[k] /= length
+        x, y = np.float32(pixel[index] % width) + _HALF, np.float32(pixel[index] // width) + _HALF
+        dx = x * axes[0, 0] + y * axes[1, 0] + axes[2, 0]
+        dy = x * axes[0, 1] + y * axes[1, 1] + axes[2, 1]
+        dz = x * axes[0, 2] + y * axes[1, 2] + axes[2, 2]
+        inverse = _1 / np.sqrt(dx * dx + dy * dy + dz * dz)
+        out[index, 0], out[index, 1], out[index, 2] = dx * inverse, dy * inverse, dz * inverse
 
 
 @compiled

@@ -138,7 +138,7 @@ def _look_up(casters, view, window, points, way, lit, depth_in):
     which is slow in them, stands apart.
     """
     place, at, shares = np.empty((3, _ROW), np.float32), np.empty(_ROW, np.uint32), np.empty((2, _ROW), np.float32)
-    read = np.empty((8, _ROW), np.float32)
+    read = np.empty((_ROW, 8), np.float32)
     size, tolerance, most = casters.map_px, casters.tolerance, casters.max_depth_in
     limit = np.float32(size - 1)
     for start in range(0, points.shape[1], _ROW):
@@ -153,20 +153,22 @@ def _look_up(casters, view, window, points, way, lit, depth_in):
             shares[0, index], shares[1, index] = x - np.float32(column), y - np.float32(row)
             place[0, index] = _0 if is_inside else _1
         for index in range(count):
-            pixel = np.uintp(at[index])
-            for corner, there in enumerate(
-                (pixel, pixel + _NEXT, pixel + np.uintp(size), pixel + np.uintp(size) + _NEXT)
-            ):
-                read[2 * corner, index], read[2 * corner + 1, index] = way[there, 0], way[there, 1]
+            here, above = np.uintp(index), np.uintp(at[index])
+            below = above + np.uintp(size)
+            # All are read before any is written, so that two neighbours become one vector.
+            a, b, c, d = way[above, 0], way[above, 1], way[above + _NEXT, 0], way[above + _NEXT, 1]
+            e, f, g, h = way[below, 0], way[below, 1], way[below + _NEXT, 0], way[below + _NEXT, 1]
+            read[here, 0], read[here, 1], read[here, 2], read[here, 3] = a, b, c, d
+            read[here, 4], read[here, 5], read[here, 6], read[here, 7] = e, f, g, h
         for index in range(count):
-            depth, fx, fy = place[2, index], shares[0, index], shares[1, index]
+            here, depth, fx, fy = np.uintp(index), place[2, index], shares[0, index], shares[1, index]
             wa, wb, wc, wd = (_1 - fx) * (_1 - fy), fx * (_1 - fy), (_1 - fx) * fy, fx * fy
             nearer = depth - tolerance
-            share = wa if nearer <= read[1, index] else _0
-            share += wb if nearer <= read[3, index] else _0
-            share += wc if nearer <= read[5, index] else _0
-            share += wd if nearer <= read[7, index] else _0
-            ea, eb, ec, ed = read[0, index], read[2, index], read[4, index], read[6, index]
+            share = wa if nearer <= read[here, 1] else _0
+            share += wb if nearer <= read[here, 3] else _0
+            share += wc if nearer <= read[here, 5] else _0
+            share += wd if nearer <= read[here, 7] else _0
+            ea, eb, ec, ed = read[here, 0], read[here, 2], read[here, 4], read[here, 6]
             inside = wa * min(max(depth - ea, -most), most) if ea < _INF else _0
             inside += wb * min(max(depth - eb, -most), most) if eb < _INF else _0
             inside += wc * min(max(depth - ec, -most), most) if ec < _INF else _0
