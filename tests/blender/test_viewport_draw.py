@@ -27,6 +27,7 @@ def gpu_context(registered):
     bpy.context.scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     bpy.context.scene.collection.objects.link(bpy.context.scene.camera)
     render.engine, render.resolution_x, render.resolution_y = "BLENDER_WORKBENCH", 16, 16
+    render.resolution_percentage, render.use_border = 100, False  # whatever tests of another module left
     bpy.ops.render.render()
 
 
