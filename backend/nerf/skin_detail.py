@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
+from torch.nn.functional import avg_pool2d, conv2d, grid_sample, interpolate, normalize
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
@@ -35,7 +35,7 @@ FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 BUMP = 0.6
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
 FOLDS = 1.7
-"""How much more of folds shows than of what is finer, and which light passes below."""
+"""How much more shows of folds, which are wider than the way of light in the skin."""
 TINT, COARSE_TINT = 0.5, 1.0
 """Shares of the pigment and of the colour of folds, fine and coarse: the rest is in an avatar's own planes."""
 RESOLVED_PX = 1.5
@@ -195,15 +195,11 @@ def with_detail(image: LitImage, detail: PixelDetail) -> LitImage:
     """The image with this detail, with gradients to its normals and coefficients."""
     row = detail.row
     bent = normalize(image.normal[row] - detail.slope, dim=-1)
-    factor = torch.ones_like(image.coefficients)
-    factor[row, SCATTERED.start : DIFFUSE.stop] = detail.albedo.repeat(1, 3)
+    coefficients = image.coefficients.clone()
+    coefficients[row, SCATTERED.start : DIFFUSE.stop] *= detail.albedo.repeat(1, 3)
     nail = image.nail.index_put((row,), detail.nail)
-    # Of the second lobe, all goes to the first on nails.
-    factor[:, GLOSS.stop - 1] = 1 - nail
-    coefficients = factor * image.coefficients
-    moved = torch.zeros_like(coefficients)
-    moved[:, GLOSS.start] = nail
-    coefficients = coefficients + moved * image.coefficients[:, GLOSS.stop - 1 : GLOSS.stop]
+    of_nails = nail * image.coefficients[:, GLOSS.start + 1]
+    coefficients[:, GLOSS] += torch.stack([of_nails, -of_nails], 1)
     return image._replace(normal=image.normal.index_put((row,), bent), coefficients=coefficients, nail=nail)
 
 
@@ -235,9 +231,9 @@ def places_of_skin(
         maps: with the skin's offset.
     """
     per_height = (gradients * view[:, None]).sum(-1) * (hand.mesh.scale / _face_cosine(gradients, view))[:, None]
-    there = uv
+    offset, there = maps.offset.permute(2, 0, 1)[None], uv
     for _ in range(PLACE_STEPS):
-        off = _bilinear_square(maps.offset, there)
+        off = grid_sample(offset, 2 * there[None, None] - 1, padding_mode="border", align_corners=False)[0, :, 0].T
         there = uv - off[:, 2:] * per_height - off[:, :2]
     return there
 
@@ -246,16 +242,6 @@ def _face_cosine(gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]) 
     """Of the faces' normals and the view, `LEAST_COSINE` at least."""
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     return (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
-
-
-def _bilinear_square(values: Float[Tensor, "M M C"], uv: Float[Tensor, "K 2"]) -> Float[Tensor, "K C"]:
-    """Values of texels' centres, at places of the atlas."""
-    size = len(values)
-    place = (uv * size - 0.5).clamp(0, size - 1.0)
-    first = place.floor().clamp(max=size - 2.0)
-    (fu, fv), (u, v) = (place - first)[..., None].unbind(1), first.long().unbind(1)
-    below, above = (values[row, u] * (1 - fu) + values[row, u + 1] * fu for row in (v, v + 1))
-    return below * (1 - fv) + above * fv
 
 
 def seen_skin(hand: HandInView, pixel: Int[Tensor, " P"]) -> SeenSkin:

@@ -33,7 +33,7 @@ from ..nerf.lit_rays import (
     sky_shadows,
     split_points,
 )
-from ..nerf.rays import HandInView, ray_directions
+from ..nerf.rays import HandInView, view_directions
 from ..nerf.relighting import at_full_size, covered_pixels
 from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import DetailMaps, PixelDetail, pixel_detail
@@ -131,7 +131,7 @@ class LitTrainingViews(TrainingViews):
         self._groups = [by_file[view.file] for view in self.views]
         self._kept_light: dict[int, tuple] = {}
         self._kept_detail: dict[int, PixelDetail] = {}
-        self._flex = [None if self._detail is None else self._flexed(pose.theta) for pose in capture.poses]
+        self._theta = [pose.theta for pose in capture.poses]
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
@@ -197,21 +197,17 @@ class LitTrainingViews(TrainingViews):
     def _detail(self) -> tuple[DetailMaps, SkinBend] | None:
         return detail_of_capture(self.capture.provenance, self.hand.sha256, self.device)
 
-    def _flexed(self, theta: np.ndarray) -> Float[Tensor, " V"]:
-        assert self._detail is not None
-        return torch.as_tensor(self._detail[1].flex(theta), dtype=torch.float32, device=self.device)
-
     def _detail_at(self, index: int, view: TrainingView, hand: HandInView) -> PixelDetail | None:
         """The skin's detail at the pixels of an instant, computed once and kept in half precision."""
-        flex = self._flex[self.views[index].pose_index]
-        if self._detail is None or flex is None:
+        if self._detail is None:
             return None
         if index not in self._kept_detail:
-            large = at_full_size(hand)
+            (maps, bend), large = self._detail, at_full_size(hand)
+            flex = bend.flex(self._theta[self.views[index].pose_index])
+            flex = torch.as_tensor(flex, dtype=torch.float32, device=self.device)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
-            directions = torch.nn.functional.normalize(ray_directions(large.camera, pixel), dim=-1)
-            found = pixel_detail(pixel, directions, large, self._detail[0], flex)
-            row, *values = found
+            views = view_directions(large.camera, pixel)
+            row, *values = pixel_detail(pixel, views, large, maps, flex)
             self._kept_detail[index] = PixelDetail(row, *(each.half() for each in values))
         row, *values = self._kept_detail[index]
         return PixelDetail(row, *(each.float() for each in values))
@@ -235,16 +231,13 @@ class LitTrainingViews(TrainingViews):
         return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
-        """As in `TrainingViews`; the shadows are computed again, too."""
+        """As in `TrainingViews`; shadows and detail are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
-        if self._detail is not None:
-            self._flex[pose_index] = self._flexed(theta.detach().cpu().numpy())
-        self._kept_light = {
-            index: kept for index, kept in self._kept_light.items() if self.views[index].pose_index != pose_index
-        }
-        self._kept_detail = {
-            index: kept for index, kept in self._kept_detail.items() if self.views[index].pose_index != pose_index
-        }
+        self._theta[pose_index] = theta.detach().cpu().numpy()
+        for index, view in enumerate(self.views):
+            if view.pose_index == pose_index:
+                self._kept_light.pop(index, None)
+                self._kept_detail.pop(index, None)
 
 
 def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
