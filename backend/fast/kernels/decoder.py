@@ -12,7 +12,7 @@ BLOCK = 6
 """Rays that are decoded at once."""
 GROUP = 4 * LANES
 """Outputs of a layer that are computed at once; every layer has a multiple of these."""
-HALF = GROUP // 2
+LAST_GROUP = GROUP // 2
 """The same of the last layer, which has few."""
 _GROUP, _LANES = np.uintp(GROUP), np.uintp(LANES)
 _0, _1, _HALF, _TINY = (np.float32(value) for value in (0, 1, 0.5, 1e-12))
@@ -30,7 +30,7 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
     block, hidden = np.zeros((BLOCK, columns), np.float32), np.empty((BLOCK, width), np.float32)
     source, scale = np.empty((BLOCK, width), steps.dtype), np.ones(BLOCK, np.float32)
     sums, of_source = np.empty((BLOCK, GROUP), np.float32), np.empty((BLOCK, GROUP), two[0].dtype)
-    halves = np.empty((BLOCK, HALF), np.float32)
+    last_sums = np.empty((BLOCK, LAST_GROUP), np.float32)
     unscaled, lanes = np.ones(BLOCK, np.float32), np.empty(LANES, np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
@@ -42,11 +42,11 @@ def decode_rays(inputs, one, two, three, steps, first, last, out):
         for group in range(len(two[0])):
             window_sums(1, 6, 4, source, 0, item * width, 0, two[0][group], of_source)
             _activate(of_source, scale, two[1], two[2], group, hidden)
-        for begin in range(0, out.shape[1], HALF):
-            window_sums(1, 6, 2, hidden, 0, 4 * width, 0, three[0][begin // GROUP, :, :, begin % GROUP :], halves)
+        for begin in range(0, out.shape[1], LAST_GROUP):
+            window_sums(1, 6, 2, hidden, 0, 4 * width, 0, three[0][begin // GROUP, :, :, begin % GROUP :], last_sums)
             for ray in range(count):
-                for column in range(min(HALF, out.shape[1] - begin)):
-                    out[start + ray, begin + column] = halves[ray, column] + three[2][begin + column]
+                for column in range(min(LAST_GROUP, out.shape[1] - begin)):
+                    out[start + ray, begin + column] = last_sums[ray, column] + three[2][begin + column]
 
 
 @compiled
