@@ -27,7 +27,8 @@ from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
-from .skin_detail import detailed_image
+from ..nerf.skin_detail import detailed_image
+from ..nerf.fine_mesh import fine_mesh, seen_surface
 from .superres import superres
 from .surface_means import surface_means
 from .trace import trace
@@ -66,6 +67,8 @@ class NumbaBackend:
             views=view_directions,
         )
     )
+    fine_mesh = staticmethod(fine_mesh)
+    seen_surface = staticmethod(seen_surface)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

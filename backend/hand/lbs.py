@@ -47,6 +47,23 @@ class PosedHand(NamedTuple):
     transforms: Tensor
 
 
+class SkinMotion(NamedTuple):
+    """How a pose moves the V vertices.
+
+    Attributes:
+        rest: [*b, V, 3] m, with shape and correctives, unposed.
+        transforms: [*b, V, 3, 4] from there to the pose, each vertex's own.
+    """
+
+    rest: Tensor
+    transforms: Tensor
+
+    @property
+    def vertices(self) -> Float[Tensor, "*b V 3"]:
+        """Posed, m."""
+        return (self.transforms[..., :3] @ self.rest[..., None])[..., 0] + self.transforms[..., 3]
+
+
 def pose_hand(
     skin: SkinTensors,
     theta: Float[Tensor, "*b 16 3"],
@@ -55,18 +72,35 @@ def pose_hand(
     forearm: Float[Tensor, "*b 3"] | None = None,
 ) -> PosedHand:
     """Pose the hand; theta is the full absolute axis-angle pose, rad, and forearm as in `HandPose`; None: zeros."""
+    return _posed(skin, theta, beta, transl, forearm)[1]
+
+
+def skin_motion(model: HandModel, pose: HandPose, device: torch.device | str = "cpu") -> SkinMotion:
+    """How a pose of either side moves the model's vertices into the world, fp32."""
+    skin = SkinTensors.of(model.for_side(pose.side), device)
+    values = (pose.theta, pose.beta, pose.transl, pose.forearm)
+    return _posed(skin, *(torch.as_tensor(value, dtype=torch.float32, device=device) for value in values))[0]
+
+
+def _posed(
+    skin: SkinTensors,
+    theta: Float[Tensor, "*b 16 3"],
+    beta: Float[Tensor, "*b 10"],
+    transl: Float[Tensor, "*b 3"],
+    forearm: Float[Tensor, "*b 3"] | None,
+) -> tuple[SkinMotion, PosedHand]:
     rotations = axis_angle_to_matrix(theta)
     v_shaped = skin.v_template + torch.einsum("vck,...k->...vc", skin.shapedirs, beta)
     rest_joints = skin.J_regressor @ v_shaped
-    v_posed = v_shaped + pose_correctives(skin, rotations)
     transforms = joint_transforms(rotations, rest_joints, skin.parents)
     blended = torch.einsum("vj,...jab->...vab", skin.lbs_weights, transforms[..., :3, :])
     if forearm is not None:
         first, at = transforms[..., 0, :3, :], rest_joints[..., 0, :]
         blended = blended + forearm_offsets(skin.arm_weights, first, forearm, at)
-    vertices = (blended[..., :3] @ v_posed[..., None])[..., 0] + blended[..., 3]
+    moved = torch.cat([blended[..., :3], blended[..., 3:] + transl[..., None, :, None]], -1)
+    motion = SkinMotion(v_shaped + pose_correctives(skin, rotations), moved)
     joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
-    return PosedHand(vertices + transl[..., None, :], joints + transl[..., None, :], transforms)
+    return motion, PosedHand(motion.vertices, joints + transl[..., None, :], transforms)
 
 
 def forearm_offsets(

@@ -18,7 +18,7 @@ ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
 COARSEST_MM, WIDEST_MM = 0.8, 6.0
 """Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
-RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, OFFSET_STEP_MM = 0.002, 0.01, 0.01, 0.01, 0.02
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP = 0.002, 0.01, 0.01, 0.01
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
 """Bend at which folds on the back of a joint are gone."""
@@ -52,14 +52,12 @@ class SkinMaps:
         relief_mm: height of lines, ridges and rims.
         dorsal: depth of the folds on the back of joints, 1 at the deepest.
         palmar: depth of the creases of the palm and below the fingers.
-        veins: height of the veins on the back of hand and arm, 1 at the highest.
         pigment_light, pigment_deep: logarithm of the albedo of a light and of a deep skin.
     """
 
     relief_mm: np.ndarray
     dorsal: np.ndarray
     palmar: np.ndarray
-    veins: np.ndarray
     pigment_light: np.ndarray
     pigment_deep: np.ndarray
 
@@ -72,14 +70,12 @@ class SkinDetail:
         fine: without all that is coarser than `COARSEST_MM`.
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
-        offset_mm: [M, M, 3] where the skin lies beside the flat faces of the mesh: along u and v, and above.
         bend: which folds follow.
     """
 
     fine: SkinMaps
     coarse: SkinMaps
     nail: np.ndarray
-    offset_mm: np.ndarray
     bend: SkinBend
 
 
@@ -95,8 +91,7 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     fine = _arrays(f"skin_of_{WITH_ARM}.npz")
     bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
     coarse = _arrays(f"coarse_skin_of_{WITH_ARM}.npz")
-    nail, offset_mm = coarse["nail"] * np.float32(NAIL_STEP), coarse["offset"] * np.float32(OFFSET_STEP_MM)
-    return SkinDetail(_maps(fine), _maps(coarse), nail, offset_mm, bend)
+    return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
 
 
 def _arrays(name: str) -> dict[str, np.ndarray]:
@@ -109,7 +104,6 @@ def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:
         relief_mm=steps["relief"] * np.float32(RELIEF_STEP_MM),
         dorsal=steps["dorsal"] * np.float32(FOLD_STEP),
         palmar=steps["palmar"] * np.float32(FOLD_STEP),
-        veins=steps["veins"] * np.float32(FOLD_STEP),
         pigment_light=steps["pigment_light"] * np.float32(PIGMENT_STEP),
         pigment_deep=steps["pigment_deep"] * np.float32(PIGMENT_STEP),
     )

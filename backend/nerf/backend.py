@@ -17,8 +17,10 @@ from torch import Tensor, nn
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.shadow_maps import LightViews, PointShadows
+from ..hand.lbs import SkinMotion
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
+from .fine_mesh import FineMesh, FineTemplate, SeenSurface
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .lit_field import LitField
@@ -116,8 +118,23 @@ class RenderBackend(Protocol):
         """As `nerf.relighting.lit_image`, without gradients."""
         ...
 
+    def fine_mesh(
+        self,
+        template: FineTemplate,
+        motion: SkinMotion,
+        height_m: Float[Tensor, " N"],
+        flex: Float[Tensor, " V"],
+        scale: Float[Tensor, ""],
+    ) -> FineMesh:
+        """As `nerf.fine_mesh.fine_mesh`, without gradients."""
+        ...
+
+    def seen_surface(self, mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+        """As `nerf.fine_mesh.seen_surface`."""
+        ...
+
     def detailed_image(
-        self, image: LitImage, hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]
+        self, image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
     ) -> LitImage:
         """As `nerf.skin_detail.detailed_image`, without gradients."""
         ...

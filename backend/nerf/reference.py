@@ -13,6 +13,7 @@ from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
+from .fine_mesh import fine_mesh, seen_surface
 from .lighting import Openness, light_features, openness
 from .lit_field import LitField
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
@@ -37,6 +38,8 @@ class ReferenceBackend:
     decoder = staticmethod(decoder_in_precision)
     superres = staticmethod(in_precision)
     lit_image = staticmethod(lit_image)
+    fine_mesh = staticmethod(fine_mesh)
+    seen_surface = staticmethod(seen_surface)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

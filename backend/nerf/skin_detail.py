@@ -1,10 +1,10 @@
-"""The fine detail of a known skin on a lit image: bump mapping at full size (Blinn 1978).
+"""A known skin on a lit image: outline and normals of its fine surface, with its detail (bump mapping, Blinn 1978).
 
-The rays of a relightable field tell colour and normal at half the image's size and to the resolution of its planes.
-Folds, lines and the rims of nails are finer; where they are known (`hand.skin_detail`) they bend the normals of the
-full-size image, in which lamps and gloss are evaluated, and darken its coefficients. From afar, where rays lie farther
-apart than the planes resolve, what they pass over is added too. Nails shine in the narrower lobe alone: they are too
-small a part of a hand for training to find that out.
+The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
+planes and mesh. Where the surface itself is known (`fine_mesh`), it tells the full-size image's coverage and the normals
+in which lamps and gloss are evaluated; folds, lines and the rims of nails (`hand.skin_detail`) bend these normals and
+darken coefficients. From afar, where rays lie farther apart than the planes resolve, the colours that they pass over
+are added too. Nails shine in the narrower lobe alone: they are too small a part of a hand for training to find that out.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, conv2d, grid_sample, interpolate, normalize
+from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
 
-from ..geometry.mesh import PosedMesh, Topology
-from ..geometry.rasterise import rasterise
 from ..hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
+from .fine_mesh import FineMesh, SeenSurface
 from .lighting import DIFFUSE, GLOSS, SCATTERED
-from .rays import HandInView, project
-from .relighting import LitImage
+from .rays import CameraTensors, project
+from .relighting import MIN_ALPHA, LitImage
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
 """Depth of folds and creases at their deepest, straight and half bent."""
@@ -41,14 +40,11 @@ TINT, COARSE_TINT = 0.5, 1.0
 RESOLVED_PX = 1.5
 """Deviation of the blur beyond which the rays, two pixels apart, show all."""
 LEAST_COSINE = 0.25
-"""Of face and view: flatter views are filtered, and displaced, as this one."""
-PLACE_STEPS = 2
-"""Times that the skin's offset is read, each time where the last one led."""
+"""Of face and view: flatter views are filtered as this one."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
 CHANNELS = 10
 """Slopes along u and v of relief, dorsal folds and palmar creases; pigment; dorsal folds; palmar creases; nail."""
-_SHADES = slice(6, 9)
 _STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4
 _LEVELS = 6
 _BLUR_REACH = 3  # deviations
@@ -76,13 +72,11 @@ class DetailMaps(NamedTuple):
         table: [T, 10] int8: the texels of all levels, rows of the finest first, the smallest v first.
         resolution: of the finest level.
         texel_m: its texels' side, template metres.
-        offset: [M, M, 3] where the skin lies beside the flat faces: along u and v of the atlas, and m above (template).
     """
 
     table: Tensor
     resolution: int
     texel_m: float
-    offset: Tensor
 
     @classmethod
     def of(cls, detail: SkinDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
@@ -94,13 +88,19 @@ class DetailMaps(NamedTuple):
             device: of the table.
         """
         resolution = len(detail.fine.relief_mm)
-        fine = _channels(detail.fine, look, 1.0)
-        coarse = _channels(detail.coarse, look, len(detail.coarse.relief_mm) / resolution)
-        coarse[_SHADES] = [COARSE_TINT / TINT * shade for shade in coarse[_SHADES]]
-        columns = [_pyramid(*maps) for maps in zip(fine, coarse, _STEPS[:-1], strict=True)]
-        columns.append(_mask_pyramid(detail.nail, resolution))
-        offset = torch.as_tensor(detail.offset_mm, dtype=torch.float32) / torch.tensor([ATLAS_MM, ATLAS_MM, 1000.0])
-        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution, offset.to(device))
+        slopes = [
+            fine + _widened(coarse, resolution)
+            for fine, coarse in zip(
+                _slopes(detail.fine, look, 1.0),
+                _slopes(detail.coarse, look, len(detail.coarse.relief_mm) / resolution),
+                strict=True,
+            )
+        ]
+        columns = [_halvings(slope, SLOPE_STEP_MM) for slope in slopes]
+        for fine, coarse in zip(_shades(detail.fine, look), _shades(detail.coarse, look), strict=True):
+            columns.append(_pyramid(fine, COARSE_TINT / TINT * coarse, SHADE_STEP))
+        columns.append(_halvings(_widened(detail.nail, resolution), SHADE_STEP))
+        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
 
     @property
     def levels(self) -> list[tuple[int, int]]:
@@ -128,114 +128,93 @@ class DetailMaps(NamedTuple):
         return parts[0] + parts[1] + parts[2] + parts[3]
 
 
-class SeenSkin(NamedTuple):
-    """Where K pixels of a lit image see the mesh.
+class PixelSkin(NamedTuple):
+    """What a known skin tells of a lit image of P pixels, K of which see it in their centre.
 
     Attributes:
+        coverage: [P] share of each pixel that shows the hand.
         row: [K] of the pixels in the image.
-        face: [K].
-        barycentric: [K, 3].
-        depth: [K] m.
-    """
-
-    row: Tensor
-    face: Tensor
-    barycentric: Tensor
-    depth: Tensor
-
-
-class PixelDetail(NamedTuple):
-    """What the detail changes at K pixels of a lit image.
-
-    Attributes:
-        row: [K] of the pixels in the image.
-        slope: [K, 3] that is subtracted from unit normals, world.
+        normal: [K, 3] unit, world, with the detail.
         albedo: [K, 3] factor of colours.
         nail: [K] 1 on nails, 0 on skin.
     """
 
+    coverage: Tensor
     row: Tensor
-    slope: Tensor
+    normal: Tensor
     albedo: Tensor
     nail: Tensor
 
 
-def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]) -> LitImage:
-    """The image with the skin's detail.
+def detailed_image(
+    image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
+) -> LitImage:
+    """The image with the known skin.
 
     Args:
         image: of the hand, at full size.
-        hand: posed, in the image's view.
+        seen: what the image shows of the surface.
+        mesh: posed.
+        camera: of the image.
         maps: of the person.
-        flex: bend of the skin at the vertices (`SkinBend.flex`).
     """
-    return with_detail(image, pixel_detail(image.pixel, image.view, hand, maps, flex))
+    return with_skin(image, pixel_skin(image.pixel, image.view, seen, mesh, camera, maps))
 
 
-def pixel_detail(
-    pixel: Int[Tensor, " P"], view: Float[Tensor, "P 3"], hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]
-) -> PixelDetail:
-    """The detail that these pixels show, of which some see the mesh; `view` as in `LitImage`, others as there."""
-    seen = seen_skin(hand, pixel)
-    gradients = face_gradients(hand.mesh, hand.topology)[seen.face]
-    values = _detail_at(seen, maps, hand, gradients, view[seen.row])
-    flexed = _blend(flex[hand.topology.faces[seen.face]][..., None], seen.barycentric)
-    dorsal, palmar = FOLDS * (1 - FLATTENED * flexed).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flexed)
+def pixel_skin(
+    pixel: Int[Tensor, " P"],
+    view: Float[Tensor, "P 3"],
+    seen: SeenSurface,
+    mesh: FineMesh,
+    camera: CameraTensors,
+    maps: DetailMaps,
+) -> PixelSkin:
+    """What these pixels show; `view` as in `LitImage`, others as in `detailed_image`."""
+    row = (seen.face[pixel] >= 0).nonzero()[:, 0]
+    face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
+    corners, barycentric = mesh.faces[face], _barycentric(mesh, camera, face, pixel[row])
+    gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
+    footprint_m = depth / (camera.focal_px * mesh.scale * _face_cosine(gradients, view[row]))
+    values = maps.sample(_blend(mesh.corner_uv[face], barycentric), torch.log2(footprint_m / maps.texel_m))
+    flex = _blend(mesh.flex[corners][..., None], barycentric)
+    dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
+    bent = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
-    return PixelDetail(
-        row=seen.row,
-        slope=BUMP * 1e-3 * maps.resolution * hand.mesh.scale * (slopes[:, :, None] * gradients).sum(1),
+    return PixelSkin(
+        coverage=seen.coverage[pixel],
+        row=row,
+        normal=normalize(normalize(_blend(mesh.normals[corners], barycentric), dim=-1) - bent, dim=-1),
         albedo=torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO))),
         nail=values[:, -1],
     )
 
 
-def with_detail(image: LitImage, detail: PixelDetail) -> LitImage:
-    """The image with this detail, with gradients to its normals and coefficients."""
-    row = detail.row
-    bent = normalize(image.normal[row] - detail.slope, dim=-1)
-    coefficients = image.coefficients.clone()
-    coefficients[row, SCATTERED.start : DIFFUSE.stop] *= detail.albedo.repeat(1, 3)
-    nail = image.nail.index_put((row,), detail.nail)
-    of_nails = nail * image.coefficients[:, GLOSS.start + 1]
-    coefficients[:, GLOSS] += torch.stack([of_nails, -of_nails], 1)
-    return image._replace(normal=image.normal.index_put((row,), bent), coefficients=coefficients, nail=nail)
+def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
+    """The image with this skin, with gradients to its coefficients; normals beside the surface stay."""
+    row, before = skin.row, image.alpha.flatten()[image.pixel].clamp(MIN_ALPHA, 1)
+    coefficients = image.coefficients * (skin.coverage / before)[:, None]
+    gloss = coefficients[:, GLOSS.start + 1]
+    coefficients[row, SCATTERED.start : DIFFUSE.stop] *= skin.albedo.repeat(1, 3)
+    nail = image.nail.index_put((row,), skin.nail)
+    coefficients[:, GLOSS] += torch.stack([nail * gloss, -nail * gloss], 1)
+    alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
+    return image._replace(
+        normal=image.normal.index_put((row,), skin.normal),
+        coefficients=coefficients,
+        nail=nail,
+        alpha=alpha.reshape(image.alpha.shape),
+    )
 
 
-def _detail_at(
-    seen: SeenSkin, maps: DetailMaps, hand: HandInView, gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]
-) -> Float[Tensor, "K 10"]:
-    """What the maps hold at the places, without what is finer than a pixel there."""
-    uv = places_of_skin(_blend(hand.topology.corner_uv[seen.face], seen.barycentric), gradients, view, hand, maps)
-    footprint_m = seen.depth / (hand.camera.focal_px * hand.mesh.scale * _face_cosine(gradients, view))
-    return maps.sample(uv, torch.log2(footprint_m / maps.texel_m))
-
-
-def places_of_skin(
-    uv: Float[Tensor, "K 2"],
-    gradients: Float[Tensor, "K 2 3"],
-    view: Float[Tensor, "K 3"],
-    hand: HandInView,
-    maps: DetailMaps,
-) -> Float[Tensor, "K 2"]:
-    """Where in the atlas the skin is that is seen at places of the flat faces (parallax mapping, Kaneko et al. 2001).
-
-    Faces are chords of a round surface, which the skin's relief raises besides: up to a millimetre off.
-
-    Args:
-        uv: of the places.
-        gradients: of their faces (`face_gradients`).
-        view: unit, from the camera.
-        hand: posed.
-        maps: with the skin's offset.
-    """
-    per_height = (gradients * view[:, None]).sum(-1) * (hand.mesh.scale / _face_cosine(gradients, view))[:, None]
-    offset, there = maps.offset.permute(2, 0, 1)[None], uv
-    for _ in range(PLACE_STEPS):
-        off = grid_sample(offset, 2 * there[None, None] - 1, padding_mode="border", align_corners=False)[0, :, 0].T
-        there = uv - off[:, 2:] * per_height - off[:, :2]
-    return there
+def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:
+    """Gradients of the atlas coordinates u and v on faces, 1/m, world."""
+    (a, b, c), (uv_a, uv_b, uv_c) = corners.unbind(1), uv.unbind(1)
+    ab, ac = b - a, c - a
+    normal = torch.linalg.cross(ab, ac)
+    squared = (normal * normal).sum(-1, keepdim=True).clamp(min=_TINY**2)
+    along_ab, along_ac = torch.linalg.cross(ac, normal) / squared, torch.linalg.cross(normal, ab) / squared
+    return (uv_b - uv_a)[:, :, None] * along_ab[:, None] + (uv_c - uv_a)[:, :, None] * along_ac[:, None]
 
 
 def _face_cosine(gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]) -> Float[Tensor, " K"]:
@@ -244,60 +223,41 @@ def _face_cosine(gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]) 
     return (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
 
 
-def seen_skin(hand: HandInView, pixel: Int[Tensor, " P"]) -> SeenSkin:
-    """Which of the pixels see the mesh, and its nearest front faces there."""
-    (positions_px, depth), (width, height) = project(hand.camera, hand.mesh.vertices), hand.camera.size_px
-    found = rasterise(positions_px, depth, hand.topology.faces, hand.camera.size_px)
-    front = found.is_front.nonzero()[:, 0]
-    order = front[torch.argsort(found.depth[front], descending=True, stable=True)]
-    nearest = torch.full((width * height,), -1, device=pixel.device)
-    for_pixel = found.pixel[order]
-    last = torch.arange(len(order), device=pixel.device)
-    nearest = nearest.scatter_reduce(0, for_pixel, last, "amax")  # the nearest comes last
-    row = (nearest[pixel] >= 0).nonzero()[:, 0]
-    hit = order[nearest[pixel[row]]]
-    face = found.face[hit]
-    corners = hand.topology.faces[face]
-    centre = torch.stack([pixel[row] % width, pixel[row] // width], -1) + 0.5
-    return SeenSkin(row, face, _on_screen(positions_px[corners], depth[corners], centre), found.depth[hit])
+def _slopes(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
+    """[N, N] each: along u and along v of relief, folds and creases, mm a texel of the finest level.
 
-
-def face_gradients(mesh: PosedMesh, topology: Topology) -> Float[Tensor, "F 2 3"]:
-    """Gradients of the atlas coordinates u and v on the posed faces, 1/m, world."""
-    a, b, c = mesh.vertices[topology.faces].unbind(1)
-    ab, ac = b - a, c - a
-    normal = torch.linalg.cross(ab, ac)
-    squared = (normal * normal).sum(-1, keepdim=True).clamp(min=_TINY**2)
-    along_ab, along_ac = torch.linalg.cross(ac, normal) / squared, torch.linalg.cross(normal, ab) / squared
-    uv_a, uv_b, uv_c = topology.corner_uv.unbind(1)
-    return (uv_b - uv_a)[:, :, None] * along_ab[:, None] + (uv_c - uv_a)[:, :, None] * along_ac[:, None]
-
-
-def _channels(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
-    """[N, N] each: what the table holds of a person.
-
-    Slopes are in mm a texel of the finest level, whose width is `texels` of these.
+    That level's texel is as wide as `texels` of these.
     """
+    heights = maps.relief_mm, maps.dorsal * (DORSAL_MM * look.folds), maps.palmar * (PALMAR_MM * look.folds)
+    return [texels * slope for height in heights for slope in reversed(np.gradient(height))]
+
+
+def _shades(maps: SkinMaps, look: SkinLook) -> list[np.ndarray]:
+    """[N, N] each: pigment, folds, creases."""
     pigment = (1 - look.melanin) * maps.pigment_light + look.melanin * maps.pigment_deep
-    relief_mm = maps.relief_mm + look.veins_mm * maps.veins
-    heights = relief_mm, maps.dorsal * (DORSAL_MM * look.folds), maps.palmar * (PALMAR_MM * look.folds)
-    slopes = [texels * slope for height in heights for slope in reversed(np.gradient(height))]  # along u, along v
-    shades = [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
-    return [*slopes, *shades]
+    return [pigment, maps.dorsal * DORSAL_SHADE, maps.palmar * PALMAR_SHADE]
 
 
-def _mask_pyramid(mask: np.ndarray, resolution: int) -> Tensor:
-    """[T] int8: level after level of a coarse map from 0 to 1, finer levels by interpolation."""
-    coarse = torch.as_tensor(mask, dtype=torch.float32)[None, None]
-    fine = interpolate(coarse, size=(resolution, resolution), mode="bilinear")[0]
-    return torch.cat([(_halved(fine, level) / _STEPS[-1]).round().to(torch.int8).flatten() for level in range(_LEVELS)])
+def _widened(coarse: np.ndarray, resolution: int) -> np.ndarray:
+    """A map at the finest level's resolution, by interpolation."""
+    values = torch.as_tensor(np.ascontiguousarray(coarse), dtype=torch.float32)[None, None]
+    return interpolate(values, size=(resolution, resolution), mode="bilinear")[0, 0].numpy()
+
+
+def _halvings(fine: np.ndarray, step: float) -> Tensor:
+    """[T] int8: level after level of a map, as means over blocks."""
+    values = torch.as_tensor(np.ascontiguousarray(fine), dtype=torch.float32)[None]
+    return torch.cat([_in_steps(_halved(values, level), step) for level in range(_LEVELS)])
 
 
 def _pyramid(fine: np.ndarray, coarse: np.ndarray, step: float) -> Tensor:
     """[T] int8: level after level. One map at a time, for all together take half a gigabyte."""
     fine_map, coarse_map = (torch.as_tensor(np.ascontiguousarray(x), dtype=torch.float32)[None] for x in (fine, coarse))
-    levels = [(_level(fine_map, coarse_map, level) / step).round().clamp(-127, 127) for level in range(_LEVELS)]
-    return torch.cat([level.to(torch.int8).flatten() for level in levels])
+    return torch.cat([_in_steps(_level(fine_map, coarse_map, level), step) for level in range(_LEVELS)])
+
+
+def _in_steps(values: Tensor, step: float) -> Tensor:
+    return (values / step).round().clamp(-127, 127).to(torch.int8).flatten()
 
 
 def _level(fine: Float[Tensor, "1 N N"], coarse: Float[Tensor, "1 n n"], level: int) -> Float[Tensor, "1 m m"]:
@@ -324,10 +284,13 @@ def _blurred(maps: Float[Tensor, "C N N"], deviation: float) -> Float[Tensor, "C
     return conv2d(along_u, weight.reshape(1, 1, -1, 1), padding=(reach, 0))[:, 0]
 
 
-def _on_screen(
-    corners: Float[Tensor, "K 3 2"], depth: Float[Tensor, "K 3"], centre: Float[Tensor, "K 2"]
+def _barycentric(
+    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
 ) -> Float[Tensor, "K 3"]:
-    """Barycentric coordinates, in space, of the points of triangles that are seen at places on the screen."""
+    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres."""
+    corners, depth = (values[mesh.faces[face]] for values in project(camera, mesh.vertices))
+    width = camera.size_px[0]
+    centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
     a, b, c = corners.unbind(1)
     of_corners = torch.stack([_cross(c - b, centre - b), _cross(a - c, centre - c), _cross(b - a, centre - a)], -1)
     weights = of_corners / depth

@@ -19,6 +19,7 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
+from ..nerf.fine_mesh import FineMesh
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
@@ -34,7 +35,7 @@ from ..nerf.lit_rays import (
 )
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
-from ..nerf.relighting import LitImage, at_full_size
+from ..nerf.relighting import LitImage, at_full_size, doubled
 from ..nerf.skin_detail import DetailMaps
 from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
@@ -45,11 +46,11 @@ from .decode import linear_frame
 from .measured_light import measured_at, without_noise
 
 
-class PosedDetail(NamedTuple):
-    """The detail of a person's skin in a pose: the maps, and the bend of the skin at the vertices [V]."""
+class PosedSkin(NamedTuple):
+    """A person's known skin in a pose: the maps of its detail, and its surface."""
 
     maps: DetailMaps
-    flex: Tensor
+    mesh: FineMesh
 
 
 @dataclass(frozen=True)
@@ -133,10 +134,10 @@ def render_lit_hand(
     backend: RenderBackend,
     decoder: Decoder,
     albedo: Float[Tensor, "P 3"],
-    detail: PosedDetail | None,
+    known: PosedSkin | None,
     on_stage: OnStage,
 ) -> LitHand:
-    """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`."""
+    """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`; `known`, if it is."""
     device = rays.t.device
     on_stage("light")
     directions = ray_directions(hand.camera, rays.pixel)
@@ -151,9 +152,14 @@ def render_lit_hand(
     on_stage("field")
     low = field.decode(rays.composite, view, open_to, decoder, backend.decoder_inputs)
     on_stage("superres")
-    skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
-    image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
-    if detail is not None:
-        image = backend.detailed_image(image, at_full_size(hand), *detail)
+    if known is None:
+        skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
+        image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
+    else:
+        full = doubled(hand.camera)
+        seen = backend.seen_surface(known.mesh, full)
+        at_pixels = skin._replace(depth=seen.depth)
+        image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
+        image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
     profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile, albedo)

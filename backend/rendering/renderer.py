@@ -18,9 +18,9 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry.mesh import Topology, posed_mesh
+from ..hand.lbs import skin_motion
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
-from ..hand.skin_detail import SkinBend
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
@@ -28,10 +28,10 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
+from ..nerf.fine_mesh import FineTemplate, motion_of_mesh
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
-from ..nerf.skin_detail import DetailMaps
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
@@ -41,11 +41,12 @@ from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import torch_device
-from .lit_hand import LitHand, PosedDetail, render_lit_hand
+from .known_skin import KnownSkin, skin_of
+from .lit_hand import LitHand, PosedSkin, render_lit_hand
 from .rough_light import baked_light, roughly_relit
-from .skin_detail import detail_of
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
+_ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
 Network = TypeVar("Network", bound=nn.Module)
 
 
@@ -64,7 +65,7 @@ class Renderer:
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
         has_rough_light: whether an avatar with baked light is relit roughly, if its own light is known (`rough_light`).
-        has_skin_detail: whether the fine detail of the skin is added, where it is known (`skin_detail`).
+        has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`known_skin`).
 
     Raises:
         LiveHandError: the avatar belongs to another hand model, or the device is not available.
@@ -198,18 +199,33 @@ class Renderer:
         on_stage: OnStage,
         check: Callable[[], None],
     ) -> LitHand:
-        backend, superres, detail = self._backend, _asking(self._superres, check), None
-        if self._detail is not None:
-            maps, bend = self._detail
-            detail = PosedDetail(maps, self._tensor(bend.flex(self._canonical_theta(shot.pose))))
+        backend, superres = self._backend, _asking(self._superres, check)
+        skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
         return render_lit_hand(
-            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, detail, on_stage
+            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, skin, on_stage
         )
 
+    def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
+        pose, mesh = shot.pose, hand.mesh
+        motion = skin_motion(self.hand, pose, self.torch_device)
+        if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
+            motion = motion_of_mesh(self.hand.for_side(pose.side), mesh, hand.topology.frames)
+        theta, forearm = self._canonical_theta(pose), self._canonical(pose.forearm, pose.side)
+        template, posed = self._fine_templates[pose.side], self._backend.fine_mesh
+        return PosedSkin(skin.maps, skin.mesh(template, motion, theta, forearm, mesh.scale, posed))
+
     @cached_property
-    def _detail(self) -> tuple[DetailMaps, SkinBend] | None:
-        """The fine detail of the avatar's skin, where it is known."""
-        return detail_of(self.avatar, self.torch_device) if self.has_skin_detail else None
+    def _skin(self) -> KnownSkin | None:
+        """The avatar's skin, where it is known."""
+        return skin_of(self.avatar, self.torch_device) if self.has_skin_detail else None
+
+    @cached_property
+    def _fine_templates(self) -> dict[Side, FineTemplate]:
+        """Of both sides, if the skin is known."""
+        if self._skin is None:
+            return {}
+        surface, sides = self._skin.surface, self._topologies
+        return {side: FineTemplate.of(surface, self.hand.for_side(side), self.torch_device) for side in sides}
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""
@@ -258,7 +274,10 @@ class Renderer:
 
     def _canonical_theta(self, pose: HandPose) -> np.ndarray:
         """The pose mirrored to the avatar's own side."""
-        return pose.theta if pose.side == self.hand.side else pose.theta * MIRROR_AXIS_ANGLE
+        return self._canonical(pose.theta, pose.side)
+
+    def _canonical(self, axis_angle: np.ndarray, side: Side) -> np.ndarray:
+        return axis_angle if side == self.hand.side else axis_angle * MIRROR_AXIS_ANGLE
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.torch_device)

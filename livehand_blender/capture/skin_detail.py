@@ -18,7 +18,6 @@ import numpy as np
 from ...backend.captures.person import PERSONS, Person
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
-from ...backend.hand.builtin.surface_offsets import surface_offsets
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import WITH_ARM, load_default_hand
 from ...backend.hand.skin_detail import (
@@ -26,7 +25,6 @@ from ...backend.hand.skin_detail import (
     COARSEST_MM,
     FOLD_STEP,
     NAIL_STEP,
-    OFFSET_STEP_MM,
     PIGMENT_STEP,
     RELIEF_STEP_MM,
     WIDEST_MM,
@@ -45,11 +43,9 @@ _STEPS = {
     "relief": RELIEF_STEP_MM,
     "dorsal": FOLD_STEP,
     "palmar": FOLD_STEP,
-    "veins": FOLD_STEP,
     "pigment_light": PIGMENT_STEP,
     "pigment_deep": PIGMENT_STEP,
 }
-_MASKS = ("vein", "nailrim")
 NAIL_RIM = (0.97, 0.90)
 """Of the mask `nailrim`: where nails begin to shine, and where they do; the slopes of their rims would glitter."""
 COARSER = 4
@@ -100,15 +96,10 @@ def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
     return _blocks(np.where(is_skin, inside * inside * (3 - 2 * inside), 0))
 
 
-def offset_steps(model: HandModel, surface: DetailedSurface) -> np.ndarray:
-    """[M, M, 3] int8: where a mean person's skin lies beside the mesh."""
-    return _steps(surface_offsets(model, surface, ATLAS_MM, Person.veins_mm), OFFSET_STEP_MM)
-
-
 def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """[N, N] each, in the units of `SkinMaps`."""
     pigments = (np.log(np.maximum(maps["albedo"], _LEAST_ALBEDO)).mean(-1) for maps in (light, deep))
-    return dict(zip(_STEPS, (*np.moveaxis(light["height"], -1, 0), light["vein"][..., 0], *pigments), strict=True))
+    return dict(zip(_STEPS, (*np.moveaxis(light["height"], -1, 0), *pigments), strict=True))
 
 
 def _blocks(values: np.ndarray) -> np.ndarray:
@@ -129,10 +120,9 @@ def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[st
     surface = SkinSurface.create(model, detail, person.veins_mm)
     with tempfile.TemporaryDirectory() as folder:
         paths = bake_skin(surface.object, Path(folder), SkinTone.of(person))
-        for mask in _MASKS:
-            paths[mask] = Path(folder) / f"{mask}.exr"
-            bake_mask(surface.object, mask, paths[mask])
-        maps = {name: _read(paths[name]) for name in ("albedo", "height", *_MASKS)}
+        paths["nailrim"] = Path(folder) / "nailrim.exr"
+        bake_mask(surface.object, "nailrim", paths["nailrim"])
+        maps = {name: _read(paths[name]) for name in ("albedo", "height", "nailrim")}
     bpy.data.objects.remove(surface.object)
     return maps
 
@@ -156,7 +146,6 @@ def main() -> None:
     capture_scene(None)
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
-    coarse["offset"] = offset_steps(model, surface)
     write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
     write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
 

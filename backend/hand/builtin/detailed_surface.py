@@ -15,12 +15,13 @@ import numpy as np
 from ...records.errors import LiveHandError
 from ..gestures import FingerAxes
 from ..model import HandModel
+from ..raised_skin import PoseForm, RaisedSkin
 from .dependencies import needs
 from .forearm import FOREARM_MM, STUMP_MM
 from .frames import build_to_template, swap_distal, template_to_build
 from .loop import neighbour_mean, subdivide
 from .meshes import vertex_normals
-from .pose_forms import PoseForm, pose_forms
+from .pose_forms import pose_forms
 from .projection import project_to_surface
 from .rays import build_rays
 from .sdf import signed_distance
@@ -31,8 +32,6 @@ with needs("scipy"):
 
 _ON_SURFACE = 0.1  # mm: largest median distance of the built-in template's vertices from the surface
 _RELAXATIONS = 4
-_CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
-_KNUCKLES = [1, 4, 7, 10]
 
 
 @dataclass(frozen=True)
@@ -64,19 +63,17 @@ class DetailedSurface:
     normals: np.ndarray
     forms: tuple[PoseForm, ...]
 
+    @property
+    def raised(self) -> RaisedSkin:
+        """Veins and forms of the pose."""
+        return RaisedSkin(self.forms, self.masks["vein"], self.flex_axis)
+
     def relief_m(self, theta: np.ndarray, veins_mm: float = 0.0, forearm: np.ndarray | None = None) -> np.ndarray:
         """[N, 3] offsets at rest, m, of what the pose theta [16, 3] rad raises, and of veins of this height.
 
-        Veins are a quarter lower in a flat hand and a quarter higher in a clenched one. `forearm` as in `HandPose`.
+        `forearm` as in `HandPose`.
         """
-        flexion_deg = np.rad2deg((theta * self.flex_axis).sum(1))
-        if forearm is not None:
-            flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
-        clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
-        height_mm = veins_mm * (0.75 + 0.5 * clenched) * self.masks["vein"]
-        for form in self.forms:
-            height_mm = height_mm + form.share(float(flexion_deg[form.joint])) * form.height_mm
-        return 1e-3 * height_mm[:, None] * self.normals
+        return 1e-3 * self.raised.height_mm(theta, veins_mm, forearm)[:, None] * self.normals
 
 
 def detailed_surface(model: HandModel, levels: int = 3) -> DetailedSurface:

@@ -9,33 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gestures import Degrees
+from ..raised_skin import PoseForm
 from .anatomy import DIGITS, FINGER_THICKNESS
 from .rays import Ray, RayCoordinates, Section
 from .smooth import bump, smoothstep
 
 _REACH_MM = 5.0  # from a digit's own surface, over which its forms end
-
-
-@dataclass(frozen=True)
-class PoseForm:
-    """A form of one joint.
-
-    Attributes:
-        joint: in 0..15; 0 is the wrist, bent by the forearm.
-        start_deg: flexion from the rest pose at which it begins to show; negative where extension raises it.
-        full_deg: flexion at which it has its full height.
-        height_mm: [N] along the vertex normals.
-    """
-
-    joint: int
-    start_deg: Degrees
-    full_deg: Degrees
-    height_mm: np.ndarray
-
-    def share(self, flexion_deg: Degrees) -> float:
-        """In [0, 1], of the full height."""
-        return float(smoothstep(np.array([flexion_deg]), self.start_deg, self.full_deg)[0])
 
 
 @dataclass(frozen=True)

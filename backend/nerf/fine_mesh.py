@@ -1,0 +1,205 @@
+"""The fine surface of a known hand (`hand.fine_surface`), posed after the template's mesh, and what a view shows of it.
+
+It tells what the field's planes do not resolve and its mesh does not know: the normals of knuckles, tendons and veins
+that a pose raises, and the exact outline.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import conv2d
+
+from ..geometry.local_rotation import LocalFrames, local_rotations
+from ..geometry.loop import LoopStep, loop_step, split_corners
+from ..geometry.mesh import PosedMesh, vertex_normals
+from ..geometry.rasterise import rasterise
+from ..hand.fine_surface import LEVELS, FineSurface
+from ..hand.lbs import SkinMotion
+from ..hand.model import MIRROR_POINT, HandModel
+from .rays import CameraTensors, project
+
+SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
+"""Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
+and of its height has one."""
+SPREAD = (0.0447, 0.9106, 0.0447)
+"""What a pixel and its neighbours along a row or column tell of its coverage: with the pixel's own square as wide as the
+filter of Cycles, Blackman-Harris of 1.5 pixels, by their variance."""
+
+
+class FinerField(NamedTuple):
+    """One level of subdivision, as it makes a field of N vertices out of one of V.
+
+    Attributes:
+        row: [K] in N, ascending.
+        column: [K] in V.
+        weight: [K]; those of a row sum to 1.
+        start: [N + 1] of each row's entries.
+    """
+
+    row: Tensor
+    column: Tensor
+    weight: Tensor
+    start: Tensor
+
+    @classmethod
+    def of(cls, step: LoopStep) -> FinerField:
+        """The weights of a level."""
+        order = np.lexsort((step.column, step.row))
+        row, start = step.row[order], np.searchsorted(step.row[order], np.arange(step.vertex_count + 1))
+        indices = (torch.as_tensor(each) for each in (row, step.column[order]))
+        return cls(*indices, torch.as_tensor(step.value[order], dtype=torch.float32), torch.as_tensor(start))
+
+    def __call__(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "N C"]:
+        """The field at the finer vertices."""
+        finer = values.new_zeros(len(self.start) - 1, values.shape[1])
+        return finer.index_add(0, self.row, self.weight[:, None] * values[self.column])
+
+
+class FineTemplate(NamedTuple):
+    """What all poses of a fine surface share: N vertices, M faces.
+
+    Attributes:
+        levels: of Loop's subdivision, from the V vertices of the template to the N.
+        faces: [M, 3].
+        corner_uv: [M, 3, 2].
+        offset_m: [N, 3] from there to the surface at rest.
+        normals: [N, 3] unit, at rest; heights lie along them.
+    """
+
+    levels: tuple[FinerField, ...]
+    faces: Tensor
+    corner_uv: Tensor
+    offset_m: Tensor
+    normals: Tensor
+
+    @classmethod
+    def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
+        """The template of a hand of either side; the surface is that of the right hand."""
+        faces, corner_uv, levels = model.f, model.vt[model.ft], []
+        rest = torch.as_tensor(model.v_template, dtype=torch.float32)
+        for _ in range(LEVELS):
+            step = loop_step(faces, len(rest))
+            levels.append(FinerField.of(step))
+            faces, rest, corner_uv = step.faces, levels[-1](rest), split_corners(corner_uv)
+        mirror = MIRROR_POINT if model.side == "left" else np.ones(3)
+        offset = torch.as_tensor(surface.offset_m * mirror, dtype=torch.float32)
+        indices, uv = torch.as_tensor(faces), torch.as_tensor(corner_uv, dtype=torch.float32)
+        tensors = (indices, uv, offset, vertex_normals(rest + offset, indices))
+        on_device = (tensor.to(device) for tensor in tensors)
+        return cls(tuple(FinerField(*(tensor.to(device) for tensor in level)) for level in levels), *on_device)
+
+
+class FineMesh(NamedTuple):
+    """A fine surface in one pose.
+
+    Attributes:
+        vertices: [N, 3] m, world.
+        normals: [N, 3] unit, outward.
+        faces: [M, 3].
+        corner_uv: [M, 3, 2].
+        flex: [N] bend of the skin (`SkinBend.flex`).
+        scale: [] against the template.
+    """
+
+    vertices: Tensor
+    normals: Tensor
+    faces: Tensor
+    corner_uv: Tensor
+    flex: Tensor
+    scale: Tensor
+
+
+class SeenSurface(NamedTuple):
+    """What the P pixels of an image show of a surface.
+
+    Attributes:
+        face: [P] the nearest front face at the pixel's centre, -1 for none.
+        depth: [P] of it, m; infinite where there is none.
+        coverage: [P] share of the pixel that the surface covers, as Cycles' filter has it.
+    """
+
+    face: Tensor
+    depth: Tensor
+    coverage: Tensor
+
+
+def fine_mesh(
+    template: FineTemplate,
+    motion: SkinMotion,
+    height_m: Float[Tensor, " N"],
+    flex: Float[Tensor, " V"],
+    scale: Float[Tensor, ""],
+) -> FineMesh:
+    """The surface over a posed mesh.
+
+    Linear blend skinning of the finer vertices: a finer vertex's weights, and so its transform, are means of those of
+    the mesh's vertices as its place is.
+
+    Args:
+        template: of the mesh's side.
+        motion: of the mesh.
+        height_m: what rises on the surface (`RaisedSkin.height_mm`), template metres.
+        flex: bend of the skin at the mesh's vertices.
+        scale: of the mesh against the template.
+    """
+    values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1)
+    for level in template.levels:
+        values = level(values)
+    rest = values[:, :3] + template.offset_m + height_m[:, None] * template.normals
+    transforms = values[:, 3:15].reshape(-1, 3, 4)
+    vertices = (transforms[..., :3] * rest[:, None]).sum(-1) + transforms[..., 3]
+    normals = vertex_normals(vertices, template.faces)
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale)
+
+
+def motion_of_mesh(model: HandModel, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
+    """How a mesh has moved whose pose is not all that moved it: by the rotation of the surface about each vertex.
+
+    Args:
+        model: of the mesh's side.
+        mesh: sculpted, scaled or of a retargeted rig.
+        frames: of the template.
+    """
+    device, mirror = mesh.vertices.device, MIRROR_POINT if model.side == "left" else np.ones(3)
+    rest = torch.as_tensor(model.v_template, dtype=torch.float32, device=device)
+    canonical = local_rotations(mesh.vertices, mesh.normals, frames)
+    turned = mesh.scale * canonical * torch.as_tensor(mirror, dtype=torch.float32, device=device)
+    return SkinMotion(rest, torch.cat([turned, (mesh.vertices[..., None] - turned @ rest[..., None])], -1))
+
+
+def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+    """What the camera's pixels show of the mesh."""
+    (positions_px, depth), (width, height) = project(camera, mesh.vertices), camera.size_px
+    found = rasterise(positions_px, depth, mesh.faces, camera.size_px)
+    front = found.is_front.nonzero()[:, 0]
+    order = front[torch.argsort(found.depth[front], descending=True, stable=True)]  # the nearest comes last
+    last = torch.arange(len(order), device=order.device)
+    nearest = torch.full((width * height,), -1, device=order.device)
+    nearest = nearest.scatter_reduce(0, found.pixel[order], last, "amax")
+    is_seen = nearest >= 0
+    hit = order[nearest.clamp(min=0)] if len(order) else nearest
+    face = torch.where(is_seen, found.face[hit], -1) if len(order) else nearest
+    depth_at = torch.where(is_seen, found.depth[hit], torch.inf) if len(order) else depth.new_full(face.shape, torch.inf)
+    covered = torch.zeros(width * height, device=depth.device)
+    for x, y in SAMPLES:
+        moved = positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y])
+        at_sample = rasterise(moved, depth, mesh.faces, camera.size_px)
+        covered[at_sample.pixel[at_sample.is_front].unique()] += 1 / len(SAMPLES)
+    inside = is_seen.float().reshape(1, 1, height, width)
+    within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
+    around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
+    on_outline = (within != around).flatten()
+    return SeenSurface(face, depth_at, spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px))
+
+
+def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:
+    """The coverage of pixels' squares as Cycles' filter would have it; the image's rim goes on beyond it."""
+    width, height = size_px
+    kernel = coverage.new_tensor(SPREAD)
+    image = torch.nn.functional.pad(coverage.reshape(1, 1, height, width), (1, 1, 1, 1), mode="replicate")
+    return conv2d(conv2d(image, kernel.reshape(1, 1, 1, 3)), kernel.reshape(1, 1, 3, 1)).flatten()

@@ -1,0 +1,91 @@
+"""Whose skin an avatar shows: that of people whom `livehand capture` made is known, its fine surface and its detail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..hand.fine_surface import FineSurface, load_fine_surface
+from ..hand.lbs import SkinMotion
+from ..hand.skin_detail import SkinBend, load_skin_detail
+from ..nerf.avatar import Avatar
+from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh
+from ..nerf.skin_detail import DetailMaps, SkinLook
+
+PosedFinely = Callable[[FineTemplate, SkinMotion, Tensor, Tensor, Tensor], FineMesh]
+
+
+@dataclass(frozen=True)
+class KnownSkin:
+    """A person's skin.
+
+    Attributes:
+        maps: its detail.
+        bend: how poses bend it.
+        surface: on which it lies.
+        veins_mm: height of veins.
+    """
+
+    maps: DetailMaps
+    bend: SkinBend
+    surface: FineSurface
+    veins_mm: float
+
+    def mesh(
+        self,
+        template: FineTemplate,
+        motion: SkinMotion,
+        theta: np.ndarray,
+        forearm: np.ndarray,
+        scale: Tensor,
+        posed: PosedFinely = fine_mesh,
+    ) -> FineMesh:
+        """The surface over a posed mesh.
+
+        Args:
+            template: of the mesh's side.
+            motion: of the mesh.
+            theta: [16, 3] pose of the right hand, or of its mirror image, rad.
+            forearm: [3] as in `HandPose`, of the same.
+            scale: [] of the mesh against the template.
+            posed: as `nerf.fine_mesh.fine_mesh`.
+        """
+        height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
+        values = (height_m, self.bend.flex(theta))
+        tensors = (torch.as_tensor(each, dtype=torch.float32, device=scale.device) for each in values)
+        return posed(template, motion, *tensors, scale)
+
+
+def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:
+    """The skin that the avatar was trained on; None: its capture showed another than the built-in one."""
+    return skin_of_capture(avatar.provenance.get("capture"), avatar.hand_sha256, device)
+
+
+def skin_of_capture(provenance: Any, hand_sha256: str, device: torch.device) -> KnownSkin | None:
+    """The same, by a capture's provenance and hand."""
+    person = _person(provenance)
+    if person is None:
+        return None
+    detail, surface = load_skin_detail(hand_sha256), load_fine_surface(hand_sha256)
+    if detail is None or surface is None:
+        return None
+    return KnownSkin(DetailMaps.of(detail, person, device), detail.bend, surface, person.veins_mm)
+
+
+def _person(capture: Any) -> SkinLook | None:
+    """The person in a capture of the built-in skin, by its provenance."""
+    if not isinstance(capture, dict) or capture.get("made_by") != "livehand capture" or "look_sha256" in capture:
+        return None
+    plan = capture.get("plan")
+    person = plan.get("person") if isinstance(plan, dict) else None
+    if not isinstance(person, dict) or person.get("nail_polish") is not None:
+        return None
+    numbers = [person.get(name) for name in SkinLook._fields]
+    known = [float(value) for value in numbers if isinstance(value, int | float) and math.isfinite(value)]
+    return SkinLook(*known) if len(known) == len(numbers) else None
