@@ -18,6 +18,7 @@ from ..nerf.reference import ChunkedRayRenderer
 from ..nerf.relighting import lit_image
 from ..nerf.sampler import SamplerConfig
 from .decoder import decoder, decoder_inputs
+from .fine_mesh import fine_mesh, seen_surface
 from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
@@ -27,8 +28,7 @@ from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
 from .shell import first_hit
-from ..nerf.skin_detail import detailed_image
-from ..nerf.fine_mesh import fine_mesh, seen_surface
+from .skin_detail import detailed_image
 from .superres import superres
 from .surface_means import surface_means
 from .trace import trace

@@ -1,14 +1,14 @@
-"""The skin's detail on the CPU: as `nerf.skin_detail`, by the kernels."""
+"""A known skin on the CPU: as `nerf.skin_detail`, by the kernel."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from ..nerf.rays import HandInView, project
-from ..nerf.relighting import LitImage
+from ..nerf.fine_mesh import FineMesh, SeenSurface
+from ..nerf.rays import CameraTensors, ray_origin
+from ..nerf.relighting import MIN_ALPHA, LitImage
 from ..nerf.skin_detail import (
     BUMP,
     DEEPENED_BY,
@@ -21,44 +21,28 @@ from ..nerf.skin_detail import (
     SLOPE_STEP_MM,
     TINT,
     DetailMaps,
-    face_gradients,
 )
+from .arrays import as_arrays
 from .kernels.compiled import in_parallel
-from .kernels.detail import add_detail
-from .kernels.raster import nearest_faces
-from .kernels.records import (
-    DetailConstants,
-    DetailedArrays,
-    DetailedSkin,
-    DetailTable,
-    ProjectedMesh,
-    SeenFaces,
-)
+from .kernels.detail import add_skin
+from .kernels.records import DetailConstants, DetailedArrays, DetailTable, PosedSurface, SeenFaces
 
 
-def detailed_image(image: LitImage, hand: HandInView, maps: DetailMaps, flex: Float[Tensor, " V"]) -> LitImage:
-    """The image with the skin's detail."""
-    mesh, topology, camera = hand
-    positions_px, depth = (values.contiguous().numpy() for values in project(camera, mesh.vertices))
-    projected, (width, height) = ProjectedMesh(positions_px, depth, topology.faces.numpy()), camera.size_px
-    seen = SeenFaces(np.full(width * height, -1, np.int32), np.full(width * height, np.inf, np.float32), width)
-    threads = torch.get_num_threads()
+def detailed_image(
+    image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
+) -> LitImage:
+    """The image with the known skin."""
+    surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
+    faces = SeenFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
+    table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
+    names = ("coefficients", "normal", "nail", "alpha")
+    changed = image._replace(**{name: _copy(getattr(image, name)) for name in names})
+    taken = (changed.pixel, changed.view, changed.coefficients, changed.normal, changed.nail, changed.alpha.flatten())
+    arrays, constants = DetailedArrays(*as_arrays(*taken)), _constants(mesh, camera, maps)
     in_parallel(
-        lambda first, last: nearest_faces(projected, width, first, last, seen.depth, seen.face), height, threads
-    )
-    gradients = face_gradients(mesh, topology).numpy()
-    skin = DetailedSkin(topology.corner_uv.numpy(), gradients, flex.contiguous().numpy())
-    first_rows = np.array([first for first, _ in maps.levels])
-    table = DetailTable(maps.table.numpy(), first_rows, maps.resolution, maps.offset.numpy())
-    copies = (_copy(values) for values in (image.coefficients, image.normal, image.nail))
-    changed = image._replace(**dict(zip(("coefficients", "normal", "nail"), copies, strict=True)))
-    seen_by_kernel = (changed.pixel, changed.coefficients, changed.normal, changed.view, changed.nail)
-    arrays = DetailedArrays(*(values.contiguous().numpy() for values in seen_by_kernel))
-    constants = _constants(hand, maps)
-    in_parallel(
-        lambda first, last: add_detail(seen, projected, skin, table, constants, first, last, arrays),
+        lambda first, last: add_skin(faces, surface, table, constants, first, last, arrays),
         len(image.pixel),
-        threads,
+        torch.get_num_threads(),
     )
     return changed
 
@@ -67,10 +51,10 @@ def _copy(values: Tensor) -> Tensor:
     return values.clone(memory_format=torch.contiguous_format)
 
 
-def _constants(hand: HandInView, maps: DetailMaps) -> DetailConstants:
-    mesh, camera = hand.mesh, hand.camera
-    texels = 1 / (float(camera.focal_px) * float(mesh.scale) * maps.texel_m)
-    bump = -BUMP * 1e-3 * maps.resolution * float(mesh.scale) * SLOPE_STEP_MM
+def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> DetailConstants:
+    scale = float(mesh.scale)
+    texels = 1 / (float(camera.focal_px) * scale * maps.texel_m)
+    bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
-    numbers = texels, LEAST_COSINE, float(mesh.scale), *folds, bump, TINT * SHADE_STEP, SHADE_STEP
+    numbers = MIN_ALPHA, texels, LEAST_COSINE, *folds, bump, TINT * SHADE_STEP, SHADE_STEP
     return DetailConstants._make((*(np.float32(value) for value in numbers), np.array(FOLD_LOG_ALBEDO, np.float32)))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import conv2d
 
@@ -27,8 +27,8 @@ SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in
 """Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
 and of its height has one."""
 SPREAD = (0.0447, 0.9106, 0.0447)
-"""What a pixel and its neighbours along a row or column tell of its coverage: with the pixel's own square as wide as the
-filter of Cycles, Blackman-Harris of 1.5 pixels, by their variance."""
+"""Weights of a pixel and of its neighbours along a row or column in its coverage: with the pixel's own square they are as
+wide as the filter of Cycles, Blackman-Harris of 1.5 pixels, by their variance."""
 
 
 class FinerField(NamedTuple):
@@ -67,6 +67,7 @@ class FineTemplate(NamedTuple):
         levels: of Loop's subdivision, from the V vertices of the template to the N.
         faces: [M, 3].
         corner_uv: [M, 3, 2].
+        around: [N + 1] where each vertex's faces begin among these, and [3 M] the faces around all vertices.
         offset_m: [N, 3] from there to the surface at rest.
         normals: [N, 3] unit, at rest; heights lie along them.
     """
@@ -74,6 +75,7 @@ class FineTemplate(NamedTuple):
     levels: tuple[FinerField, ...]
     faces: Tensor
     corner_uv: Tensor
+    around: tuple[Tensor, Tensor]
     offset_m: Tensor
     normals: Tensor
 
@@ -89,9 +91,15 @@ class FineTemplate(NamedTuple):
         mirror = MIRROR_POINT if model.side == "left" else np.ones(3)
         offset = torch.as_tensor(surface.offset_m * mirror, dtype=torch.float32)
         indices, uv = torch.as_tensor(faces), torch.as_tensor(corner_uv, dtype=torch.float32)
-        tensors = (indices, uv, offset, vertex_normals(rest + offset, indices))
-        on_device = (tensor.to(device) for tensor in tensors)
-        return cls(tuple(FinerField(*(tensor.to(device) for tensor in level)) for level in levels), *on_device)
+        normals = vertex_normals(rest + offset, indices)
+        return cls(
+            levels=tuple(FinerField(*(tensor.to(device) for tensor in level)) for level in levels),
+            faces=indices.to(device),
+            corner_uv=uv.to(device),
+            around=_faces_around(indices.to(device), len(rest)),
+            offset_m=offset.to(device),
+            normals=normals.to(device),
+        )
 
 
 class FineMesh(NamedTuple):
@@ -184,7 +192,9 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
     is_seen = nearest >= 0
     hit = order[nearest.clamp(min=0)] if len(order) else nearest
     face = torch.where(is_seen, found.face[hit], -1) if len(order) else nearest
-    depth_at = torch.where(is_seen, found.depth[hit], torch.inf) if len(order) else depth.new_full(face.shape, torch.inf)
+    depth_at = (
+        torch.where(is_seen, found.depth[hit], torch.inf) if len(order) else depth.new_full(face.shape, torch.inf)
+    )
     covered = torch.zeros(width * height, device=depth.device)
     for x, y in SAMPLES:
         moved = positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y])
@@ -203,3 +213,11 @@ def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Ten
     kernel = coverage.new_tensor(SPREAD)
     image = torch.nn.functional.pad(coverage.reshape(1, 1, height, width), (1, 1, 1, 1), mode="replicate")
     return conv2d(conv2d(image, kernel.reshape(1, 1, 1, 3)), kernel.reshape(1, 1, 3, 1)).flatten()
+
+
+def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor]:
+    """As `FineTemplate.around`."""
+    corners = faces.flatten()
+    start = torch.zeros(count + 1, dtype=torch.long, device=faces.device)
+    start[1:] = torch.cumsum(torch.bincount(corners, minlength=count), 0)
+    return start, torch.argsort(corners, stable=True) // 3

@@ -7,18 +7,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from ..geometry.local_rotation import LocalFrames
+from ..geometry.mesh import PosedMesh
 from ..hand.fine_surface import FineSurface, load_fine_surface
-from ..hand.lbs import SkinMotion
+from ..hand.lbs import SkinMotion, skin_motion
+from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
-from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh
+from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh, motion_of_mesh
 from ..nerf.skin_detail import DetailMaps, SkinLook
+from ..records.shot import HandPose
 
 PosedFinely = Callable[[FineTemplate, SkinMotion, Tensor, Tensor, Tensor], FineMesh]
+_ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
 
 
 @dataclass(frozen=True)
@@ -37,29 +41,35 @@ class KnownSkin:
     surface: FineSurface
     veins_mm: float
 
-    def mesh(
+    def posed(
         self,
         template: FineTemplate,
-        motion: SkinMotion,
-        theta: np.ndarray,
-        forearm: np.ndarray,
-        scale: Tensor,
-        posed: PosedFinely = fine_mesh,
+        model: HandModel,
+        pose: HandPose,
+        mesh: PosedMesh,
+        frames: LocalFrames,
+        finely: PosedFinely = fine_mesh,
     ) -> FineMesh:
         """The surface over a posed mesh.
 
         Args:
-            template: of the mesh's side.
-            motion: of the mesh.
-            theta: [16, 3] pose of the right hand, or of its mirror image, rad.
-            forearm: [3] as in `HandPose`, of the same.
-            scale: [] of the mesh against the template.
-            posed: as `nerf.fine_mesh.fine_mesh`.
+            template: of the pose's side.
+            model: the built-in hand, of the right side.
+            pose: of the mesh.
+            mesh: that of the pose; or sculpted, scaled or of a retargeted rig.
+            frames: of the template of the pose's side.
+            finely: as `nerf.fine_mesh.fine_mesh`.
         """
+        device = mesh.vertices.device
+        motion = skin_motion(model, pose, device)
+        if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
+            motion = motion_of_mesh(model.for_side(pose.side), mesh, frames)
+        mirror = 1 if pose.side == model.side else MIRROR_AXIS_ANGLE
+        theta, forearm = pose.theta * mirror, pose.forearm * mirror
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
         values = (height_m, self.bend.flex(theta))
-        tensors = (torch.as_tensor(each, dtype=torch.float32, device=scale.device) for each in values)
-        return posed(template, motion, *tensors, scale)
+        tensors = (torch.as_tensor(each, dtype=torch.float32, device=device) for each in values)
+        return finely(template, motion, *tensors, mesh.scale)
 
 
 def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:

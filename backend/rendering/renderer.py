@@ -18,7 +18,6 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry.mesh import Topology, posed_mesh
-from ..hand.lbs import skin_motion
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
@@ -28,7 +27,7 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
-from ..nerf.fine_mesh import FineTemplate, motion_of_mesh
+from ..nerf.fine_mesh import FineTemplate
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
@@ -46,7 +45,6 @@ from .lit_hand import LitHand, PosedSkin, render_lit_hand
 from .rough_light import baked_light, roughly_relit
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
-_ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
 Network = TypeVar("Network", bound=nn.Module)
 
 
@@ -200,19 +198,15 @@ class Renderer:
         check: Callable[[], None],
     ) -> LitHand:
         backend, superres = self._backend, _asking(self._superres, check)
-        skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
+        skin = None if self._skin is None else self._posed_skin(self._skin, shot.pose, hand)
         return render_lit_hand(
             shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, skin, on_stage
         )
 
-    def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
-        pose, mesh = shot.pose, hand.mesh
-        motion = skin_motion(self.hand, pose, self.torch_device)
-        if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
-            motion = motion_of_mesh(self.hand.for_side(pose.side), mesh, hand.topology.frames)
-        theta, forearm = self._canonical_theta(pose), self._canonical(pose.forearm, pose.side)
-        template, posed = self._fine_templates[pose.side], self._backend.fine_mesh
-        return PosedSkin(skin.maps, skin.mesh(template, motion, theta, forearm, mesh.scale, posed))
+    def _posed_skin(self, skin: KnownSkin, pose: HandPose, hand: HandInView) -> PosedSkin:
+        template, frames = self._fine_templates[pose.side], hand.topology.frames
+        mesh = skin.posed(template, self.hand, pose, hand.mesh, frames, self._backend.fine_mesh)
+        return PosedSkin(skin.maps, mesh)
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
@@ -274,10 +268,7 @@ class Renderer:
 
     def _canonical_theta(self, pose: HandPose) -> np.ndarray:
         """The pose mirrored to the avatar's own side."""
-        return self._canonical(pose.theta, pose.side)
-
-    def _canonical(self, axis_angle: np.ndarray, side: Side) -> np.ndarray:
-        return axis_angle if side == self.hand.side else axis_angle * MIRROR_AXIS_ANGLE
+        return pose.theta if pose.side == self.hand.side else pose.theta * MIRROR_AXIS_ANGLE
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=self.torch_device)

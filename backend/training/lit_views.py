@@ -21,7 +21,7 @@ from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
-from ..hand.skin_detail import SkinBend
+from ..nerf.fine_mesh import FineTemplate
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
@@ -34,12 +34,12 @@ from ..nerf.lit_rays import (
     split_points,
 )
 from ..nerf.rays import HandInView, view_directions
-from ..nerf.relighting import at_full_size, covered_pixels
+from ..nerf.relighting import covered_pixels, doubled
 from ..nerf.sampler import SamplerConfig
-from ..nerf.skin_detail import DetailMaps, PixelDetail, pixel_detail
+from ..nerf.skin_detail import PixelSkin, pixel_skin
 from ..records.errors import LiveHandError
 from ..records.light import Light
-from ..rendering.skin_detail import detail_of_capture
+from ..rendering.known_skin import KnownSkin, skin_of_capture
 from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
@@ -63,7 +63,7 @@ class ViewLight(NamedTuple):
         position: [R, 3] of the rays' points, m.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
-        detail: of the skin, where it is known.
+        skin: what the pixels show of it, where it is known.
     """
 
     sky: SkySamples
@@ -75,7 +75,7 @@ class ViewLight(NamedTuple):
     position: Tensor
     targets: Tensor
     alpha: Tensor
-    detail: PixelDetail | None
+    skin: PixelSkin | None
 
 
 class MixedLight(NamedTuple):
@@ -87,7 +87,7 @@ class MixedLight(NamedTuple):
         open_sky: shadows of the sky by the hand alone.
         position: [R, 3] of the rays' points, m.
         exposure: [] factor of linear colours before they are encoded.
-        detail: of the skin, where it is known.
+        skin: what the pixels show of it, where it is known.
     """
 
     samples: LightSamples
@@ -95,7 +95,7 @@ class MixedLight(NamedTuple):
     open_sky: PointShadows
     position: Tensor
     exposure: Tensor
-    detail: PixelDetail | None
+    skin: PixelSkin | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Exposed and sRGB-encoded; values over 1 continue the curve."""
@@ -130,8 +130,8 @@ class LitTrainingViews(TrainingViews):
         by_file = {group[0].file: group for group in instants}
         self._groups = [by_file[view.file] for view in self.views]
         self._kept_light: dict[int, tuple] = {}
-        self._kept_detail: dict[int, PixelDetail] = {}
-        self._theta = [pose.theta for pose in capture.poses]
+        self._kept_skin: dict[int, PixelSkin] = {}
+        self._poses = list(capture.poses)
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
@@ -190,27 +190,34 @@ class LitTrainingViews(TrainingViews):
             position=position,
             targets=linear[:, :3],
             alpha=linear[0, 3],
-            detail=self._detail_at(index, view, hand),
+            skin=self._skin_at(index, view),
         )
 
     @cached_property
-    def _detail(self) -> tuple[DetailMaps, SkinBend] | None:
-        return detail_of_capture(self.capture.provenance, self.hand.sha256, self.device)
+    def _skin(self) -> KnownSkin | None:
+        return skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
 
-    def _detail_at(self, index: int, view: TrainingView, hand: HandInView) -> PixelDetail | None:
-        """The skin's detail at the pixels of an instant, computed once and kept in half precision."""
-        if self._detail is None:
+    @cached_property
+    def _fine_templates(self) -> dict[Side, FineTemplate]:
+        """Of the sides that have been asked for."""
+        return {}
+
+    def _skin_at(self, index: int, view: TrainingView) -> PixelSkin | None:
+        """What the pixels of an instant show of the known skin, computed once and kept in half precision."""
+        if self._skin is None:
             return None
-        if index not in self._kept_detail:
-            (maps, bend), large = self._detail, at_full_size(hand)
-            flex = bend.flex(self._theta[self.views[index].pose_index])
-            flex = torch.as_tensor(flex, dtype=torch.float32, device=self.device)
+        if index not in self._kept_skin:
+            pose, camera = self._poses[self.views[index].pose_index], doubled(view.camera)
+            template = FineTemplate.of(self._skin.surface, self.hand.for_side(pose.side), self.device)
+            template = self._fine_templates.setdefault(pose.side, template)
+            mesh = self._skin.posed(template, self.hand, pose, view.mesh, self.topology.frames)
+            seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
-            views = view_directions(large.camera, pixel)
-            row, *values = pixel_detail(pixel, views, large, maps, flex)
-            self._kept_detail[index] = PixelDetail(row, *(each.half() for each in values))
-        row, *values = self._kept_detail[index]
-        return PixelDetail(row, *(each.float() for each in values))
+            views = view_directions(camera, pixel)
+            coverage, row, *values = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
+            self._kept_skin[index] = PixelSkin(coverage.half(), row, *(each.half() for each in values))
+        coverage, row, *values = self._kept_skin[index]
+        return PixelSkin(coverage.float(), row, *(each.float() for each in values))
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
@@ -231,13 +238,13 @@ class LitTrainingViews(TrainingViews):
         return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
-        """As in `TrainingViews`; shadows and detail are computed again, too."""
+        """As in `TrainingViews`; shadows and skin are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
-        self._theta[pose_index] = theta.detach().cpu().numpy()
+        self._poses[pose_index] = replace(self._poses[pose_index], theta=theta.detach().cpu().numpy())
         for index, view in enumerate(self.views):
             if view.pose_index == pose_index:
                 self._kept_light.pop(index, None)
-                self._kept_detail.pop(index, None)
+                self._kept_skin.pop(index, None)
 
 
 def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
@@ -249,7 +256,7 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
     samples = LightSamples(sky, lamps)
     exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
-    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure, light.detail)
+    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure, light.skin)
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 

@@ -20,7 +20,7 @@ from ..nerf.lit_rays import skin_layers, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
-from ..nerf.skin_detail import with_detail
+from ..nerf.skin_detail import with_skin
 from ..nerf.superres import NoSuperRes
 from ..nerf.volume import Composite
 from ..records.errors import LiveHandError
@@ -208,10 +208,11 @@ def _render_lit(
     maps, _ = low_resolution_maps(coloured, pixel, size_px)
     skin = skin_layers(views.backend, at_full_size(hand)).first
     image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
-    if light.detail is not None:
-        image = with_detail(image, light.detail)
+    alpha = image.alpha  # of a known skin, too: else its density would learn nothing
+    if light.skin is not None:
+        image = with_skin(image, light.skin)
     colours = light.encoded(relit(image, features, pixel, size_px))
-    return Rendered(maps, torch.cat([colours, image.alpha[None]]))
+    return Rendered(maps, torch.cat([colours, alpha[None]]))
 
 
 @torch.no_grad()

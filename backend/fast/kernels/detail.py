@@ -1,4 +1,4 @@
-"""Equals `nerf.skin_detail.detailed_image`, where `raster.nearest_faces` tells which face each pixel sees."""
+"""Equals `nerf.skin_detail.detailed_image`."""
 
 from __future__ import annotations
 
@@ -10,106 +10,118 @@ _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
 _CHANNELS, _SLOPES, _NAIL = 10, 6, 9
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
-PLACE_STEPS = 2
-"""As in `nerf.skin_detail`."""
 _GLOSS = 12  # where that of both lobes begins
+_AB, _AC, _NORMAL, _ALONG_B, _ALONG_C = 0, 1, 2, 3, 4  # rows of a face's shape
+_SHAPE = 5
 
 
 @compiled
-def add_detail(seen, mesh, skin, maps, constants, first, last, image):
-    """Bend the normals of pixels [first, last) of `image` (`DetailedArrays`), darken colours, and polish nails."""
-    corner, weights, values = np.empty(4, np.int64), np.empty(3, np.float32), np.empty(_CHANNELS, np.float32)
-    place, off = np.empty(2, np.float32), np.empty(3, np.float32)
+def add_skin(seen, surface, maps, constants, first, last, image):
+    """Give pixels [first, last) of `image` (`DetailedArrays`) the coverage, normals, colours and nails of the skin."""
+    corner, values = np.empty(4, np.int64), np.empty(_CHANNELS, np.float32)
+    shape, weights = np.empty((_SHAPE, 3), np.float32), np.empty(3, np.float32)
     for index in range(first, last):
-        face = seen.face[image.pixel[index]]
+        at = image.pixel[index]
+        coverage, coefficients = seen.coverage[at], image.coefficients[index]
+        share = coverage / min(max(image.alpha[at], constants.least_alpha), _1)
+        image.alpha[at] = coverage
+        for k in range(len(coefficients)):
+            coefficients[k] *= share
+        face = seen.face[at]
         if face < 0:
             continue
-        depth = seen.depth[image.pixel[index]]
-        _weigh(image.pixel[index] % seen.width, image.pixel[index] // seen.width, mesh, face, weights)
+        view = image.view_direction[index]
+        _describe(surface, face, shape)
+        cosine = _locate(surface, face, shape, seen.camera, view, weights)
         u, v, flex = _0, _0, _0
         for k in range(3):
-            u += weights[k] * skin.corner_uv[face, k, 0]
-            v += weights[k] * skin.corner_uv[face, k, 1]
-            flex += weights[k] * skin.flex[mesh.faces[face, k]]
-        normal, view = image.normal[index], image.view_direction[index]
-        place[0], place[1] = u, v
-        cosine = max(_face_cosine(skin.gradients, face, view), constants.least_cosine)
-        _move(skin.gradients, face, view, constants.scale / cosine, maps.offset, off, place)
-        texels = depth * constants.texels / cosine
-        _sample(maps, place[0], place[1], np.log2(texels), corner, values)
+            u += weights[k] * surface.corner_uv[face, k, 0]
+            v += weights[k] * surface.corner_uv[face, k, 1]
+            flex += weights[k] * surface.flex[surface.faces[face, k]]
+        texels = seen.depth[at] * constants.texels / max(cosine, constants.least_cosine)
+        _sample(maps, u, v, np.log2(texels), corner, values)
         dorsal = max(constants.straight - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
         along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * constants.bump
         along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * constants.bump
-        squared = _TINY
-        for k in range(3):
-            normal[k] += along_u * skin.gradients[face, 0, k] + along_v * skin.gradients[face, 1, k]
-            squared += normal[k] * normal[k]
-        length = np.sqrt(squared)
+        _bend(surface, face, shape, weights, along_u, along_v, image.normal[index])
         nail = values[_NAIL] * constants.nail
         image.nail[index] = nail
-        image.coefficients[index, _GLOSS] += nail * image.coefficients[index, _GLOSS + 1]
-        image.coefficients[index, _GLOSS + 1] *= _1 - nail
+        coefficients[_GLOSS] += nail * coefficients[_GLOSS + 1]
+        coefficients[_GLOSS + 1] *= _1 - nail
         folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
         for k in range(3):
-            normal[k] /= length
             factor = np.exp(values[_SLOPES] * constants.shade + folded * constants.fold_log_albedo[k])
             for group in range(_COLOURED):
-                image.coefficients[index, _COLOURS + 3 * group + k] *= factor
+                coefficients[_COLOURS + 3 * group + k] *= factor
 
 
 @compiled
-def _face_cosine(gradients, face, view):
-    """Of a face's normal and the view."""
-    x = gradients[face, 0, 1] * gradients[face, 1, 2] - gradients[face, 0, 2] * gradients[face, 1, 1]
-    y = gradients[face, 0, 2] * gradients[face, 1, 0] - gradients[face, 0, 0] * gradients[face, 1, 2]
-    z = gradients[face, 0, 0] * gradients[face, 1, 1] - gradients[face, 0, 1] * gradients[face, 1, 0]
-    return abs(x * view[0] + y * view[1] + z * view[2]) / max(np.sqrt(x * x + y * y + z * z), _TINY)
-
-
-@compiled
-def _move(gradients, face, view, per_height, offset, off, place):
-    """Move a place of a flat face to that of the skin which is seen there, as `nerf.skin_detail.places_of_skin`."""
-    along_u, along_v = _0, _0
+def _describe(surface, face, shape):
+    """Fill both sides of a face from its first corner, its normal, and the gradients of the other corners' shares."""
+    a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]
     for k in range(3):
-        along_u += gradients[face, 0, k] * view[k]
-        along_v += gradients[face, 1, k] * view[k]
-    along_u *= per_height
-    along_v *= per_height
-    u, v = place[0], place[1]
-    for _ in range(PLACE_STEPS):
-        _read_offset(offset, place, off)
-        place[0], place[1] = u - off[2] * along_u - off[0], v - off[2] * along_v - off[1]
+        shape[_AB, k] = surface.vertices[b, k] - surface.vertices[a, k]
+        shape[_AC, k] = surface.vertices[c, k] - surface.vertices[a, k]
+    _cross(shape[_AB], shape[_AC], shape[_NORMAL])
+    squared = max(_dot(shape[_NORMAL], shape[_NORMAL]), _TINY * _TINY)
+    _cross(shape[_AC], shape[_NORMAL], shape[_ALONG_B])
+    _cross(shape[_NORMAL], shape[_AB], shape[_ALONG_C])
+    for k in range(3):
+        shape[_ALONG_B, k] /= squared
+        shape[_ALONG_C, k] /= squared
 
 
 @compiled
-def _read_offset(offset, place, off):
-    """Fill the offset at a place, bilinear."""
-    size = len(offset)
-    x = min(max(place[0] * np.float32(size) - _HALF, _0), np.float32(size - 1))
-    y = min(max(place[1] * np.float32(size) - _HALF, _0), np.float32(size - 1))
-    column, row = min(int(x), size - 2), min(int(y), size - 2)
-    right, above = x - np.float32(column), y - np.float32(row)
+def _locate(surface, face, shape, camera, view, weights):
+    """Fill the barycentric coordinates of the point that is seen there; returns the cosine of view and face."""
+    corner, normal = surface.vertices[surface.faces[face, 0]], shape[_NORMAL]
+    facing, ahead = _dot(view, normal), _0
     for k in range(3):
-        low = offset[row, column, k] * (_1 - right) + offset[row, column + 1, k] * right
-        high = offset[row + 1, column, k] * (_1 - right) + offset[row + 1, column + 1, k] * right
-        off[k] = low * (_1 - above) + high * above
+        ahead += (corner[k] - camera[k]) * normal[k]
+    distance = ahead / facing if facing != _0 else _0
+    weights[1], weights[2] = _0, _0
+    for k in range(3):
+        off = camera[k] + distance * view[k] - corner[k]
+        weights[1] += off * shape[_ALONG_B, k]
+        weights[2] += off * shape[_ALONG_C, k]
+    weights[0] = _1 - weights[1] - weights[2]
+    return abs(facing) / max(np.sqrt(_dot(normal, normal)), _TINY)
 
 
 @compiled
-def _weigh(x, y, mesh, face, weights):
-    """Fill the barycentric coordinates, in space, of a face's point at a pixel's centre."""
-    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
-    px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
-    ax, ay = mesh.positions_px[a, 0], mesh.positions_px[a, 1]
-    bx, by = mesh.positions_px[b, 0], mesh.positions_px[b, 1]
-    cx, cy = mesh.positions_px[c, 0], mesh.positions_px[c, 1]
-    weights[0] = ((cx - bx) * (py - by) - (cy - by) * (px - bx)) / mesh.depth[a]
-    weights[1] = ((ax - cx) * (py - cy) - (ay - cy) * (px - cx)) / mesh.depth[b]
-    weights[2] = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / mesh.depth[c]
-    total = weights[0] + weights[1] + weights[2]
+def _bend(surface, face, shape, weights, along_u, along_v, normal):
+    """Fill the unit normal at a point of a face, bent by steps along the gradients of u and of v."""
+    uv, corners = surface.corner_uv[face], surface.faces[face]
+    to_b = along_u * (uv[1, 0] - uv[0, 0]) + along_v * (uv[1, 1] - uv[0, 1])
+    to_c = along_u * (uv[2, 0] - uv[0, 0]) + along_v * (uv[2, 1] - uv[0, 1])
     for k in range(3):
-        weights[k] /= total
+        normal[k] = _0
+        for corner in range(3):
+            normal[k] += weights[corner] * surface.normals[corners[corner], k]
+    _normalise(normal)
+    for k in range(3):
+        normal[k] += to_b * shape[_ALONG_B, k] + to_c * shape[_ALONG_C, k]
+    _normalise(normal)
+
+
+@compiled
+def _normalise(vector):
+    length = max(np.sqrt(_dot(vector, vector)), _TINY)
+    for k in range(3):
+        vector[k] /= length
+
+
+@compiled
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @compiled

@@ -19,14 +19,14 @@ def find_crossings(mesh, width, first_row, last_row, crossings):
     positions_px, depth, faces, count = mesh.positions_px, mesh.depth, mesh.faces, crossings.counts
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        area = _area(positions_px, depth, a, b, c)
+        area = projected_area(positions_px, depth, a, b, c)
         if abs(area) <= _MIN_AREA:
             continue
-        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
+        x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
         mark = face if area < _0 else -1 - face
         for y in range(y0, y1):
             for x in range(x0, x1):
-                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
                 if z > _0:
                     count[y * width + x] = _insert(
                         crossings.depth, crossings.face, y * width + x, count[y * width + x], z, mark
@@ -39,32 +39,15 @@ def nearest_depth(mesh, width, first_row, last_row, has_backs, nearest):
     positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        area = _area(positions_px, depth, a, b, c)
+        area = projected_area(positions_px, depth, a, b, c)
         if abs(area) <= _MIN_AREA or (area > _0 and not has_backs):
             continue
-        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
+        x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
         for y in range(y0, y1):
             for x in range(x0, x1):
-                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
                 if z > _0:
                     nearest[y * width + x] = min(nearest[y * width + x], z)
-
-
-@compiled
-def nearest_faces(mesh, width, first_row, last_row, nearest, face_at):
-    """Lower `nearest` [P], m, to the first front face in rows [first_row, last_row), and note the face in `face_at`."""
-    positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
-    for face in range(faces.shape[0]):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        area = _area(positions_px, depth, a, b, c)
-        if area > _0 or abs(area) <= _MIN_AREA:
-            continue
-        x0, x1, y0, y1 = _bounds(positions_px, a, b, c, width, first_row, last_row)
-        for y in range(y0, y1):
-            for x in range(x0, x1):
-                z = _fragment_depth(positions_px, depth, a, b, c, area, x, y)
-                if z > _0 and z < nearest[y * width + x]:
-                    nearest[y * width + x], face_at[y * width + x] = z, face
 
 
 @compiled
@@ -107,7 +90,7 @@ def nearest_sides(projected, faces, size, fronts, backs):
 
 
 @compiled
-def _area(positions_px, depth, a, b, c):
+def projected_area(positions_px, depth, a, b, c):
     """Twice the signed area of a projected face, px^2; 0 where it is not drawn."""
     if min(depth[a], depth[b], depth[c]) <= _NEAR_M:
         return _0
@@ -117,7 +100,7 @@ def _area(positions_px, depth, a, b, c):
 
 
 @compiled
-def _bounds(positions_px, a, b, c, width, first_row, last_row):
+def covered_centres(positions_px, a, b, c, width, first_row, last_row):
     """Columns [x0, x1) and rows [y0, y1) of the pixel centres in a face's bounding box."""
     ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
     ay, by, cy = positions_px[a, 1], positions_px[b, 1], positions_px[c, 1]
@@ -135,7 +118,7 @@ def _centres(low, high, first, last):
 
 
 @compiled
-def _fragment_depth(positions_px, depth, a, b, c, area, x, y):
+def fragment_depth(positions_px, depth, a, b, c, area, x, y):
     """Depth of a face at a pixel's centre; 0 where it does not cover it. 1/z is linear on screen."""
     px, py = np.float32(x) + _HALF, np.float32(y) + _HALF
     ax, ay = positions_px[a, 0], positions_px[a, 1]

@@ -317,11 +317,19 @@ class EnlargedArrays(NamedTuple):
 
 
 class SeenFaces(NamedTuple):
-    """The first front face at each of P pixels: face [P], -1 for none, depth [P] m, and the image's width in px."""
+    """What P pixels see of a surface.
+
+    Attributes:
+        face: [P] the first front face in the centre, -1 for none.
+        depth: [P] of it, m.
+        coverage: [P].
+        camera: [3] its centre, m.
+    """
 
     face: np.ndarray
     depth: np.ndarray
-    width: int
+    coverage: np.ndarray
+    camera: np.ndarray
 
 
 class RaysOnSurface(NamedTuple):
@@ -344,11 +352,29 @@ class RaysOnSurface(NamedTuple):
     off_plane_m: np.float32
 
 
-class DetailedSkin(NamedTuple):
-    """A posed skin: corner_uv [F, 3, 2], gradients [F, 2, 3] of u and v, 1/m, and flex [V]."""
+class FinerRows(NamedTuple):
+    """One level of subdivision: start [N + 1] of each row's entries, column [K] and weight [K] of these."""
 
+    start: np.ndarray
+    column: np.ndarray
+    weight: np.ndarray
+
+
+class PosedSurface(NamedTuple):
+    """A posed fine surface: N vertices, M faces.
+
+    Attributes:
+        vertices: [N, 3] m.
+        normals: [N, 3] unit.
+        faces: [M, 3].
+        corner_uv: [M, 3, 2].
+        flex: [N] bend of the skin.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
     corner_uv: np.ndarray
-    gradients: np.ndarray
     flex: np.ndarray
 
 
@@ -359,22 +385,20 @@ class DetailTable(NamedTuple):
         table: [T, 10] int8.
         first: the first row of each level.
         resolution: of the finest level.
-        offset: [M, M, 3] as in `DetailMaps`.
     """
 
     table: np.ndarray
     first: np.ndarray
     resolution: int
-    offset: np.ndarray
 
 
 class DetailConstants(NamedTuple):
     """Constants of `nerf.skin_detail`.
 
     Attributes:
+        least_alpha: of what is divided by it.
         texels: of the finest level in a pixel's width at a depth of 1 m.
         least_cosine: of face and view.
-        scale: of the hand against the template.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.
         deepened_from: how much of palmar creases shows.
@@ -385,9 +409,9 @@ class DetailConstants(NamedTuple):
         fold_log_albedo: [3].
     """
 
+    least_alpha: np.float32
     texels: np.float32
     least_cosine: np.float32
-    scale: np.float32
     straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
@@ -399,10 +423,20 @@ class DetailConstants(NamedTuple):
 
 
 class DetailedArrays(NamedTuple):
-    """P pixels, changed in place: pixel [P], coefficients [P, 14], normal [P, 3], view_direction [P, 3], nail [P]."""
+    """P pixels, changed in place: all but the first two.
+
+    Attributes:
+        pixel: [P].
+        view_direction: [P, 3].
+        coefficients: [P, 14].
+        normal: [P, 3].
+        nail: [P].
+        alpha: of all pixels of the image.
+    """
 
     pixel: np.ndarray
+    view_direction: np.ndarray
     coefficients: np.ndarray
     normal: np.ndarray
-    view_direction: np.ndarray
     nail: np.ndarray
+    alpha: np.ndarray

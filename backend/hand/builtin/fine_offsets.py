@@ -1,6 +1,6 @@
 """Makes the file of the built-in hand's fine surface (`hand/fine_surface.py`) from the detailed surface.
 
-    python -m livehand.backend.hand.builtin.fine_offsets FOLDER
+python -m livehand.backend.hand.builtin.fine_offsets FOLDER
 """
 
 from __future__ import annotations

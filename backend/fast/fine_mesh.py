@@ -1,0 +1,83 @@
+"""The fine surface on the CPU: as `nerf.fine_mesh`, by the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..hand.lbs import SkinMotion
+from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FineTemplate, SeenSurface
+from ..nerf.rays import CameraTensors, project
+from .arrays import as_arrays
+from .kernels.compiled import in_parallel
+from .kernels.fine_mesh import face_normals, fine_vertices, finer_field, vertex_normals
+from .kernels.outline import (
+    cover_samples,
+    front_rows,
+    mark_outline,
+    nearest_of_rows,
+    pixel_squares,
+    spread_coverage,
+)
+from .kernels.records import FinerRows, ProjectedMesh
+
+_SAMPLES, _SPREAD = np.array(SAMPLES, np.float32), np.array(SPREAD, np.float32)
+
+
+def fine_mesh(
+    template: FineTemplate,
+    motion: SkinMotion,
+    height_m: Float[Tensor, " N"],
+    flex: Float[Tensor, " V"],
+    scale: Float[Tensor, ""],
+) -> FineMesh:
+    """As `nerf.fine_mesh.fine_mesh`."""
+    threads, count = torch.get_num_threads(), len(template.offset_m)
+    values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1).numpy()
+    for level in template.levels:
+        rows = FinerRows(*as_arrays(level.start, level.column, level.weight))
+        field = values
+        values = np.empty((len(rows.start) - 1, field.shape[1]), np.float32)
+        out = values
+        in_parallel(
+            lambda first, last, rows=rows, field=field, out=out: finer_field(rows, field, first, last, out),
+            len(out),
+            threads,
+        )
+    vertices, normals, of_faces = torch.empty(count, 3), torch.empty(count, 3), torch.empty(len(template.faces), 3)
+    placed, unit, long, faces = as_arrays(vertices, normals, of_faces, template.faces)
+    at_rest = as_arrays(template.offset_m, template.normals, height_m)
+    in_parallel(lambda first, last: fine_vertices(values, *at_rest, first, last, placed), count, threads)
+    in_parallel(lambda first, last: face_normals(placed, faces, first, last, long), len(faces), threads)
+    start, around = as_arrays(*template.around)
+    in_parallel(lambda first, last: vertex_normals(long, start, around, first, last, unit), count, threads)
+    bend = torch.as_tensor(values[:, -1])
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale)
+
+
+def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+    """As `nerf.fine_mesh.seen_surface`."""
+    threads, (width, height) = torch.get_num_threads(), camera.size_px
+    positions_px, depth, faces = as_arrays(*project(camera, mesh.vertices), mesh.faces)
+    projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
+    rows, face_at = np.empty((len(faces), 2), np.int32), np.full(pixels, -1, np.int32)
+    nearest, on_outline = np.full(pixels, np.inf, np.float32), np.empty(pixels, np.bool_)
+    bits, covered, coverage = np.zeros(pixels, np.uint16), np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    in_parallel(lambda first, last: front_rows(projected, width, height, first, last, rows), len(faces), threads)
+
+    def rasterise_rows(first: int, last: int) -> None:
+        nearest_of_rows(projected, rows, width, first, last, nearest, face_at)
+
+    def cover_rows(first: int, last: int) -> None:
+        mark_outline(face_at, width, height, first, last, on_outline)
+        cover_samples(projected, rows, _SAMPLES, width, first, last, on_outline, bits)
+        pixel_squares(face_at, on_outline, bits, width * first, width * last, covered)
+
+    def spread_rows(first: int, last: int) -> None:
+        spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)
+
+    for run in (rasterise_rows, cover_rows, spread_rows):
+        in_parallel(run, height, threads)
+    return SeenSurface(*(torch.as_tensor(values) for values in (face_at, nearest, coverage)))
