@@ -190,11 +190,9 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
     nearest = torch.full((width * height,), -1, device=order.device)
     nearest = nearest.scatter_reduce(0, found.pixel[order], last, "amax")
     is_seen = nearest >= 0
-    hit = order[nearest.clamp(min=0)] if len(order) else nearest
-    face = torch.where(is_seen, found.face[hit], -1) if len(order) else nearest
-    depth_at = (
-        torch.where(is_seen, found.depth[hit], torch.inf) if len(order) else depth.new_full(face.shape, torch.inf)
-    )
+    face, depth_at = torch.full_like(nearest, -1), depth.new_full(nearest.shape, torch.inf)
+    hit = order[nearest[is_seen]]
+    face[is_seen], depth_at[is_seen] = found.face[hit], found.depth[hit]
     covered = torch.zeros(width * height, device=depth.device)
     for x, y in SAMPLES:
         moved = positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y])

@@ -1,10 +1,10 @@
 """A known skin on a lit image: outline and normals of its fine surface, with its detail (bump mapping, Blinn 1978).
 
 The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
-planes and mesh. Where the surface itself is known (`fine_mesh`), it tells the full-size image's coverage and the normals
-in which lamps and gloss are evaluated; folds, lines and the rims of nails (`hand.skin_detail`) bend these normals and
+planes and mesh. Where the surface itself is known (`fine_mesh`), it tells the full-size image's coverage and the
+normals in which lamps and gloss are evaluated; folds, lines and the rims of nails (`hand.skin_detail`) bend these and
 darken coefficients. From afar, where rays lie farther apart than the planes resolve, the colours that they pass over
-are added too. Nails shine in the narrower lobe alone: they are too small a part of a hand for training to find that out.
+are added too. Nails shine in the narrower lobe alone: they are too small a part of a hand for training to see that.
 """
 
 from __future__ import annotations
