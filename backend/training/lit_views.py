@@ -7,6 +7,7 @@ mixture of the images of one instant shows the hand in the same mixture of their
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
@@ -131,7 +132,7 @@ class LitTrainingViews(TrainingViews):
         self._groups = [by_file[view.file] for view in self.views]
         self._kept_light: dict[int, tuple] = {}
         self._kept_skin: dict[int, PixelSkin] = {}
-        self._poses = list(capture.poses)
+        self._hand_poses = list(capture.poses)
 
     def get(self, index: int, jitter: int) -> TrainingView:
         """Instant `index` with its `jitter`-th set of samples, and its light before it is mixed."""
@@ -198,19 +199,16 @@ class LitTrainingViews(TrainingViews):
         return skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
 
     @cached_property
-    def _fine_templates(self) -> dict[Side, FineTemplate]:
-        """Of the sides that have been asked for."""
-        return {}
+    def _fine_template(self) -> FineTemplate | None:
+        return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
     def _skin_at(self, index: int, view: TrainingView) -> PixelSkin | None:
         """What the pixels of an instant show of the known skin, computed once and kept in half precision."""
-        if self._skin is None:
+        if self._skin is None or self._fine_template is None:
             return None
         if index not in self._kept_skin:
-            pose, camera = self._poses[self.views[index].pose_index], doubled(view.camera)
-            template = FineTemplate.of(self._skin.surface, self.hand.for_side(pose.side), self.device)
-            template = self._fine_templates.setdefault(pose.side, template)
-            mesh = self._skin.posed(template, self.hand, pose, view.mesh, self.topology.frames)
+            pose, camera = self._hand_poses[self.views[index].pose_index], doubled(view.camera)
+            mesh = self._skin.posed(self._fine_template, self.hand, pose, view.mesh, self.topology.frames)
             seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)
@@ -240,7 +238,7 @@ class LitTrainingViews(TrainingViews):
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
         """As in `TrainingViews`; shadows and skin are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
-        self._poses[pose_index] = replace(self._poses[pose_index], theta=theta.detach().cpu().numpy())
+        self._hand_poses[pose_index] = replace(self._hand_poses[pose_index], theta=theta.detach().cpu().numpy())
         for index, view in enumerate(self.views):
             if view.pose_index == pose_index:
                 self._kept_light.pop(index, None)
