@@ -14,13 +14,15 @@ from livehand.backend.captures.capture import Capture, CaptureView, save_capture
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
+from livehand.backend.hand.fine_surface import load_fine_surface
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
-from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model import MIRROR_POINT
+from livehand.backend.hand.lbs import SkinTensors, pose_hand, skin_motion
+from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.hand.poses import POSES
 from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.nerf.conditions import FrameConditions
+from livehand.backend.nerf.fine_mesh import FineTemplate, fine_mesh
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
@@ -102,6 +104,24 @@ def posed_hands(hand):
             vertices = vertices * torch.as_tensor(MIRROR_POINT, dtype=torch.float32)
         topology = topology_of(hand.for_side(side), canonical_side="right")
         return PosedHand(topology, Skinning.of(hand), posed_mesh(topology, vertices), theta)
+
+    return pose
+
+
+@pytest.fixture(scope="session")
+def fine_hand(hand):
+    """A function (gesture or library pose, side="right") -> `FineMesh` of the built-in hand, without veins."""
+    surface = load_fine_surface(hand.sha256)
+
+    @cache
+    def pose(gesture, side="right"):
+        angles = (GESTURES.get(gesture) or POSES[gesture].gesture).angles_deg()
+        theta = theta_of(angles, FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
+        of_side = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
+        motion = skin_motion(hand, HandPose(of_side, np.zeros(10), np.zeros(3), side))
+        height_m = torch.as_tensor(1e-3 * surface.raised.height_mm(theta, 0.0), dtype=torch.float32)
+        flex = torch.rand(len(motion.rest), generator=torch.Generator().manual_seed(0))
+        return fine_mesh(FineTemplate.of(surface, hand.for_side(side)), motion, height_m, flex, torch.tensor(1.0))
 
     return pose
 

@@ -27,8 +27,9 @@ SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in
 """Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
 and of its height has one."""
 SPREAD = (0.0447, 0.9106, 0.0447)
-"""Weights of a pixel and of its neighbours along a row or column in its coverage: with the pixel's own square they are as
-wide as the filter of Cycles, Blackman-Harris of 1.5 pixels, by their variance."""
+"""Weights of a pixel and of its neighbours along a row or column in its coverage.
+
+With the pixel's own square they have the variance of Cycles' filter, Blackman-Harris of 1.5 pixels."""
 
 
 class FinerField(NamedTuple):
@@ -51,8 +52,12 @@ class FinerField(NamedTuple):
         """The weights of a level."""
         order = np.lexsort((step.column, step.row))
         row, start = step.row[order], np.searchsorted(step.row[order], np.arange(step.vertex_count + 1))
-        indices = (torch.as_tensor(each) for each in (row, step.column[order]))
-        return cls(*indices, torch.as_tensor(step.value[order], dtype=torch.float32), torch.as_tensor(start))
+        weight = torch.as_tensor(step.value[order], dtype=torch.float32)
+        return cls(torch.as_tensor(row), torch.as_tensor(step.column[order]), weight, torch.as_tensor(start))
+
+    def to(self, device: torch.device | str) -> FinerField:
+        """The same on a device."""
+        return FinerField(*(tensor.to(device) for tensor in self))
 
     def __call__(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "N C"]:
         """The field at the finer vertices."""
@@ -93,7 +98,7 @@ class FineTemplate(NamedTuple):
         indices, uv = torch.as_tensor(faces), torch.as_tensor(corner_uv, dtype=torch.float32)
         normals = vertex_normals(rest + offset, indices)
         return cls(
-            levels=tuple(FinerField(*(tensor.to(device) for tensor in level)) for level in levels),
+            levels=tuple(level.to(device) for level in levels),
             faces=indices.to(device),
             corner_uv=uv.to(device),
             around=_faces_around(indices.to(device), len(rest)),

@@ -67,9 +67,9 @@ class KnownSkin:
         mirror = 1 if pose.side == model.side else MIRROR_AXIS_ANGLE
         theta, forearm = pose.theta * mirror, pose.forearm * mirror
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
-        values = (height_m, self.bend.flex(theta))
-        tensors = (torch.as_tensor(each, dtype=torch.float32, device=device) for each in values)
-        return finely(template, motion, *tensors, mesh.scale)
+        height = torch.as_tensor(height_m, dtype=torch.float32, device=device)
+        flex = torch.as_tensor(self.bend.flex(theta), dtype=torch.float32, device=device)
+        return finely(template, motion, height, flex, mesh.scale)
 
 
 def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:

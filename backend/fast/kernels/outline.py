@@ -65,7 +65,7 @@ def mark_outline(face_at, width, height, first_row, last_row, on_outline):
 
 @compiled
 def cover_samples(mesh, rows, samples, width, first_row, last_row, on_outline, bits):
-    """Set a bit of each outline pixel in rows [first_row, last_row) for each of its samples that a front face covers."""
+    """Set a bit of each outline pixel in rows [first_row, last_row) for every sample of it in a front face."""
     positions_px, faces = mesh.positions_px, mesh.faces
     for face in range(faces.shape[0]):
         if rows[face, 1] <= first_row or rows[face, 0] >= last_row:

@@ -26,7 +26,7 @@ inside as much as outside of it (on a sphere, edges' middles are 1/4 of that hei
 def fine_surface(model: HandModel, detail: DetailedSurface) -> FineSurface:
     """Every vertex of the detailed surface that a subdivision of fewer levels has, too."""
     coarse = subdivide(model.f, model.vt[model.ft], len(model.v_template), LEVELS)
-    count = coarse.matrix.shape[0]
+    count = int(coarse.faces.max()) + 1
     vertices = detail.vertices_m[:count]  # every level's vertices begin with those of the level before
     raised = vertices + OUT_OF_CHORDS * (vertices - neighbour_mean(coarse.faces, count) @ vertices)
     forms = tuple(replace(form, height_mm=form.height_mm[:count]) for form in detail.forms)
