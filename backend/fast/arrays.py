@@ -14,7 +14,8 @@ def as_arrays(*values: Tensor) -> list[np.ndarray]:
 
 def whole_rows(values: Float[Tensor, "K P"]) -> np.ndarray:
     """As `as_arrays`; where these are the first columns of a matrix, all of it, which need not be copied."""
-    is_slice = values.stride(1) == 1 and values.stride(0) > values.shape[1] and values.storage_offset() == 0
+    is_first = values.storage_offset() == 0 and values.numel() > 0
+    is_slice = is_first and values.stride(1) == 1 and values.stride(0) > values.shape[1]
     return as_arrays(values.as_strided((len(values), values.stride(0)), values.stride()) if is_slice else values)[0]
 
 
