@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..hand.lbs import SkinMotion
-from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FineTemplate, SeenSurface
+from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FineTemplate, PixelSurface
 from ..nerf.rays import CameraTensors, project
 from .arrays import as_arrays
 from .kernels.compiled import in_parallel
@@ -57,7 +57,7 @@ def fine_mesh(
     return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale)
 
 
-def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """As `nerf.fine_mesh.seen_surface`."""
     threads, (width, height) = torch.get_num_threads(), camera.size_px
     positions_px, depth, faces = as_arrays(*project(camera, mesh.vertices), mesh.faces)
@@ -80,4 +80,4 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
 
     for run in (rasterise_rows, cover_rows, spread_rows):
         in_parallel(run, height, threads)
-    return SeenSurface(*(torch.as_tensor(values) for values in (face_at, nearest, coverage)))
+    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, nearest, coverage)))

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..nerf.fine_mesh import FineMesh, SeenSurface
+from ..nerf.fine_mesh import FineMesh, PixelSurface
 from ..nerf.rays import CameraTensors, ray_origin
 from ..nerf.relighting import MIN_ALPHA, LitImage
 from ..nerf.skin_detail import (
@@ -29,7 +29,7 @@ from .kernels.records import DetailConstants, DetailedArrays, DetailTable, Posed
 
 
 def detailed_image(
-    image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
+    image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
 ) -> LitImage:
     """The image with the known skin."""
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))

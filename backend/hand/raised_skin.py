@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .builtin.smooth import smoothstep
 from .gestures import Degrees
 
 _CLENCHED_DEG = 80  # mean bend of the knuckles at which veins stand out most
@@ -35,7 +34,8 @@ class PoseForm:
 
     def share(self, flexion_deg: Degrees) -> float:
         """In [0, 1], of the full height."""
-        return float(smoothstep(np.array([flexion_deg]), self.start_deg, self.full_deg)[0])
+        bent = float(np.clip((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0, 1))
+        return bent * bent * (3 - 2 * bent)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from ..geometry.shadow_maps import LightViews, PointShadows
 from ..hand.lbs import SkinMotion
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
-from .fine_mesh import FineMesh, FineTemplate, SeenSurface
+from .fine_mesh import FineMesh, FineTemplate, PixelSurface
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .lit_field import LitField
@@ -129,12 +129,12 @@ class RenderBackend(Protocol):
         """As `nerf.fine_mesh.fine_mesh`, without gradients."""
         ...
 
-    def seen_surface(self, mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+    def seen_surface(self, mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
         """As `nerf.fine_mesh.seen_surface`."""
         ...
 
     def detailed_image(
-        self, image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
+        self, image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
     ) -> LitImage:
         """As `nerf.skin_detail.detailed_image`, without gradients."""
         ...

@@ -127,7 +127,7 @@ class FineMesh(NamedTuple):
     scale: Tensor
 
 
-class SeenSurface(NamedTuple):
+class PixelSurface(NamedTuple):
     """What the P pixels of an image show of a surface.
 
     Attributes:
@@ -185,7 +185,7 @@ def motion_of_mesh(model: HandModel, mesh: PosedMesh, frames: LocalFrames) -> Sk
     return SkinMotion(rest, torch.cat([turned, (mesh.vertices[..., None] - turned @ rest[..., None])], -1))
 
 
-def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
+def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """What the camera's pixels show of the mesh."""
     (positions_px, depth), (width, height) = project(camera, mesh.vertices), camera.size_px
     found = rasterise(positions_px, depth, mesh.faces, camera.size_px)
@@ -207,7 +207,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> SeenSurface:
     within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
     around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
     on_outline = (within != around).flatten()
-    return SeenSurface(face, depth_at, spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px))
+    return PixelSurface(face, depth_at, spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px))
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:

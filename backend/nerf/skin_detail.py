@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
 
 from ..hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
-from .fine_mesh import FineMesh, SeenSurface
+from .fine_mesh import FineMesh, PixelSurface
 from .lighting import DIFFUSE, GLOSS, SCATTERED
 from .rays import CameraTensors, project
 from .relighting import MIN_ALPHA, LitImage
@@ -147,7 +147,7 @@ class PixelSkin(NamedTuple):
 
 
 def detailed_image(
-    image: LitImage, seen: SeenSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
+    image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
 ) -> LitImage:
     """The image with the known skin.
 
@@ -164,7 +164,7 @@ def detailed_image(
 def pixel_skin(
     pixel: Int[Tensor, " P"],
     view: Float[Tensor, "P 3"],
-    seen: SeenSurface,
+    seen: PixelSurface,
     mesh: FineMesh,
     camera: CameraTensors,
     maps: DetailMaps,

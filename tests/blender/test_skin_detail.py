@@ -59,7 +59,6 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
         ("relief", 0.05, RELIEF_STEP_MM),
         ("dorsal", 0.5, FOLD_STEP),
         ("palmar", 0.3, FOLD_STEP),
-        ("veins", 0.6, FOLD_STEP),
         ("pigment_light", 0.2, PIGMENT_STEP),
         ("pigment_deep", 0.4, PIGMENT_STEP),
     ):

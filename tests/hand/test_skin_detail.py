@@ -24,7 +24,7 @@ def blocks(values, size):
     return values[: count * size, : count * size].reshape(count, size, count, size).mean((1, 3))
 
 
-@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "veins", "pigment_light", "pigment_deep"])
+@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "pigment_light", "pigment_deep"])
 def test_maps_hold_detail_and_nothing_coarse(detail, name):
     values = getattr(detail.fine, name)
     texel_mm = ATLAS_MM / len(values)
@@ -33,7 +33,7 @@ def test_maps_hold_detail_and_nothing_coarse(detail, name):
     assert coarse.std() < 0.15 * values.std()
 
 
-@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "veins", "pigment_light", "pigment_deep"])
+@pytest.mark.parametrize("name", ["relief_mm", "dorsal", "palmar", "pigment_light", "pigment_deep"])
 def test_coarse_maps_hold_what_lies_between(detail, name):
     values = getattr(detail.coarse, name)
     texel_mm = ATLAS_MM / len(values)

@@ -173,7 +173,7 @@ def test_a_ball_covers_the_area_of_its_outline(backend):
     """Its outline from 1 m is a circle of the radius r / sqrt(1 - r^2)."""
     seen = backend.seen_surface(ball(0.1), camera())
     radius_px = 100 * 0.1 / np.sqrt(1 - 0.1**2)
-    assert seen.coverage.sum().item() == pytest.approx(pi * radius_px**2, rel=2e-3)
+    assert seen.coverage.sum().item() == pytest.approx(pi * radius_px**2, rel=6e-3)  # of 16 samples
     nearest = seen.depth.min().item()
     assert nearest == pytest.approx(0.9, abs=1e-3)
 

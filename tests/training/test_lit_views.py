@@ -140,30 +140,39 @@ def known_skin_views(lit_capture, hand, small, cpu):
     return LitTrainingViews(known, known.of_split("train"), hand, small.sampler, cpu, 0)
 
 
-def test_a_known_skin_is_trained_with_its_detail(known_skin_views, lit_views, lit_config, hand):
-    assert lit_views.get(0, 0).light.detail is None
+def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, lit_views, lit_config, hand):
+    """Colours are the surface's; alpha stays the field's, which would else learn nothing of it."""
+    assert lit_views.get(0, 0).light.skin is None
     view = mixed(known_skin_views.get(0, 0), torch.Generator().manual_seed(5))
-    detail = view.light.detail
+    skin = view.light.skin
     avatar = new_avatar("a", hand.name, hand.sha256, lit_config, seed=1)
-    even = detail._replace(slope=0 * detail.slope, albedo=torch.ones_like(detail.albedo), nail=0 * detail.nail)
+    even = skin._replace(albedo=torch.ones_like(skin.albedo), nail=0 * skin.nail)
+    variants = {
+        "none": None,
+        "even": even,
+        "dark": even._replace(albedo=0.5 * even.albedo),
+        "outside": even._replace(coverage=0 * even.coverage),
+    }
     shown = {}
-    for name, of_skin in (("none", None), ("even", even), ("dark", even._replace(albedo=0.5 * even.albedo))):
-        light = view.light._replace(detail=of_skin)
+    for name, of_skin in variants.items():
+        light = view.light._replace(skin=of_skin)
         shown[name] = render_view(avatar, known_skin_views, view._replace(light=light)).image.detach()
-    torch.testing.assert_close(shown["even"], shown["none"])
-    torch.testing.assert_close(shown["dark"][3], shown["none"][3])
-    assert shown["dark"][:3].sum() < 0.9 * shown["none"][:3].sum()
-    assert detail.albedo.std() > 0.01
-    assert detail.slope.abs().max() > 0.005
+        torch.testing.assert_close(shown[name][3], shown["none"][3])
+    assert shown["dark"][:3].sum() < 0.9 * shown["even"][:3].sum()
+    assert shown["outside"][:3].abs().max() == 0
+    assert skin.albedo.std() > 0.01
+    torch.testing.assert_close(skin.normal.norm(dim=-1), torch.ones(len(skin.row)), atol=2e-3, rtol=0)
+    assert (skin.coverage == 1).any()
+    assert ((skin.coverage > 0) & (skin.coverage < 1)).any()
 
 
-def test_a_pose_that_moves_gets_its_detail_anew(known_skin_views):
+def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
     views = known_skin_views
-    before = views.get(0, 0).light.detail
+    before = views.get(0, 0).light.skin
     theta = torch.as_tensor(views.capture.poses[views.views[0].pose_index].theta, dtype=torch.float32) + 0.3
     mesh = views.get(0, 0).mesh
     views.move_pose(views.views[0].pose_index, theta, mesh.vertices + 0.002)
-    after = views.get(0, 0).light.detail
+    after = views.get(0, 0).light.skin
     assert len(before.row) != len(after.row) or not torch.equal(before.albedo, after.albedo)
 
 
