@@ -118,10 +118,11 @@ def fine_hand(hand):
         angles = (GESTURES.get(gesture) or POSES[gesture].gesture).angles_deg()
         theta = theta_of(angles, FingerAxes.of_default_hand(), np.array([0.2, -0.1, 0.3]))
         of_side = theta if side == "right" else theta * MIRROR_AXIS_ANGLE
-        motion = skin_motion(hand, HandPose(of_side, np.zeros(10), np.zeros(3), side))
+        template = FineTemplate.of(surface, hand.for_side(side))
+        motion = skin_motion(template.skin, HandPose(of_side, np.zeros(10), np.zeros(3), side))
         height_m = torch.as_tensor(1e-3 * surface.raised.height_mm(theta, 0.0), dtype=torch.float32)
         flex = torch.rand(len(motion.rest), generator=torch.Generator().manual_seed(0))
-        return fine_mesh(FineTemplate.of(surface, hand.for_side(side)), motion, height_m, flex, torch.tensor(1.0))
+        return fine_mesh(template, motion, height_m, flex, torch.tensor(1.0))
 
     return pose
 

@@ -8,13 +8,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..hand.lbs import SkinMotion
-from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FineTemplate, PixelSurface
+from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FinerField, FineTemplate, PixelSurface
 from ..nerf.rays import CameraTensors, project
 from .arrays import as_arrays
 from .kernels.compiled import in_parallel
 from .kernels.fine_mesh import face_normals, fine_vertices, finer_field, vertex_normals
 from .kernels.outline import (
     cover_samples,
+    depth_at_rim,
     front_rows,
     mark_outline,
     nearest_of_rows,
@@ -37,15 +38,7 @@ def fine_mesh(
     threads, count = torch.get_num_threads(), len(template.offset_m)
     values = torch.cat([motion.rest, motion.transforms.flatten(1), flex[:, None]], 1).numpy()
     for level in template.levels:
-        rows = FinerRows(*as_arrays(level.start, level.column, level.weight))
-        field = values
-        values = np.empty((len(rows.start) - 1, field.shape[1]), np.float32)
-        out = values
-        in_parallel(
-            lambda first, last, rows=rows, field=field, out=out: finer_field(rows, field, first, last, out),
-            len(out),
-            threads,
-        )
+        values = _finer(level, values)
     vertices, normals, of_faces = torch.empty(count, 3), torch.empty(count, 3), torch.empty(len(template.faces), 3)
     placed, unit, long, faces = as_arrays(vertices, normals, of_faces, template.faces)
     at_rest = as_arrays(template.offset_m, template.normals, height_m)
@@ -57,6 +50,13 @@ def fine_mesh(
     return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale)
 
 
+def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:
+    rows = FinerRows(*as_arrays(level.start, level.column, level.weight))
+    finer = np.empty((len(rows.start) - 1, values.shape[1]), np.float32)
+    in_parallel(lambda first, last: finer_field(rows, values, first, last, finer), len(finer), torch.get_num_threads())
+    return finer
+
+
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """As `nerf.fine_mesh.seen_surface`."""
     threads, (width, height) = torch.get_num_threads(), camera.size_px
@@ -64,7 +64,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
     rows, face_at = np.empty((len(faces), 2), np.int32), np.full(pixels, -1, np.int32)
     nearest, on_outline = np.full(pixels, np.inf, np.float32), np.empty(pixels, np.bool_)
-    bits, covered, coverage = np.zeros(pixels, np.uint16), np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    bits, (covered, coverage, deep) = np.zeros(pixels, np.uint16), np.empty((3, pixels), np.float32)
     in_parallel(lambda first, last: front_rows(projected, width, height, first, last, rows), len(faces), threads)
 
     def rasterise_rows(first: int, last: int) -> None:
@@ -77,7 +77,8 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
 
     def spread_rows(first: int, last: int) -> None:
         spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)
+        depth_at_rim(nearest, coverage, width, height, first, last, deep)
 
     for run in (rasterise_rows, cover_rows, spread_rows):
         in_parallel(run, height, threads)
-    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, nearest, coverage)))
+    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, deep, coverage)))

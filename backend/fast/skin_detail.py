@@ -44,7 +44,7 @@ def detailed_image(
         len(image.pixel),
         torch.get_num_threads(),
     )
-    return changed
+    return changed._replace(depth=seen.depth.reshape(image.depth.shape))
 
 
 def _copy(values: Tensor) -> Tensor:

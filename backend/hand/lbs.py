@@ -75,11 +75,10 @@ def pose_hand(
     return _posed(skin, theta, beta, transl, forearm)[1]
 
 
-def skin_motion(model: HandModel, pose: HandPose, device: torch.device | str = "cpu") -> SkinMotion:
-    """How a pose of either side moves the model's vertices into the world, fp32."""
-    skin = SkinTensors.of(model.for_side(pose.side), device)
-    values = (pose.theta, pose.beta, pose.transl, pose.forearm)
-    return _posed(skin, *(torch.as_tensor(value, dtype=torch.float32, device=device) for value in values))[0]
+def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
+    """How a pose moves the vertices into the world; `skin` is that of its side."""
+    like, values = skin.v_template, (pose.theta, pose.beta, pose.transl, pose.forearm)
+    return _posed(skin, *(torch.as_tensor(value, dtype=like.dtype, device=like.device) for value in values))[0]
 
 
 def _posed(

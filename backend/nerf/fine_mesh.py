@@ -19,7 +19,7 @@ from ..geometry.loop import LoopStep, loop_step, split_corners
 from ..geometry.mesh import PosedMesh, vertex_normals
 from ..geometry.rasterise import rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
-from ..hand.lbs import SkinMotion
+from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
 from .rays import CameraTensors, project
 
@@ -69,7 +69,9 @@ class FineTemplate(NamedTuple):
     """What all poses of a fine surface share: N vertices, M faces.
 
     Attributes:
-        levels: of Loop's subdivision, from the V vertices of the template to the N.
+        skin: of the mesh that is subdivided.
+        mirror: [3] factors that turn the right hand into this side's.
+        levels: of Loop's subdivision, from the V vertices of the mesh to the N.
         faces: [M, 3].
         corner_uv: [M, 3, 2].
         around: [N + 1] where each vertex's faces begin among these, and [3 M] the faces around all vertices.
@@ -77,6 +79,8 @@ class FineTemplate(NamedTuple):
         normals: [N, 3] unit, at rest; heights lie along them.
     """
 
+    skin: SkinTensors
+    mirror: Tensor
     levels: tuple[FinerField, ...]
     faces: Tensor
     corner_uv: Tensor
@@ -87,23 +91,23 @@ class FineTemplate(NamedTuple):
     @classmethod
     def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
         """The template of a hand of either side; the surface is that of the right hand."""
-        faces, corner_uv, levels = model.f, model.vt[model.ft], []
-        rest = torch.as_tensor(model.v_template, dtype=torch.float32)
+        skin, faces, corner_uv, levels = SkinTensors.of(model, device), model.f, model.vt[model.ft], []
+        rest = skin.v_template
         for _ in range(LEVELS):
             step = loop_step(faces, len(rest))
-            levels.append(FinerField.of(step))
+            levels.append(FinerField.of(step).to(device))
             faces, rest, corner_uv = step.faces, levels[-1](rest), split_corners(corner_uv)
-        mirror = MIRROR_POINT if model.side == "left" else np.ones(3)
-        offset = torch.as_tensor(surface.offset_m * mirror, dtype=torch.float32)
-        indices, uv = torch.as_tensor(faces), torch.as_tensor(corner_uv, dtype=torch.float32)
-        normals = vertex_normals(rest + offset, indices)
+        mirror = torch.as_tensor(MIRROR_POINT if model.side == "left" else np.ones(3)).to(rest)
+        offset, indices = torch.as_tensor(surface.offset_m).to(rest) * mirror, torch.as_tensor(faces, device=device)
         return cls(
-            levels=tuple(level.to(device) for level in levels),
-            faces=indices.to(device),
-            corner_uv=uv.to(device),
-            around=_faces_around(indices.to(device), len(rest)),
-            offset_m=offset.to(device),
-            normals=normals.to(device),
+            skin=skin,
+            mirror=mirror,
+            levels=tuple(levels),
+            faces=indices,
+            corner_uv=torch.as_tensor(corner_uv).to(rest),
+            around=_faces_around(indices, len(rest)),
+            offset_m=offset,
+            normals=vertex_normals(rest + offset, indices),
         )
 
 
@@ -132,7 +136,7 @@ class PixelSurface(NamedTuple):
 
     Attributes:
         face: [P] the nearest front face at the pixel's centre, -1 for none.
-        depth: [P] of it, m; infinite where there is none.
+        depth: [P] of it, m; infinite for none, unless the pixel shows what its centre misses: then the nearest beside.
         coverage: [P] share of the pixel that the surface covers, as Cycles' filter has it.
     """
 
@@ -170,19 +174,17 @@ def fine_mesh(
     return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale)
 
 
-def motion_of_mesh(model: HandModel, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
+def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
     """How a mesh has moved whose pose is not all that moved it: by the rotation of the surface about each vertex.
 
     Args:
-        model: of the mesh's side.
+        template: of the mesh's side.
         mesh: sculpted, scaled or of a retargeted rig.
-        frames: of the template.
+        frames: of the mesh's topology.
     """
-    device, mirror = mesh.vertices.device, MIRROR_POINT if model.side == "left" else np.ones(3)
-    rest = torch.as_tensor(model.v_template, dtype=torch.float32, device=device)
-    canonical = local_rotations(mesh.vertices, mesh.normals, frames)
-    turned = mesh.scale * canonical * torch.as_tensor(mirror, dtype=torch.float32, device=device)
-    return SkinMotion(rest, torch.cat([turned, (mesh.vertices[..., None] - turned @ rest[..., None])], -1))
+    rest = template.skin.v_template
+    turned = mesh.scale * local_rotations(mesh.vertices, mesh.normals, frames) * template.mirror
+    return SkinMotion(rest, torch.cat([turned, mesh.vertices[..., None] - turned @ rest[..., None]], -1))
 
 
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
@@ -207,7 +209,10 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
     around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
     on_outline = (within != around).flatten()
-    return PixelSurface(face, depth_at, spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px))
+    coverage = spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px)
+    beside = -torch.nn.functional.max_pool2d(-depth_at.reshape(1, 1, height, width), 3, 1, 1).flatten()
+    depth_at = torch.where(is_seen | (coverage <= 0), depth_at, beside)
+    return PixelSurface(face, depth_at, coverage)
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:

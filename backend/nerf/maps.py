@@ -16,13 +16,14 @@ from .volume import Composite
 
 
 def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
-    """The rays' depth profile on the low-resolution grid of the whole image."""
-    in_crop = np.full(crop.height * crop.width, -1, np.int32)
+    """The profile of rays at half the image's size."""
+    in_crop, (width, height) = np.full(crop.height * crop.width, -1, np.int32), size_px
     in_crop[rays.pixel.cpu().numpy()] = np.arange(len(rays.pixel), dtype=np.int32)
-    row = np.full([(side + 1) // 2 for side in reversed(size_px)], -1, np.int32)
+    row = np.full(((height + 1) // 2, (width + 1) // 2), -1, np.int32)
     crop.paste_low_resolution(in_crop.reshape(crop.height, crop.width), row)
+    row = row.repeat(2, 0).repeat(2, 1)[:height, :width]
     arrays = (values.float().cpu().numpy() for values in (rays.t, rays.dt, rays.composite.weights))
-    return DepthProfile(row, *arrays)
+    return DepthProfile(row, *arrays, ray_px=2)
 
 
 def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:

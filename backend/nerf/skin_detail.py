@@ -133,6 +133,7 @@ class PixelSkin(NamedTuple):
 
     Attributes:
         coverage: [P] share of each pixel that shows the hand.
+        depth: [P] m; infinite where none does.
         row: [K] of the pixels in the image.
         normal: [K, 3] unit, world, with the detail.
         albedo: [K, 3] factor of colours.
@@ -140,6 +141,7 @@ class PixelSkin(NamedTuple):
     """
 
     coverage: Tensor
+    depth: Tensor
     row: Tensor
     normal: Tensor
     albedo: Tensor
@@ -183,6 +185,7 @@ def pixel_skin(
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
     return PixelSkin(
         coverage=seen.coverage[pixel],
+        depth=seen.depth[pixel],
         row=row,
         normal=normalize(normalize(_blend(mesh.normals[corners], barycentric), dim=-1) - bent, dim=-1),
         albedo=torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO))),
@@ -199,11 +202,13 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     nail = image.nail.index_put((row,), skin.nail)
     coefficients[:, GLOSS] += torch.stack([nail * gloss, -nail * gloss], 1)
     alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
+    depth = torch.full_like(image.depth, torch.inf).flatten().index_put((image.pixel,), skin.depth)
     return image._replace(
         normal=image.normal.index_put((row,), skin.normal),
         coefficients=coefficients,
         nail=nail,
         alpha=alpha.reshape(image.alpha.shape),
+        depth=depth.reshape(image.depth.shape),
     )
 
 

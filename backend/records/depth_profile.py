@@ -1,7 +1,7 @@
-"""Where along its rays a rendered hand is opaque: occlusion between hands and scene is resolved from this.
+"""Where a rendered hand is opaque along the rays of an image: occlusion between hands and scene is resolved from this.
 
-A frame is rendered as if the hand were alone. From its profile follows how much of each ray's light comes from in front
-of any depth: the scene's, which may differ between the four pixels of a ray, or another hand's.
+A frame is rendered as if the hand were alone. From its profile follows how much of each pixel's light comes from in
+front of any depth: the scene's, or another hand's.
 """
 
 from __future__ import annotations
@@ -13,28 +13,39 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DepthProfile:
-    """R rays of N samples on an image's low-resolution grid.
+    """R rays of N samples through the pixels of an image.
 
     Attributes:
-        row: [h, w] int32, index of the ray through each 2 x 2 pixels; -1: the ray misses the hand.
+        row: [H, W] int32, index of the ray through each pixel; -1: none meets the hand.
         t: [R, N] depth of each sample, m.
         dt: [R] depth step between a ray's samples, m.
         weights: [R, N] each sample's contribution to the ray's alpha.
+        ray_px: side of the square of pixels that have one ray together.
     """
 
     row: np.ndarray
     t: np.ndarray
     dt: np.ndarray
     weights: np.ndarray
+    ray_px: int = 1
 
     @classmethod
-    def of_depth(cls, depth: np.ndarray, background: float) -> DepthProfile:
-        """The profile of an opaque surface of this depth [H, W], m; no surface at `background` or beyond."""
-        nearest = four_depths(depth).min(-1)
-        is_hit = nearest < background
-        row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32)
-        t = nearest[is_hit][:, None].astype(np.float32)
-        return cls(row, t, np.full(len(t), _THIN_M, np.float32), np.ones_like(t))
+    def of_surface(cls, depth: np.ndarray, alpha: np.ndarray, background: float) -> DepthProfile:
+        """The profile of a surface.
+
+        Args:
+            depth: [H, W] m, `background` beside the surface; a pixel that shows some of it is as deep as those beside.
+            alpha: [H, W] share of each pixel that the surface covers.
+            background: no surface is as deep.
+        """
+        nearest = depth
+        for _ in range(_RIM_PX):
+            nearest = np.where(nearest < background, nearest, _lowest_around(nearest))
+        is_hit = (alpha > 0) & (nearest < background)
+        row = np.full(depth.shape, -1, np.int32)
+        row[is_hit] = np.arange(is_hit.sum(), dtype=np.int32)
+        t, weights = (values[is_hit][:, None].astype(np.float32) for values in (nearest, alpha))
+        return cls(row, t, _slant_m(nearest)[is_hit].astype(np.float32), weights)
 
     @property
     def alpha(self) -> np.ndarray:
@@ -55,7 +66,30 @@ class DepthProfile:
         return through
 
 
-_THIN_M = 1e-4
+_RIM_PX = 3
+_THIN_M, _THICK_M = 1e-4, 2e-3
+
+
+def _lowest_around(depth: np.ndarray) -> np.ndarray:
+    """[H, W] of each pixel and the eight beside it."""
+    padded = np.pad(depth, 1, mode="edge")
+    rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+
+
+def _slant_m(depth: np.ndarray) -> np.ndarray:
+    """[H, W] by how much a surface's depth changes within each pixel."""
+    return np.clip(sum(_step_along(depth, axis) for axis in (0, 1)), _THIN_M, _THICK_M)
+
+
+def _step_along(depth: np.ndarray, axis: int) -> np.ndarray:
+    """[H, W] the smaller of the steps to the two pixels beside each."""
+    if depth.shape[axis] == 1:
+        return np.zeros_like(depth)
+    steps = np.abs(np.diff(depth, axis=axis))
+    before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+    before[axis], after[axis] = (1, 0), (0, 1)
+    return np.minimum(*(np.pad(steps, sides, constant_values=np.inf) for sides in (before, after)))
 
 
 def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -65,11 +99,3 @@ def opacity_before(depth: np.ndarray, t: np.ndarray, dt: np.ndarray, weights: np
         share = np.clip((depth - t[:, sample, None]) / dt[:, None] + 0.5, 0, 1)
         total += weights[:, sample, None] * share
     return total
-
-
-def four_depths(depth: np.ndarray) -> np.ndarray:
-    """[h, w, 4] the depths of each low-resolution pixel's 2 x 2 pixels."""
-    height, width = depth.shape
-    even = np.pad(depth, ((0, height % 2), (0, width % 2)), mode="edge")
-    blocks = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2)
-    return np.ascontiguousarray(blocks.transpose(0, 2, 1, 3)).reshape(*blocks.shape[::2], 4)

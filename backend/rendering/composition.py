@@ -1,4 +1,4 @@
-"""Several hands and a scene in one image: occlusion is resolved along every ray, sample by sample.
+"""Several hands and a scene in one image: occlusion is resolved in every pixel, sample by sample along its ray.
 
 Each hand is rendered alone. Its light is attenuated by the other hands' samples and by the scene in front of it, and
 the results are summed, so that the order of the hands does not matter.
@@ -12,7 +12,7 @@ from functools import reduce
 
 import numpy as np
 
-from ..records.depth_profile import DepthProfile, four_depths, opacity_before
+from ..records.depth_profile import DepthProfile, opacity_before
 from ..records.frame import DEPTH_BACKGROUND, Frame
 
 
@@ -40,12 +40,12 @@ def visible_parts(frames: Sequence[Frame], scene_depth: np.ndarray | None = None
     """
     if len(frames) == 1 and scene_depth is None:
         return list(frames)
-    profiles = [_profile_of(frame) for frame in frames]
-    seen = [_seen_weights(number, profiles) for number in range(len(profiles))]
-    shares = [
-        _visible_share(profile, weights, frame.alpha.shape, scene_depth)
-        for profile, weights, frame in zip(profiles, _balanced(profiles, seen), frames, strict=True)
-    ]
+    profiles = [profile_of(frame) for frame in frames]
+    seen = _balanced(profiles, [_seen_weights(number, profiles) for number in range(len(profiles))])
+    shares = [_share_before_hands(*hand, profiles) for hand in zip(profiles, seen, strict=True)]
+    if scene_depth is not None:
+        before_scene = [_share_before_scene(*hand, scene_depth) for hand in zip(profiles, seen, strict=True)]
+        shares = [one * other for one, other in zip(shares, before_scene, strict=True)]
     # The blurred shares of two hands may sum to slightly more than 1.
     total = sum((frame.alpha * share for frame, share in zip(frames, shares, strict=True)), np.float32(0))
     excess = np.maximum(total, 1)
@@ -79,62 +79,61 @@ def mean_frame(frames: Sequence[Frame]) -> Frame:
     return Frame(rgb, alpha, frames[0].depth)
 
 
-def _profile_of(frame: Frame) -> DepthProfile:
-    return frame.profile or DepthProfile.of_depth(frame.depth, DEPTH_BACKGROUND)
+def profile_of(frame: Frame) -> DepthProfile:
+    """The frame's own, or that of a surface which is as deep and as opaque as it."""
+    return frame.profile or DepthProfile.of_surface(frame.depth, frame.alpha, DEPTH_BACKGROUND)
 
 
 def _seen_weights(number: int, profiles: Sequence[DepthProfile]) -> np.ndarray:
-    """[R, N] a hand's weights, attenuated by the other hands."""
+    """[K, N] a hand's weights in the K pixels that it has rays through, attenuated by the other hands."""
     own, others = profiles[number], [*profiles[:number], *profiles[number + 1 :]]
     has_ray = own.row >= 0
-    seen = np.zeros_like(own.weights)
     rays = own.row[has_ray]
     passes = (other.transmittance(other.row[has_ray], own.t[rays]) for other in others)
-    seen[rays] = reduce(np.multiply, passes, own.weights[rays])
-    return seen
+    return reduce(np.multiply, passes, own.weights[rays])
 
 
 def _balanced(profiles: Sequence[DepthProfile], seen: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The same weights, scaled along each ray so that all hands together are as opaque as one behind the other.
+    """The same weights, scaled in each pixel so that all hands together are as opaque as one behind the other.
 
     Where hands intersect, the steps are too coarse to tell how much of each is in front.
     """
-    clear = reduce(np.multiply, (1 - _on_grid(profile, profile.alpha) for profile in profiles))
-    total = reduce(np.add, (_on_grid(one, weights.sum(1)) for one, weights in zip(profiles, seen, strict=True)))
+    clear = reduce(np.multiply, (1 - _on_image(one, _alpha_at_pixels(one)) for one in profiles))
+    total = reduce(np.add, (_on_image(one, weights.sum(1)) for one, weights in zip(profiles, seen, strict=True)))
     scale = (1 - clear) / np.maximum(total, _MIN_ALPHA)
-    balanced = []
-    for profile, weights in zip(profiles, seen, strict=True):
-        has_ray = profile.row >= 0
-        of_ray = np.ones(len(weights), np.float32)
-        of_ray[profile.row[has_ray]] = scale[has_ray]
-        balanced.append(weights * of_ray[:, None])
-    return balanced
+    return [weights * scale[one.row >= 0][:, None] for one, weights in zip(profiles, seen, strict=True)]
 
 
-def _on_grid(profile: DepthProfile, values: np.ndarray) -> np.ndarray:
-    """[h, w] a value of each ray, zero where there is no ray."""
-    grid = np.zeros(profile.row.shape, np.float32)
-    has_ray = profile.row >= 0
-    grid[has_ray] = values[profile.row[has_ray]]
-    return grid
+def _alpha_at_pixels(profile: DepthProfile) -> np.ndarray:
+    """[K] in the pixels that it has rays through."""
+    return profile.alpha[profile.row[profile.row >= 0]]
 
 
-def _visible_share(
-    own: DepthProfile, seen: np.ndarray, shape: tuple[int, ...], scene_depth: np.ndarray | None
-) -> np.ndarray:
-    """[H, W] share of a hand's light that passes the scene; `seen` [R, N] are its weights behind the other hands."""
-    height, width = shape
+def _on_image(profile: DepthProfile, values: np.ndarray) -> np.ndarray:
+    """[H, W] of values [K], zero in pixels without a ray."""
+    image = np.zeros(profile.row.shape, np.float32)
+    image[profile.row >= 0] = values
+    return image
+
+
+def _share_before_hands(own: DepthProfile, seen: np.ndarray, profiles: Sequence[DepthProfile]) -> np.ndarray:
+    """[H, W] share of a hand's light that passes the other hands; `seen` [K, N] are its weights behind them.
+
+    Outlines of surfaces fit together as they are. Those of rays are those of squares of pixels.
+    """
+    alpha = _alpha_at_pixels(own)
+    share = _on_image(own, seen.sum(1) / np.maximum(alpha, _MIN_ALPHA))
+    if all(profile.ray_px == 1 for profile in profiles):
+        return np.where(own.row >= 0, np.minimum(share, 1), 1)
+    return _softened(share, _on_image(own, alpha))
+
+
+def _share_before_scene(own: DepthProfile, seen: np.ndarray, scene_depth: np.ndarray) -> np.ndarray:
+    """[H, W] share of that light that passes the scene, too."""
     has_ray = own.row >= 0
-    rays = own.row[has_ray]
-    if scene_depth is None:
-        light = np.repeat(seen[rays].sum(1, keepdims=True), 4, 1)
-    else:
-        light = opacity_before(four_depths(scene_depth)[has_ray], own.t[rays], own.dt[rays], seen[rays])
-    alpha = own.alpha[rays][:, None]
-    share, certainty = (np.zeros((*own.row.shape, 4), np.float32) for _ in range(2))
-    share[has_ray] = light / np.maximum(alpha, _MIN_ALPHA)
-    certainty[has_ray] = alpha
-    return _softened(_as_image(share)[:height, :width], _as_image(certainty)[:height, :width])
+    rays, total = own.row[has_ray], seen.sum(1)
+    light = opacity_before(scene_depth[has_ray][:, None], own.t[rays], own.dt[rays], seen)[:, 0]
+    return _softened(_on_image(own, light / np.maximum(total, _MIN_ALPHA)), _on_image(own, total))
 
 
 _MIN_ALPHA = 1e-6
@@ -167,9 +166,3 @@ def _dimmed(frame: Frame, share: np.ndarray) -> Frame:
 
 
 _SOLID_ALPHA = 0.5
-
-
-def _as_image(fours: np.ndarray) -> np.ndarray:
-    """The inverse of `four_depths`: [h, w, 4] -> [2h, 2w]."""
-    height, width, _ = fours.shape
-    return fours.reshape(height, width, 2, 2).transpose(0, 2, 1, 3).reshape(2 * height, 2 * width)

@@ -35,7 +35,7 @@ def linear_frame(
     depth: Float[Tensor, "h w"],
     window: Crop,
     size_px: tuple[int, int],
-    profile: DepthProfile,
+    profile: DepthProfile | None,
 ) -> Frame:
     """Scene-linear colours that are premultiplied, of any brightness, as a frame of the whole image."""
     alpha = _clear_alpha(alpha)

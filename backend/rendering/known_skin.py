@@ -14,7 +14,7 @@ from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.fine_surface import FineSurface, load_fine_surface
 from ..hand.lbs import SkinMotion, skin_motion
-from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
+from ..hand.model import MIRROR_AXIS_ANGLE
 from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
 from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh, motion_of_mesh
@@ -44,7 +44,6 @@ class KnownSkin:
     def posed(
         self,
         template: FineTemplate,
-        model: HandModel,
         pose: HandPose,
         mesh: PosedMesh,
         frames: LocalFrames,
@@ -54,17 +53,16 @@ class KnownSkin:
 
         Args:
             template: of the pose's side.
-            model: the built-in hand, of the right side.
             pose: of the mesh.
             mesh: that of the pose; or sculpted, scaled or of a retargeted rig.
-            frames: of the template of the pose's side.
+            frames: of the mesh's topology.
             finely: as `nerf.fine_mesh.fine_mesh`.
         """
         device = mesh.vertices.device
-        motion = skin_motion(model, pose, device)
+        motion = skin_motion(template.skin, pose)
         if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
-            motion = motion_of_mesh(model.for_side(pose.side), mesh, frames)
-        mirror = 1 if pose.side == model.side else MIRROR_AXIS_ANGLE
+            motion = motion_of_mesh(template, mesh, frames)
+        mirror = 1 if pose.side == "right" else MIRROR_AXIS_ANGLE
         theta, forearm = pose.theta * mirror, pose.forearm * mirror
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
         height = torch.as_tensor(height_m, dtype=torch.float32, device=device)

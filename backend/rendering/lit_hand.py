@@ -65,7 +65,7 @@ class LitHand:
         points: where the rays meet the skin.
         open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
-        profile: of the rays.
+        profile: of the rays; None: the image shows a surface that is known.
         albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
     """
 
@@ -76,7 +76,7 @@ class LitHand:
     points: SurfacePoints
     open_sky: PointShadows
     image: LitImage
-    profile: DepthProfile
+    profile: DepthProfile | None
     albedo: Tensor
 
     def shows(self, shot: Shot) -> bool:
@@ -155,11 +155,12 @@ def render_lit_hand(
     if known is None:
         skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
+        profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
     else:
         full = doubled(hand.camera)
         seen = backend.seen_surface(known.mesh, full)
         at_pixels = skin._replace(depth=seen.depth)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
-    profile = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px)
+        profile = None
     return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, profile, albedo)

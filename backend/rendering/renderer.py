@@ -204,9 +204,11 @@ class Renderer:
         )
 
     def _posed_skin(self, skin: KnownSkin, pose: HandPose, hand: HandInView) -> PosedSkin:
-        template, frames = self._fine_templates[pose.side], hand.topology.frames
-        mesh = skin.posed(template, self.hand, pose, hand.mesh, frames, self._backend.fine_mesh)
-        return PosedSkin(skin.maps, mesh)
+        templates = self._fine_templates
+        if pose.side not in templates:
+            templates[pose.side] = FineTemplate.of(skin.surface, self.hand.for_side(pose.side), self.torch_device)
+        frames, finely = hand.topology.frames, self._backend.fine_mesh
+        return PosedSkin(skin.maps, skin.posed(templates[pose.side], pose, hand.mesh, frames, finely))
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
@@ -215,11 +217,8 @@ class Renderer:
 
     @cached_property
     def _fine_templates(self) -> dict[Side, FineTemplate]:
-        """Of both sides, if the skin is known."""
-        if self._skin is None:
-            return {}
-        surface, sides = self._skin.surface, self._topologies
-        return {side: FineTemplate.of(surface, self.hand.for_side(side), self.torch_device) for side in sides}
+        """Of the sides that have been rendered."""
+        return {}
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

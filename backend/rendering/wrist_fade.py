@@ -8,10 +8,11 @@ import numpy as np
 
 from ..geometry.tolerances import NEAR_M
 from ..hand.model import HandModel
-from ..records.depth_profile import DepthProfile, four_depths
+from ..records.depth_profile import DepthProfile
 from ..records.frame import DEPTH_BACKGROUND, Frame
 from ..records.shot import Shot
 from .arm_end import distance_from_end_m, opaque_share
+from .composition import profile_of
 from .surface_maps import vertex_map
 
 _SOLID_ALPHA = 0.5
@@ -32,8 +33,13 @@ def faded(frame: Frame, shot: Shot, hand: HandModel) -> Frame:
     share = _opaque_share(frame, shot, hand.for_side(shot.pose.side))
     alpha = frame.alpha * share
     depth = np.where(alpha < _SOLID_ALPHA, np.float32(DEPTH_BACKGROUND), frame.depth)
-    profile = _faded_profile(frame.profile or DepthProfile.of_depth(frame.depth, DEPTH_BACKGROUND), share)
-    return replace(frame, rgb=frame.rgb * share[..., None], alpha=alpha, depth=depth, profile=profile)
+    return replace(
+        frame,
+        rgb=frame.rgb * share[..., None],
+        alpha=alpha,
+        depth=depth,
+        profile=_faded_profile(profile_of(frame), share),
+    )
 
 
 def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
@@ -46,8 +52,7 @@ def _opaque_share(frame: Frame, shot: Shot, model: HandModel) -> np.ndarray:
     if min(size_px) <= 0:
         return share
     cropped = shot.with_camera(shot.camera.cropped(columns.start, rows.start, size_px))
-    of_rays = np.repeat(np.repeat(four_depths(frame.alpha).any(-1), 2, 0), 2, 1)
-    distance_m = _spread(vertex_map(cropped, model, of_vertices), of_rays[rows, columns])
+    distance_m = _spread(vertex_map(cropped, model, of_vertices), frame.alpha[rows, columns] > 0)
     share[rows, columns] = opaque_share(distance_m, shot.wrist_fade_m)
     return share
 
@@ -84,8 +89,9 @@ def _spread(distance_m: np.ndarray, is_needed: np.ndarray) -> np.ndarray:
 
 
 def _faded_profile(profile: DepthProfile, share: np.ndarray) -> DepthProfile:
-    """The opacity of each ray, times the mean share [H, W] of its 2 x 2 pixels."""
-    has_ray = profile.row >= 0
-    of_ray = np.ones(len(profile.weights), np.float32)
-    of_ray[profile.row[has_ray]] = four_depths(share).mean(-1)[has_ray]
-    return replace(profile, weights=profile.weights * of_ray[:, None])
+    """The opacity of each ray, times the mean share [H, W] of its pixels."""
+    has_ray, count = profile.row >= 0, len(profile.weights)
+    rays = profile.row[has_ray]
+    pixels = np.bincount(rays, minlength=count)
+    mean = np.bincount(rays, share[has_ray], count) / np.maximum(pixels, 1)
+    return replace(profile, weights=profile.weights * mean[:, None].astype(np.float32))

@@ -208,7 +208,7 @@ class LitTrainingViews(TrainingViews):
             return None
         if index not in self._kept_skin:
             pose, camera = self._hand_poses[self.views[index].pose_index], doubled(view.camera)
-            mesh = self._skin.posed(self._fine_template, self.hand, pose, view.mesh, self.topology.frames)
+            mesh = self._skin.posed(self._fine_template, pose, view.mesh, self.topology.frames)
             seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)

@@ -47,7 +47,7 @@ def flat_skin(template, motion):
 
 def test_at_rest_it_is_the_subdivided_template_moved_by_the_offsets(backend, hand, templates):
     right = templates["right"]
-    motion = skin_motion(hand, AT_REST)
+    motion = skin_motion(right.skin, AT_REST)
     found = backend.fine_mesh(right, motion, *flat_skin(right, motion))
     expected = torch.as_tensor(hand.v_template, dtype=torch.float32)
     for level in right.levels:
@@ -58,7 +58,7 @@ def test_at_rest_it_is_the_subdivided_template_moved_by_the_offsets(backend, han
 
 def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):
     right = templates["right"]
-    motion = skin_motion(hand, AT_REST)
+    motion = skin_motion(right.skin, AT_REST)
     _, flex, scale = flat_skin(right, motion)
     height_m = torch.linspace(0, 0.002, len(right.offset_m))
     low, high = (backend.fine_mesh(right, motion, each, flex, scale) for each in (0 * height_m, height_m))
@@ -69,7 +69,7 @@ def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):
 def test_it_follows_skinning_as_the_surface_of_captures_does(backend, hand, templates, gesture):
     """The slow way: weights, correctives and shape of every finer vertex, and its own transform."""
     right, pose = templates["right"], pose_of(gesture, beta=0.7)
-    motion = skin_motion(hand, pose)
+    motion = skin_motion(right.skin, pose)
     found = backend.fine_mesh(right, motion, *flat_skin(right, motion))
 
     def finer(values):
@@ -79,10 +79,10 @@ def test_it_follows_skinning_as_the_surface_of_captures_does(backend, hand, temp
         return values
 
     skin_weights, rest = finer(hand.lbs_weights), finer(motion.rest) + right.offset_m
-    single = skin_motion(hand, pose)  # transforms are linear in the weights, so joints' own follow from these
+    # Transforms are linear in the weights, so joints' own follow from these.
     of_joints = torch.linalg.lstsq(
         torch.cat([torch.as_tensor(hand.lbs_weights), torch.as_tensor(hand.arm_weights)[:, None]], 1).double(),
-        single.transforms.flatten(1).double(),
+        motion.transforms.flatten(1).double(),
     ).solution
     weights = torch.cat([skin_weights, finer(hand.arm_weights[:, None])], 1).double()
     transforms = (weights @ of_joints).reshape(-1, 3, 4).float()
@@ -94,7 +94,7 @@ def test_the_left_hand_is_the_mirror_image(backend, hand, templates):
     mirror = torch.as_tensor(MIRROR_POINT, dtype=torch.float32)
     found = {}
     for side in ("right", "left"):
-        motion = skin_motion(hand, pose_of("fist", side))
+        motion = skin_motion(templates[side].skin, pose_of("fist", side))
         height, flex, scale = flat_skin(templates[side], motion)
         found[side] = backend.fine_mesh(templates[side], motion, height + 0.001, flex, scale)
     torch.testing.assert_close(found["left"].vertices, found["right"].vertices * mirror, atol=1e-6, rtol=0)
@@ -104,14 +104,14 @@ def test_the_left_hand_is_the_mirror_image(backend, hand, templates):
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_mesh_that_no_pose_explains_is_followed_by_its_own_surface(hand, templates, side):
     """Turned, moved and twice as large, it is the posed one turned, moved and twice as large, but for joints."""
-    template, model = templates[side], hand.for_side(side)
-    topology = topology_of(model, canonical_side="right")
-    posed = skin_motion(hand, pose_of("open", side))
+    template = templates[side]
+    topology = topology_of(hand.for_side(side), canonical_side="right")
+    posed = skin_motion(template.skin, pose_of("open", side))
     turn = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(1))).Q
     turn = turn * torch.linalg.det(turn)
     vertices = 2 * posed.vertices @ turn.T + torch.tensor([0.1, 0.2, 0.3])
     mesh = posed_mesh(topology, vertices)
-    moved = motion_of_mesh(model, mesh, topology.frames)
+    moved = motion_of_mesh(template, mesh, topology.frames)
     torch.testing.assert_close(moved.vertices, vertices, atol=1e-6, rtol=0)
     _, flex, scale = flat_skin(template, posed)
     height = torch.full((len(template.offset_m),), 0.001)
@@ -166,7 +166,21 @@ def test_faces_and_depth_are_those_at_the_centres(backend):
     inside[5:33, 9:30] = True
     assert torch.equal((seen.face >= 0).reshape(SIZE[1], SIZE[0]), inside)
     torch.testing.assert_close(seen.depth[inside.flatten()], torch.ones(int(inside.sum())))
-    assert seen.depth[~inside.flatten()].isinf().all()
+    depth = seen.depth.reshape(SIZE[1], SIZE[0])
+    torch.testing.assert_close(depth[4:34, 8], torch.ones(30))  # the surface is seen beside their centres
+    assert depth[5:33, 7].isinf().all()
+    assert torch.equal(depth[3:35, 7:31].isfinite(), seen.coverage.reshape(SIZE[1], SIZE[0])[3:35, 7:31] > 0)
+
+
+def test_where_a_pixel_shows_the_surface_beside_its_centre_it_is_as_deep_as_what_is_nearest_around(backend):
+    leaning = square(9.4, 30.0, 5.0, 33.0)
+    leaning = leaning._replace(vertices=leaning.vertices * torch.linspace(1, 1.3, 4)[:, None])
+    seen = backend.seen_surface(leaning, camera())
+    depth = torch.where(seen.face >= 0, seen.depth, torch.inf).reshape(1, 1, SIZE[1], SIZE[0])
+    lowest = -torch.nn.functional.max_pool2d(-depth, 3, 1, 1).flatten()
+    beside = (seen.face < 0) & (seen.coverage > 0)
+    assert beside.sum() > 40
+    torch.testing.assert_close(seen.depth[beside], lowest[beside])
 
 
 def test_a_ball_covers_the_area_of_its_outline(backend):

@@ -144,6 +144,7 @@ def test_gradients_pass_to_colours_and_gloss():
     coefficients = image.coefficients.clone().requires_grad_()
     known = PixelSkin(
         coverage=torch.ones(len(image.pixel)),
+        depth=torch.ones(len(image.pixel)),
         row=torch.tensor([3, 7]),
         normal=torch.tensor([[0.0, 0, 1], [1, 0, 0]]),
         albedo=torch.tensor([[0.5, 0.6, 0.7]]).expand(2, 3),
@@ -194,6 +195,7 @@ def test_the_surface_tells_the_outline(backend):
     maps, seen = DetailMaps.of(skin(), SkinLook(0.0, 1.0, 0.0)), backend.seen_surface(mesh, camera)
     after = backend.detailed_image(before, seen, mesh, camera, maps)
     torch.testing.assert_close(after.alpha.flatten(), seen.coverage)
+    torch.testing.assert_close(after.depth.flatten(), seen.depth)
     assert 0.2 < after.alpha[SIZE[1] // 2, 1] < 0.9
     torch.testing.assert_close(after.coefficients, seen.coverage[:, None].expand_as(after.coefficients))
     beside = seen.face < 0

@@ -28,12 +28,12 @@ def a_frame(
     covered = np.zeros((height, width), np.float32)
     covered[:, columns] = alpha
     is_hit = covered[::2, ::2] > 0
-    row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32)
+    row = np.where(is_hit, np.cumsum(is_hit).reshape(is_hit.shape) - 1, -1).astype(np.int32).repeat(2, 0).repeat(2, 1)
     middle = np.broadcast_to(depth_m, is_hit.shape)[is_hit][:, None]
     t = (middle + (np.arange(samples) - (samples - 1) / 2) * dt_m).astype(np.float32)
     weights = np.full(t.shape, alpha / samples, np.float32)
     depth = np.where(covered > 0.5, np.repeat(np.repeat(np.broadcast_to(depth_m, is_hit.shape), 2, 0), 2, 1), 1e10)
-    profile = DepthProfile(row, t, np.full(len(t), dt_m, np.float32), weights)
+    profile = DepthProfile(row, t, np.full(len(t), dt_m, np.float32), weights, ray_px=2)
     return Frame(covered[..., None] * np.float32(colour), covered, depth.astype(np.float32), profile)
 
 
@@ -114,6 +114,37 @@ def test_a_frame_without_a_profile_lies_at_its_depth():
     frame = replace(a_frame(1.0), profile=None)
     assert joined(visible_parts([frame], scene_at(0.9))).alpha.max() == 0
     np.testing.assert_array_equal(joined(visible_parts([frame], scene_at(1.1))).rgb, frame.rgb)
+
+
+def half_plane(angle_rad, depth_m, colour):
+    """A surface left of a straight outline through the middle, as wide as a pixel there."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    distance_px = (x - SIZE[0] / 2) * np.cos(angle_rad) + (y - SIZE[1] / 2) * np.sin(angle_rad)
+    alpha = np.clip(0.5 - distance_px, 0, 1).astype(np.float32)
+    depth = np.where(alpha >= 0.5, np.float32(depth_m), DEPTH_BACKGROUND).astype(np.float32)
+    return Frame(alpha[..., None] * np.float32(colour), alpha, depth)
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.4, 0.9])
+def test_the_outline_of_a_surface_shows_no_seam_before_another_hand(angle_rad):
+    """It covers the hand behind by what it shows itself: no rim through which the background is seen."""
+    front = half_plane(angle_rad, 0.9, (1, 0, 0))
+    behind = replace(a_frame(1.0, colour=(0, 1, 0)), profile=None)
+    whole = joined(visible_parts([front, behind]))
+    np.testing.assert_allclose(whole.alpha, 1, atol=1e-6)
+    np.testing.assert_allclose(whole.rgb[..., 0], front.alpha, atol=1e-6)
+    np.testing.assert_allclose(whole.rgb[..., 1], 1 - front.alpha, atol=1e-6)
+    below = joined(visible_parts([half_plane(angle_rad, 1.1, (1, 0, 0)), behind]))
+    np.testing.assert_allclose(below.rgb, behind.rgb, atol=1e-6)
+
+
+def test_surfaces_that_cross_change_places_within_a_pixel():
+    """A surface of 0.5 mm a column goes through one that is level: the pixel of the crossing shows both."""
+    column_m = 1 + 5e-4 * (np.arange(SIZE[0]) - 6)
+    sloped = Frame(np.ones((*SIZE[::-1], 3), np.float32), np.ones(SIZE[::-1], np.float32), np.tile(column_m, (16, 1)))
+    level = replace(sloped, rgb=np.zeros_like(sloped.rgb), depth=scene_at(1.0))
+    seen = joined(visible_parts([sloped, level])).rgb[8, :, 0]
+    np.testing.assert_allclose(seen, [1, 1, 1, 1, 1, 1, 0.5, 0, 0, 0, 0, 0], atol=0.02)
 
 
 @pytest.mark.parametrize("size", [(11, 15), (1, 1), (2, 7)])

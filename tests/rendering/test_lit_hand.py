@@ -14,9 +14,11 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.rendering.surface_maps import surface_maps
 
 pytestmark = pytest.mark.slow
 
@@ -158,6 +160,21 @@ def test_a_known_skin_shows_where_it_is_wanted(hand, renderer, shot):
     assert np.abs(plain.alpha - detailed.alpha).mean() < 0.05  # the outline alone
     share = np.abs(plain.rgb - detailed.rgb).mean() / plain.rgb.mean()
     assert 0.0005 < share < 0.3
+
+
+@pytest.mark.parametrize("eye", [(0.1, 0.6, 0.2), (0.6, 0.0, 0.1), (-0.3, -0.2, -0.5)])
+def test_whatever_is_opaque_has_a_depth(hand, renderer, shot, eye):
+    """It is where the mesh is but for what the skin raises."""
+    seen_from = replace(shot.camera, cam2world=look_at(np.array(eye), np.zeros(3), np.array([1.0, 0.1, 0])))
+    shot = shot.with_camera(seen_from)
+    frame = renderer.render(shot)
+    solid = frame.alpha >= 0.5
+    assert solid.sum() > 300
+    assert (frame.depth[solid] < DEPTH_BACKGROUND).all()
+    assert (frame.depth[~solid] == DEPTH_BACKGROUND).all()
+    of_mesh = surface_maps(shot, hand).depth
+    both = solid & (of_mesh < DEPTH_BACKGROUND)
+    assert np.quantile(np.abs(frame.depth - of_mesh)[both], 0.95) < 1e-3
 
 
 def test_bf16_changes_little(hand, renderer, shot):

@@ -120,3 +120,17 @@ def spread_coverage(covered, on_outline, taps, width, height, first_row, last_ro
                 for column in range(3):
                     total += taps[row] * taps[column] * covered[below + min(max(x + column - 1, 0), width - 1)]
             coverage[at] = total
+
+
+@compiled
+def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
+    """Fill rows [first_row, last_row) of the depth; of the nearest beside where only a pixel's centre misses it."""
+    for y in range(first_row, last_row):
+        for x in range(width):
+            at = y * width + x
+            depth[at] = nearest[at]
+            if nearest[at] < np.inf or coverage[at] <= _0:
+                continue
+            for below in range(max(y - 1, 0), min(y + 2, height)):
+                for right in range(max(x - 1, 0), min(x + 2, width)):
+                    depth[at] = min(depth[at], nearest[below * width + right])
