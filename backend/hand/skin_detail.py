@@ -88,15 +88,13 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     """The detail of the skin of a built-in hand; None: this hand has none."""
     if builtin_hashes().get(hand_sha256) != WITH_ARM:
         return None
-    fine = _arrays(f"skin_of_{WITH_ARM}.npz")
-    bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
-    coarse = _arrays(f"coarse_skin_of_{WITH_ARM}.npz")
-    return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
-
-
-def _arrays(name: str) -> dict[str, np.ndarray]:
-    with np.load(builtin_hand_path(WITH_ARM).with_name(name), allow_pickle=False) as arrays:
-        return dict(arrays)
+    beside = builtin_hand_path(WITH_ARM).with_name
+    with (
+        np.load(beside(f"skin_of_{WITH_ARM}.npz")) as fine,
+        np.load(beside(f"coarse_skin_of_{WITH_ARM}.npz")) as coarse,
+    ):
+        bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
+        return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
 
 
 def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:

@@ -144,8 +144,8 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
     )
     skin_detail: BoolProperty(
         name="Skin Detail",
-        description="Folds, fine lines and rims of nails that are finer than an avatar learns, where they are known: "
-        "those of the avatars that ship, in the scene's light",
+        description="The exact outline, and folds, fine lines and rims of nails that are finer than an avatar learns, "
+        "where they are known: those of the avatars that ship, in the scene's light",
         default=True,
     )
     file_version: IntProperty(
