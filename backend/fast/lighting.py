@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
+from ..nerf.bounce import Probes, bounced_on_skin
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     F0,
@@ -22,6 +23,7 @@ from ..nerf.lighting import (
     SurfacePoints,
 )
 from .arrays import as_arrays, whole_rows
+from .kernels.bounce import bounce
 from .kernels.compiled import in_parallel
 from .kernels.lighting import light_features as fill_features
 from .kernels.lighting import openness as fill_openness
@@ -32,21 +34,32 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
-    buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3), (3,))]
+    buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3))]
     out = FeatureArrays(*(values.numpy() for values in buffers))
-    arrays = PointArrays(*as_arrays(*points))
+    arrays = PointArrays(*as_arrays(*points[:-1]))
     sky_arrays = SkyArrays(*as_arrays(*sky), *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
-    probes = shadows.probes.probes
-    at, normal, shed = as_arrays(probes.position.T, probes.normal.T, shadows.probes.shed(light).T)
-    probe_arrays = ProbeArrays(at, normal, np.float32(probes.area_m2), shed)
     in_parallel(
-        lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, probe_arrays, lobes(), first, last, out),
+        lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out),
         count,
         torch.get_num_threads(),
     )
-    *direct, reflected = buffers[1:]
-    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *direct, torch.ones(count, 3), reflected))
+    probes, shed = shadows.probes.probes, shadows.probes.shed(light)
+    reflected = bounced_on_skin(points.places, points.position, points.normal, probes, shed, bounced)
+    ones = torch.ones(count, 3)
+    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ones, reflected))
+
+
+def bounced(
+    position: Float[Tensor, "R 3"], normal: Float[Tensor, "R 3"], probes: Probes, shed: Float[Tensor, "P 3"]
+) -> Float[Tensor, "R 3"]:
+    """As `nerf.bounce.bounced`."""
+    arrays = ProbeArrays(*as_arrays(probes.position.T, probes.normal.T, probes.area_m2, shed.T))
+    at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
+    in_parallel(
+        lambda first, last: bounce(at, unit, arrays, first, last, received), len(position), torch.get_num_threads()
+    )
+    return torch.as_tensor(received)
 
 
 def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"]) -> Openness:

@@ -7,9 +7,11 @@ import torch
 from torch import Tensor
 
 from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.rasterise import NearestFronts
 from ..nerf.rays import HandInView, project, ray_directions, ray_origin
 from ..nerf.sampler import SamplerConfig
 from .kernels.compiled import in_parallel
+from .kernels.outline import front_rows, nearest_of_rows
 from .kernels.raster import find_crossings, nearest_depth
 from .kernels.rays import find_live
 from .kernels.records import ProjectedMesh, Rays, ShellCrossings, SurfaceTables
@@ -41,16 +43,16 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     return crossings
 
 
-def first_hit(hand: HandInView) -> Tensor:
-    """`nerf.sampler.first_hit` by a kernel."""
+def first_hit(hand: HandInView) -> NearestFronts:
+    """`nerf.sampler.first_hit` by kernels."""
     positions_px, depth = project(hand.camera, hand.mesh.vertices)
     mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), hand.topology.faces.numpy())
-    width, height = hand.camera.size_px
-    nearest = np.full(width * height, np.inf, np.float32)
-    in_parallel(
-        lambda first, last: nearest_depth(mesh, width, first, last, False, nearest), height, torch.get_num_threads()
-    )
-    return torch.as_tensor(nearest)
+    (width, height), threads = hand.camera.size_px, torch.get_num_threads()
+    nearest, face = np.full(width * height, np.inf, np.float32), np.full(width * height, -1, np.int32)
+    rows = np.empty((len(mesh.faces), 2), np.int32)
+    in_parallel(lambda first, last: front_rows(mesh, width, height, first, last, rows), len(rows), threads)
+    in_parallel(lambda first, last: nearest_of_rows(mesh, rows, width, first, last, nearest, face), height, threads)
+    return NearestFronts(torch.as_tensor(nearest), torch.as_tensor(face))
 
 
 def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:

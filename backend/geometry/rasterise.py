@@ -78,3 +78,23 @@ def _barycentric(
 
 def _cross(a: Float[Tensor, "*n 2"], b: Float[Tensor, "*n 2"]) -> Float[Tensor, "*n"]:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+class NearestFronts(NamedTuple):
+    """The first front face in each of P pixels: depth [P] m, infinite for none, and face [P], -1 for none."""
+
+    depth: Tensor
+    face: Tensor
+
+
+def nearest_fronts(fragments: Fragments, pixels: int) -> NearestFronts:
+    """The first front face in the centre of each pixel."""
+    front = fragments.is_front.nonzero()[:, 0]
+    order = front[torch.argsort(fragments.depth[front], descending=True, stable=True)]  # the nearest comes last
+    last = torch.arange(len(order), device=order.device)
+    nearest = torch.full((pixels,), -1, device=order.device)
+    nearest = nearest.scatter_reduce(0, fragments.pixel[order], last, "amax")
+    is_seen, hit = nearest >= 0, order[nearest[nearest >= 0]]
+    face, depth = torch.full_like(nearest, -1), fragments.depth.new_full(nearest.shape, torch.inf)
+    face[is_seen], depth[is_seen] = fragments.face[hit], fragments.depth[hit]
+    return NearestFronts(depth, face)

@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import LightViews, PointShadows
 from ..hand.lbs import SkinMotion
 from .conditions import FrameConditions
@@ -76,7 +77,7 @@ class RenderBackend(Protocol):
         """As `geometry.shadow_maps.point_shadows`."""
         ...
 
-    def first_hit(self, hand: HandInView) -> Float[Tensor, " P"]:
+    def first_hit(self, hand: HandInView) -> NearestFronts:
         """As `nerf.sampler.first_hit`, of the mesh itself."""
         ...
 

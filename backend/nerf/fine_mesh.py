@@ -17,7 +17,7 @@ from torch.nn.functional import conv2d
 from ..geometry.local_rotation import LocalFrames, local_rotations
 from ..geometry.loop import LoopStep, loop_step, split_corners
 from ..geometry.mesh import PosedMesh, vertex_normals
-from ..geometry.rasterise import rasterise
+from ..geometry.rasterise import nearest_fronts, rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
@@ -191,15 +191,8 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """What the camera's pixels show of the mesh."""
     (positions_px, depth), (width, height) = project(camera, mesh.vertices), camera.size_px
     found = rasterise(positions_px, depth, mesh.faces, camera.size_px)
-    front = found.is_front.nonzero()[:, 0]
-    order = front[torch.argsort(found.depth[front], descending=True, stable=True)]  # the nearest comes last
-    last = torch.arange(len(order), device=order.device)
-    nearest = torch.full((width * height,), -1, device=order.device)
-    nearest = nearest.scatter_reduce(0, found.pixel[order], last, "amax")
-    is_seen = nearest >= 0
-    face, depth_at = torch.full_like(nearest, -1), depth.new_full(nearest.shape, torch.inf)
-    hit = order[nearest[is_seen]]
-    face[is_seen], depth_at[is_seen] = found.face[hit], found.depth[hit]
+    depth_at, face = nearest_fronts(found, width * height)
+    is_seen = face >= 0
     covered = torch.zeros(width * height, device=depth.device)
     for x, y in SAMPLES:
         moved = positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y])

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
-from .bounce import PROBES, Probes, bounced
+from .bounce import Probes, SkinPlaces, bounced_on_skin
 from .light_samples import LampSamples, LightSamples, SkySamples
 
 SCATTER_M = (0.004, 0.0012)
@@ -56,6 +56,11 @@ class ProbeLight(NamedTuple):
         of_sky = (self.of_sky[..., None] * light.sky.flux[:, None]).sum(0)  # a product of matrices may differ by a bit
         return of_sky + (self.of_lamps[..., None] * light.lamps.rgb[:, None]).sum(0)
 
+    def mean_received(self, light: LightSamples) -> Float[Tensor, " C"]:
+        """The mean of that over the skin."""
+        share = self.probes.area_m2 / self.probes.area_m2.sum()
+        return (share[:, None] * self.received(light)).sum(0)
+
     def shed(self, light: LightSamples) -> Float[Tensor, "P 3"]:
         """Radiance."""
         return self.albedo * self.received(light)
@@ -83,12 +88,14 @@ class SurfacePoints(NamedTuple):
         normal: [R, 3] unit, of the mesh.
         relief_normal: [R, 3] unit, with the learnt relief.
         view: [R, 3] unit, from the camera.
+        places: on the mesh.
     """
 
     position: Tensor
     normal: Tensor
     relief_normal: Tensor
     view: Tensor
+    places: SkinPlaces
 
 
 class Openness(NamedTuple):
@@ -132,14 +139,15 @@ def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"
 def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
     """The features of points, without gradients: those that depend on normals vary slowly with them."""
     sky, lamps = light
-    points = SurfacePoints(*(values.detach() for values in points))
+    position, normal, relief_normal, view = (values.detach() for values in points[:-1])
+    points = SurfacePoints(position, normal, relief_normal, view, points.places)
     towards, strength = lamps.arriving(points.position)
     lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
     of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
     faces = (towards * points.relief_normal).sum(-1) > 0  # what is below the horizon must not weigh against the rest
     vectors = towards * (strength * lit * faces)[..., None]
-    count = len(lamps.rgb)
+    count, probes = len(lamps.rgb), shadows.probes
     summed = [
         values.new_zeros(count, *values.shape[1:]).index_add(0, lamps.lamp, values) for values in (vectors, of_lamps)
     ]
@@ -154,7 +162,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
         arriving=torch.ones_like(points.position),
-        reflected=bounced(points.position, points.normal, shadows.probes.probes, shadows.probes.shed(light)),
+        reflected=bounced_on_skin(points.places, points.position, points.normal, probes.probes, probes.shed(light)),
     )
 
 
@@ -165,7 +173,9 @@ def light_at_probes(
     towards, strength = light.lamps.arriving(probes.position)
     facing = (towards * probes.normal).sum(-1).clamp(min=0)
     of_samples = strength * _unblocked(light.lamps, lamps) * facing
-    of_lamps = of_samples.new_zeros(len(light.lamps.rgb), PROBES).index_add(0, light.lamps.lamp, of_samples)
+    of_lamps = of_samples.new_zeros(len(light.lamps.rgb), of_samples.shape[1]).index_add(
+        0, light.lamps.lamp, of_samples
+    )
     return sky.lit * (light.sky.towards @ probes.normal.T).clamp(min=0), of_lamps
 
 

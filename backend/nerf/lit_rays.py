@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
-from .bounce import Probes, probe_vertices
+from .bounce import Probes, SkinPlaces, probe_vertices
 from .field import mean_features
 from .light_samples import LampSamples, LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
@@ -39,34 +40,50 @@ def surface_points(
     gathered: Composite,
     position: Float[Tensor, "R 3"],
     view: Float[Tensor, "R 3"],
+    places: SkinPlaces,
 ) -> SurfacePoints:
     """The points with the normals that were gathered along the rays."""
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
-    return SurfacePoints(position, normal.detach(), relief_normal, view)
+    return SurfacePoints(position, normal.detach(), relief_normal, view, places)
 
 
 class SkinLayers(NamedTuple):
     """The skin in an image of P pixels.
 
     Attributes:
-        mesh: [P] depth of the mesh, m; infinite beside it.
-        outer: [P] depth of the mesh with all skin that may stand out of it.
+        mesh: the mesh.
+        outer: the mesh with all skin that may stand out of it.
         edge_m: [] depths that differ by more are of two surfaces.
     """
 
-    mesh: Tensor
-    outer: Tensor
+    mesh: NearestFronts
+    outer: NearestFronts
     edge_m: Tensor
 
     @property
     def first(self) -> SkinDepth:
         """Where rays first meet the skin: the mesh, but beside its outline the skin that may stand out of it."""
-        return SkinDepth(torch.where(self._stands_out, self.outer, self.mesh), self.edge_m)
+        return SkinDepth(torch.where(self._stands_out, self.outer.depth, self.mesh.depth), self.edge_m)
 
     @property
     def _stands_out(self) -> Tensor:
         """[P] whether skin may stand out of the mesh far before what is behind it."""
-        return self.mesh - self.outer > self.edge_m
+        return self.mesh.depth - self.outer.depth > self.edge_m
+
+    def places(
+        self, hand: HandInView, skin: SkinDepth, pixel: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
+    ) -> SkinPlaces:
+        """Where rays lie on the mesh that meet the skin there.
+
+        Args:
+            hand: in the view of these layers.
+            skin: `first`, or as `seen_by` chose.
+            pixel: of the rays.
+            position: as `ray_positions` gives them.
+        """
+        is_of_mesh = skin.depth[pixel] == self.mesh.depth[pixel]
+        face = torch.where(is_of_mesh, self.mesh.face[pixel], self.outer.face[pixel])
+        return SkinPlaces.of(hand.mesh, hand.topology.faces, face, position)
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.
@@ -78,17 +95,16 @@ class SkinLayers(NamedTuple):
             size_px: of the rays' image; these layers are of that size, or twice as large.
         """
         at = self._stands_out.nonzero()[:, 0]
-        at = at[self.mesh[at] < torch.inf]
-        is_of_rays = len(self.mesh) == size_px[0] * size_px[1]
-        around, share = (at[:, None], torch.ones_like(self.mesh[at, None])) if is_of_rays else neighbours(at, size_px)
+        mesh, outer = self.mesh.depth, self.outer.depth
+        at = at[mesh[at] < torch.inf]
+        is_of_rays = len(mesh) == size_px[0] * size_px[1]
+        around, share = (at[:, None], torch.ones_like(mesh[at, None])) if is_of_rays else neighbours(at, size_px)
         ray = ray_of_pixel(rays.pixel, size_px[0] * size_px[1])[around]
         opacity = rays.composite.weights[ray].float() * (share * (ray >= 0))[..., None]
-        is_behind = rays.t[ray] > (0.5 * (self.mesh + self.outer))[at, None, None]
+        is_behind = rays.t[ray] > (0.5 * (mesh + outer))[at, None, None]
         shows_behind = (opacity * is_behind).sum((1, 2)) > 0.5 * opacity.sum((1, 2))
         first = self.first
-        return first._replace(
-            depth=first.depth.index_put((at,), torch.where(shows_behind, self.mesh[at], self.outer[at]))
-        )
+        return first._replace(depth=first.depth.index_put((at,), torch.where(shows_behind, mesh[at], outer[at])))
 
 
 def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:

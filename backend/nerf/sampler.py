@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.mesh import Topology
-from ..geometry.rasterise import Fragments, rasterise
+from ..geometry.rasterise import Fragments, NearestFronts, nearest_fronts, rasterise
 from .rays import CameraTensors, HandInView, project, ray_directions, ray_origin
 
 
@@ -120,7 +120,8 @@ def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
-    return _without_empty(_stop_at(inside, _nearest_front(inner, camera)[pixel]))
+    width, height = camera.size_px
+    return _without_empty(_stop_at(inside, nearest_fronts(inner, width * height).depth[pixel]))
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
@@ -128,17 +129,10 @@ def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -
     return rasterise(positions_px, depth, topology.faces, camera.size_px)
 
 
-def first_hit(hand: HandInView) -> Float[Tensor, " P"]:
-    """Depth of the mesh's first front face per pixel, m; infinite where there is none."""
-    return _nearest_front(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), hand.camera)
-
-
-def _nearest_front(fragments: Fragments, camera: CameraTensors) -> Float[Tensor, " P"]:
-    """Depth of the first front face per pixel; infinite where there is none."""
-    width, height = camera.size_px
-    nearest = fragments.depth.new_full((width * height,), torch.inf)
-    front = fragments.is_front
-    return nearest.scatter_reduce(0, fragments.pixel[front], fragments.depth[front], "amin")
+def first_hit(hand: HandInView) -> NearestFronts:
+    """The mesh's first front face per pixel."""
+    width, height = hand.camera.size_px
+    return nearest_fronts(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), width * height)
 
 
 def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:

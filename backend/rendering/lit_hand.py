@@ -143,9 +143,10 @@ def render_lit_hand(
     directions = ray_directions(hand.camera, rays.pixel)
     view = normalize(directions, dim=-1)
     size_px = hand.camera.size_px
-    skin = skin_layers(backend, hand).seen_by(rays, size_px)
+    layers = skin_layers(backend, hand)
+    skin = layers.seen_by(rays, size_px)
     position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt)
-    points = surface_points(field, rays.composite, position, view)
+    points = surface_points(field, rays.composite, position, view, layers.places(hand, skin, rays.pixel, position))
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
     open_to = backend.openness(SkySamples.of(None, device), at_points, points.normal)

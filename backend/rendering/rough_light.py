@@ -20,6 +20,7 @@ from ..geometry.shadow_maps import Bounds
 from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.backend import RenderBackend
+from ..nerf.bounce import SkinPlaces
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import SurfacePoints, diffuse_light
@@ -86,14 +87,15 @@ def _mesh_points(
     shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: RenderBackend
 ) -> tuple[Tensor, SurfacePoints]:
     """The pixels of the low-resolution crop that show the mesh, and where their rays meet it."""
-    first_hit = backend.first_hit(hand)
+    hit = backend.first_hit(hand)
     normals = surface_maps(replace(shot, camera=crop.camera_of(shot.camera)), model).normal.reshape(-1, 3)
-    normal = torch.as_tensor(normals, dtype=torch.float32, device=first_hit.device)
-    pixel = (first_hit.isfinite() & (normal.norm(dim=-1) > 0)).nonzero()[:, 0]
+    normal = torch.as_tensor(normals, dtype=torch.float32, device=hit.depth.device)
+    pixel = (hit.depth.isfinite() & (normal.norm(dim=-1) > 0)).nonzero()[:, 0]
     directions = ray_directions(hand.camera, pixel)
-    position = ray_origin(hand.camera) + first_hit[pixel, None] * directions
+    position = ray_origin(hand.camera) + hit.depth[pixel, None] * directions
     view = torch.nn.functional.normalize(directions, dim=-1)
-    return pixel, SurfacePoints(position, normal[pixel], normal[pixel], view)
+    places = SkinPlaces.of(hand.mesh, hand.topology.faces, hit.face[pixel], position)
+    return pixel, SurfacePoints(position, normal[pixel], normal[pixel], view, places)
 
 
 def _received(light: Light, hand: HandInView, backend: RenderBackend, points: SurfacePoints) -> Float[Tensor, "R 3"]:
@@ -104,4 +106,4 @@ def _received(light: Light, hand: HandInView, backend: RenderBackend, points: Su
     shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, position.new_zeros(3))
     features = backend.light_features(samples, shadows, points)
     diffuse = 0.5 * (diffuse_light(features, points.normal) + features.scattered[:, 1])
-    return diffuse + _REFLECTED * shadows.probes.received(samples).mean(0) + 1e-6
+    return diffuse + _REFLECTED * shadows.probes.mean_received(samples) + 1e-6

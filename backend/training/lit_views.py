@@ -22,6 +22,7 @@ from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
 from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
+from ..nerf.bounce import SkinPlaces
 from ..nerf.fine_mesh import FineTemplate
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
@@ -62,6 +63,7 @@ class ViewLight(NamedTuple):
         shadows: of sky and lamps at the rays' points.
         open_sky: shadows of the sky by the hand alone.
         position: [R, 3] of the rays' points, m.
+        places: of these on the mesh.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
         skin: what the pixels show of it, where it is known.
@@ -74,6 +76,7 @@ class ViewLight(NamedTuple):
     shadows: LightShadows
     open_sky: PointShadows
     position: Tensor
+    places: SkinPlaces
     targets: Tensor
     alpha: Tensor
     skin: PixelSkin | None
@@ -87,6 +90,7 @@ class MixedLight(NamedTuple):
         shadows: at the rays' points.
         open_sky: shadows of the sky by the hand alone.
         position: [R, 3] of the rays' points, m.
+        places: of these on the mesh.
         exposure: [] factor of linear colours before they are encoded.
         skin: what the pixels show of it, where it is known.
     """
@@ -95,6 +99,7 @@ class MixedLight(NamedTuple):
     shadows: LightShadows
     open_sky: PointShadows
     position: Tensor
+    places: SkinPlaces
     exposure: Tensor
     skin: PixelSkin | None
 
@@ -176,8 +181,8 @@ class LitTrainingViews(TrainingViews):
         skies = [SkySamples.of(light.sky, self.device) for light in lights]
         sky_flux = torch.stack([sky.flux for sky in skies])
         hand = HandInView(view.mesh, self.topology, view.camera)
-        skin, (pixel, directions, t, dt) = skin_layers(self.backend, hand).first, view.rays[:4]
-        position = ray_positions(hand, skin, pixel, directions, t, dt)
+        layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
+        position = ray_positions(hand, layers.first, pixel, directions, t, dt)
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
         shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)
@@ -189,6 +194,7 @@ class LitTrainingViews(TrainingViews):
             shadows=shadows,
             open_sky=open_sky,
             position=position,
+            places=layers.places(hand, layers.first, pixel, position),
             targets=linear[:, :3],
             alpha=linear[0, 3],
             skin=self._skin_at(index, view),
@@ -212,10 +218,9 @@ class LitTrainingViews(TrainingViews):
             seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)
-            coverage, row, *values = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
-            self._kept_skin[index] = PixelSkin(coverage.half(), row, *(each.half() for each in values))
-        coverage, row, *values = self._kept_skin[index]
-        return PixelSkin(coverage.float(), row, *(each.float() for each in values))
+            skin = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
+            self._kept_skin[index] = PixelSkin(*(_halved(values) for values in skin))
+        return PixelSkin(*(_whole(values) for values in self._kept_skin[index]))
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
@@ -254,7 +259,7 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
     samples = LightSamples(sky, lamps)
     exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
-    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, exposure, light.skin)
+    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, light.places, exposure, light.skin)
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 
@@ -296,6 +301,15 @@ def _check_occluders(capture: Capture, instants: list[tuple[CaptureView, ...]]) 
                 f"images of one pose and camera must have the same occluders, got others in {group[0].file} than in "
                 f"{group[1].file}; give them different camera indices"
             )
+
+
+def _halved(values: Tensor) -> Tensor:
+    """In half precision; whole numbers as they are."""
+    return values.half() if values.is_floating_point() else values
+
+
+def _whole(values: Tensor) -> Tensor:
+    return values.float() if values.is_floating_point() else values
 
 
 def _packed(shadows: PointShadows) -> tuple[Tensor, Tensor]:

@@ -197,7 +197,7 @@ def _render_lit(
     light: MixedLight = view.light
     gathered = gathered._replace(channels=gathered.channels.float())
     directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
-    points = surface_points(field, gathered, light.position, directions)
+    points = surface_points(field, gathered, light.position, directions, light.places)
     open_to = openness(light.samples.sky, light.open_sky, points.normal)
     with autocast(views.device, precision):
         low = field.decode(gathered, directions, open_to)

@@ -15,6 +15,7 @@ from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.topology import topology_of
+from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import SurfacePoints, diffuse_light
 from livehand.backend.nerf.lit_rays import light_shadows, sky_shadows
@@ -103,7 +104,7 @@ def computed(hand, pose, camera, light):
     vertices = posed_vertices(hand, pose)
     mesh, view = posed_mesh(topology, torch.as_tensor(vertices, dtype=torch.float32)), camera_tensors(camera, "cpu")
     in_view = HandInView(mesh, topology, view)
-    depth = backend.first_hit(in_view)
+    depth, face = backend.first_hit(in_view)
     pixel = depth.isfinite().nonzero()[:, 0]
     directions = ray_directions(view, pixel)
     position = ray_origin(view) + depth[pixel, None] * directions
@@ -112,7 +113,8 @@ def computed(hand, pose, camera, light):
     samples = LightSamples.of(light, Bounds.of(mesh))
     of_sky = sky_shadows(backend, in_view, occluders, position)
     shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky, torch.ones(3))
-    points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1))
+    places = SkinPlaces.of(mesh, topology.faces, face[pixel], position)
+    points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1), places)
     width, height = camera.size_px
     image = torch.zeros(width * height, 3)
     image[pixel] = diffuse_light(backend.light_features(samples, shadows, points), normals)

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from livehand.backend.fast.lighting import light_features, openness
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
-from livehand.backend.nerf.bounce import PROBES, Probes
+from livehand.backend.nerf.bounce import Probes, SkinPlaces
 from livehand.backend.nerf.light_samples import LightSamples, SkySamples
 from livehand.backend.nerf.lighting import LightShadows, ProbeLight, SurfacePoints
 from livehand.backend.nerf.lighting import light_features as light_features_reference
@@ -38,13 +38,16 @@ def test_lamps_of_every_kind_shine_as_in_torch_on_more_points_than_one_block():
     light = LightSamples.of(Light(lamps), Bounds(torch.zeros(3), torch.tensor(0.1)))
     count, samples = 150, len(light.lamps.lamp)
     vectors = (normalize(torch.randn(count, 3, generator=random), dim=-1) for _ in range(3))
-    points = SurfacePoints(0.1 * torch.rand(count, 3, generator=random) - 0.05, *vectors)
+    beside = SkinPlaces(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
+    points = SurfacePoints(0.1 * torch.rand(count, 3, generator=random) - 0.05, *vectors, beside)
     sky, of_lamps = (
         PointShadows(torch.rand(k, count, generator=random), 0.02 * torch.rand(k, count, generator=random))
         for k in (len(light.sky.towards), samples)
     )
-    skin = Probes(torch.zeros(PROBES, 3), torch.tensor([0.0, 0, 1]).expand(PROBES, 3), torch.tensor(1e-4))
-    dark = ProbeLight(skin, torch.ones(3), torch.zeros(len(light.sky.towards), PROBES), torch.zeros(5, PROBES))
+    skin = Probes(
+        torch.zeros(1, 3), torch.tensor([[0.0, 0, 1]]), torch.zeros(1, dtype=torch.long), torch.tensor([1e-4])
+    )
+    dark = ProbeLight(skin, torch.ones(3), torch.zeros(len(light.sky.towards), 1), torch.zeros(5, 1))
     ours, theirs = (
         of(light, LightShadows(sky, of_lamps, dark), points) for of in (light_features, light_features_reference)
     )

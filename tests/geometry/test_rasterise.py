@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.geometry.rasterise import NEAR_M, rasterise
+from livehand.backend.geometry.rasterise import NEAR_M, nearest_fronts, rasterise
 from livehand.backend.records.camera import Camera, look_at
 
 pytestmark = pytest.mark.slow
@@ -118,3 +118,17 @@ def test_depth_has_gradients():
     depth = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64, requires_grad=True)
     faces = torch.tensor([[0, 1, 2]])
     assert torch.autograd.gradcheck(lambda p, z: rasterise(p, z, faces, (7, 7)).depth, (corners, depth))
+
+
+def test_the_nearest_fronts_are_the_least_deep_fragments_that_face_the_camera():
+    mesh, camera = trimesh.creation.torus(0.5, 0.2, 12, 9), a_camera()
+    fragments = seen(mesh, camera)
+    found = nearest_fronts(fragments, SIZE[0] * SIZE[1])
+    for pixel in range(SIZE[0] * SIZE[1]):
+        here = fragments.is_front & (fragments.pixel == pixel)
+        if not here.any():
+            assert (found.depth[pixel], found.face[pixel]) == (torch.inf, -1)
+            continue
+        assert found.depth[pixel] == fragments.depth[here].min()
+        assert fragments.depth[here & (fragments.face == found.face[pixel])] == found.depth[pixel]
+    assert (found.face >= 0).sum() > 30

@@ -7,7 +7,7 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
-from livehand.backend.nerf.bounce import PROBES, Probes
+from livehand.backend.nerf.bounce import Probes, SkinPlaces
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
@@ -31,7 +31,7 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.light import Lamp, Light, Sky
 from torch.nn.functional import normalize
 
-POINTS = 50
+POINTS, PROBES = 50, 40
 BOUNDS = Bounds(torch.zeros(3), torch.tensor(0.1))
 GENERATOR = torch.Generator().manual_seed(3)
 
@@ -54,7 +54,10 @@ def some_points():
     normal = normalize(rand(POINTS, 3) - 0.5, dim=-1)
     relief = normalize(normal + 0.3 * (rand(POINTS, 3) - 0.5), dim=-1)
     view = normalize(rand(POINTS, 3) - 0.5 - 0.8 * normal, dim=-1)
-    return SurfacePoints(0.1 * (rand(POINTS, 3) - 0.5), normal, relief, view)
+    weight = rand(POINTS, 3)
+    weight = weight / weight.sum(1, keepdim=True) * (rand(POINTS, 1) > 0.2)
+    places = SkinPlaces(torch.randint(PROBES, (POINTS, 3), generator=GENERATOR), weight)
+    return SurfacePoints(0.1 * (rand(POINTS, 3) - 0.5), normal, relief, view, places)
 
 
 def some_shadows(light):
@@ -62,14 +65,21 @@ def some_shadows(light):
         return PointShadows(rand(count, POINTS), 0.02 * rand(count, POINTS))
 
     sky, lamps = of(len(light.sky.towards)), of(len(light.lamps.lamp))
-    skin = Probes(0.1 * (rand(PROBES, 3) - 0.5), normalize(rand(PROBES, 3) - 0.5, dim=-1), torch.tensor(2e-4))
+    position, normal = 0.1 * (rand(PROBES, 3) - 0.5), normalize(rand(PROBES, 3) - 0.5, dim=-1)
+    skin = Probes(position, normal, torch.arange(PROBES), 4e-4 * rand(PROBES))
     of_sky, of_lamps = rand(len(light.sky.towards), PROBES), rand(len(light.lamps.rgb), PROBES)
     return LightShadows(sky, lamps, ProbeLight(skin, rand(PROBES, 3), of_sky, of_lamps))
 
 
+def beside(count):
+    """Places beside any mesh."""
+    return SkinPlaces(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
+
+
 def no_probes(lamps):
     """Skin that light does not reach."""
-    skin = Probes(torch.zeros(PROBES, 3), torch.tensor([0.0, 0, 1]).expand(PROBES, 3), torch.tensor(1e-4))
+    up = torch.tensor([0.0, 0, 1]).expand(PROBES, 3)
+    skin = Probes(torch.zeros(PROBES, 3), up, torch.arange(PROBES), torch.full((PROBES,), 1e-4))
     return ProbeLight(skin, torch.ones(3), torch.zeros(64, PROBES), torch.zeros(lamps, PROBES))
 
 
@@ -118,7 +128,7 @@ def test_a_white_diffuse_surface_reflects_irradiance_over_pi():
     lit_fully = PointShadows(torch.ones(1, 3), torch.zeros(1, 3))
     sky = PointShadows(torch.ones(64, 3), torch.zeros(64, 3))
     normal = torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8], [0, 0, -1]])
-    points = SurfacePoints(torch.zeros(3, 3), normal, normal, -normal)
+    points = SurfacePoints(torch.zeros(3, 3), normal, normal, -normal, beside(3))
     shadows = LightShadows(sky, lit_fully, no_probes(1))
     coefficients = torch.zeros(3, COEFFICIENTS)
     coefficients[:, DIFFUSE] = 1
@@ -138,7 +148,7 @@ def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
     light = LightSamples.of(Light((Lamp("sun", np.ones(3)),)), BOUNDS)
     depth = torch.tensor([[0.0, 0.002, 0.01, 0.0, 0.0]])
     normal = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, -1]])
-    points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal)
+    points = SurfacePoints(torch.zeros(5, 3), normal, normal, -normal, beside(5))
     sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
     shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), no_probes(1))
     long, short = light_features(light, shadows, points).scattered[..., 0].T * pi

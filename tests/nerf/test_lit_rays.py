@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.nerf.light_samples import LampSamples, LightSamples
 from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, SkinLayers, light_shadows, sky_shadows
@@ -26,7 +27,12 @@ def rays(before, pixel=(0, 1, 2, 3)):
 
 
 def layers(mesh, outer):
-    return SkinLayers(torch.tensor(mesh), torch.tensor(outer), EDGE)
+    return SkinLayers(fronts(mesh, 0), fronts(outer, 1), EDGE)
+
+
+def fronts(depth, face):
+    depth = torch.as_tensor(depth)
+    return NearestFronts(depth, torch.where(depth.isfinite(), face, -1))
 
 
 def test_what_may_stand_out_counts_beside_the_outline_alone():
@@ -45,14 +51,14 @@ def test_rays_that_pass_the_outline_show_what_lies_behind():
 def test_at_full_size_the_rays_around_a_pixel_tell_by_their_shares():
     """Between a ray on the finger and one on the palm, the outline lies where their bilinear shares are equal."""
     beside = layers([[PALM_M] * 8] * 2, [[FINGER_M] * 8] * 2)
-    beside = SkinLayers(beside.mesh.flatten(), beside.outer.flatten(), EDGE)
+    beside = SkinLayers(*(NearestFronts(*(each.flatten() for each in layer)) for layer in beside[:2]), EDGE)
     found = beside.seen_by(rays([1.0, 1.0, 0.0, 0.0]), SIZE).depth.reshape(2, 8)
     expected = torch.tensor([FINGER_M] * 4 + [PALM_M] * 4).expand(2, 8)
     torch.testing.assert_close(found, expected)
 
 
 def test_pixels_without_rays_have_no_say():
-    beside = SkinLayers(torch.full((16,), PALM_M), torch.full((16,), FINGER_M), EDGE)
+    beside = layers([PALM_M] * 16, [FINGER_M] * 16)
     found = beside.seen_by(rays([0.0], pixel=(1,)), SIZE).depth.reshape(2, 8)
     has_ray = torch.tensor([False, True, True, True, True, False, False, False])
     torch.testing.assert_close(found, torch.where(has_ray, PALM_M, FINGER_M).expand(2, 8))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, SMOOTH, LightFeatures, SurfacePoints
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
@@ -42,7 +43,13 @@ def some_rays(pixel, seed=0):
     channels = torch.cat([coefficients, torch.zeros(len(pixel), LIT_FEATURES)], 1)
     low = Composite(channels, torch.ones(len(pixel)), torch.full((len(pixel),), 0.5), torch.ones(len(pixel), 1))
     normal = -torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32).expand(len(pixel), 3)
-    return camera, low, SurfacePoints(0.5 * view, normal, normal, view)
+    return (
+        camera,
+        low,
+        SurfacePoints(
+            0.5 * view, normal, normal, view, SkinPlaces(torch.zeros(len(view), 3).long(), torch.zeros(len(view), 3))
+        ),
+    )
 
 
 def some_features(count, seed=1):

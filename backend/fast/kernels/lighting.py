@@ -1,4 +1,4 @@
-"""Equals `light_features` and `openness` of `nerf.lighting`, and `bounced`."""
+"""Equals `light_features` and `openness` of `nerf.lighting`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .gloss import GRAZING, LEAST_COSINE, TINY, widened
 _0, _HALF, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.5, 1, 2, 3, 4))
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
 _PI, _LEAST_SQUARED_M = np.float32(pi), np.float32(0.005**2)
-_LEAST_PROBE_SQUARED_M, _LEAST_LENGTH, _LEAST_FACING = np.float32(1e-8), np.float32(1e-12), np.float32(1e-6)
+_LEAST_LENGTH, _LEAST_FACING = np.float32(1e-12), np.float32(1e-6)
 BLOCK = 128
 """Points whose light is computed at once."""
 # Rows of a block, and of its sums.
@@ -23,10 +23,10 @@ _SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
 
 
 @compiled
-def light_features(points, sky, lamps, probes, lobes, first, last, out):
+def light_features(points, sky, lamps, lobes, first, last, out):
     """Fill the features of points [first, last) (`FeatureArrays`)."""
     work, sums = np.empty((_ROWS, BLOCK), np.float32), np.empty((_SUMS, BLOCK), np.float32)
-    vectors, factors = np.empty((3 * len(lamps.rgb), BLOCK), np.float32), np.empty(probes.shed.shape[1], np.float32)
+    vectors = np.empty((3 * len(lamps.rgb), BLOCK), np.float32)
     for start in range(first, last, BLOCK):
         count = min(BLOCK, last - start)
         _load(points, lobes, start, count, work)
@@ -36,9 +36,6 @@ def light_features(points, sky, lamps, probes, lobes, first, last, out):
         for k in range(len(lamps.lamp)):
             _add_lamp(lamps, lobes, k, start, count, work, sums, vectors)
         _store(start, count, sums, vectors, out)
-    for point in range(first, last):
-        _fill_factors(points.position[point], points.normal[point], probes, factors)
-        _add_shed(factors, probes.shed, out.reflected[point])
 
 
 @compiled
@@ -61,35 +58,6 @@ def openness(towards, normal, lit, first, last, share, mean):
             length = max(np.sqrt(x * x + y * y + z * z), _LEAST_LENGTH)
             mean[start + index, 0], mean[start + index, 1], mean[start + index, 2] = x / length, y / length, z / length
             share[start + index] = _4 / np.float32(len(towards)) * sums[3, index]
-
-
-@part
-def _fill_factors(position, normal, probes, factors):
-    """The form factors of a point and all probes; apart from their sums, so that this becomes vector instructions."""
-    x, y, z, area_m2 = position[0], position[1], position[2], probes.area_m2
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    for k in range(np.uintp(len(factors))):
-        dx, dy, dz = probes.position[0, k] - x, probes.position[1, k] - y, probes.position[2, k] - z
-        squared = dx * dx + dy * dy + dz * dz
-        here = max(dx * nx + dy * ny + dz * nz, _0)
-        there = max(-(dx * probes.normal[0, k] + dy * probes.normal[1, k] + dz * probes.normal[2, k]), _0)
-        factors[k] = here * there * area_m2 / (max(squared, _LEAST_PROBE_SQUARED_M) * (_PI * squared + area_m2))
-
-
-@part
-def _add_shed(factors, shed, out):
-    """Add to out [3] what arrives by these form factors."""
-    total, red, green, blue = _0, _0, _0, _0
-    for k in range(np.uintp(len(factors))):
-        factor = factors[k]
-        total += factor
-        red += factor * shed[0, k]
-        green += factor * shed[1, k]
-        blue += factor * shed[2, k]
-    most = max(total, _1)
-    out[0] += red / most
-    out[1] += green / most
-    out[2] += blue / most
 
 
 @part

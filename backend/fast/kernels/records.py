@@ -253,15 +253,14 @@ class FeatureArrays(NamedTuple):
     sky_vectors: np.ndarray
     sky_gloss: np.ndarray
     scattered: np.ndarray
-    reflected: np.ndarray
 
 
 class ProbeArrays(NamedTuple):
-    """As `nerf.bounce.Probes`, and the radiance that they shed [3, P]; position and normal are [3, P]."""
+    """P discs of skin: position and normal [3, P], area [P], and the radiance [3, P] that they shed."""
 
     position: np.ndarray
     normal: np.ndarray
-    area_m2: np.float32
+    area_m2: np.ndarray
     shed: np.ndarray
 
 
