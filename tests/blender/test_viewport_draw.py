@@ -10,6 +10,7 @@ import pytest
 from livehand.livehand_blender.render.viewport import viewport as viewport_module
 from livehand.livehand_blender.render.viewport.draw import ImageTexture, draw_message
 from livehand.livehand_blender.render.viewport.image import ViewportImage
+from livehand.livehand_blender.render.viewport.pace import Pace
 from livehand.livehand_blender.render.viewport.shared import ViewportShared
 from livehand.livehand_blender.render.viewport.view import Rectangle
 from livehand.livehand_blender.render.viewport.viewport import Viewport
@@ -149,7 +150,7 @@ def test_the_hand_is_drawn_in_place_and_rendered_only_when_something_changes(dra
     expected = frame.rgb + (1 - frame.alpha[..., None]) * GROUND
     assert frame.alpha.max() == 1
     assert pixels[..., :3] == pytest.approx(expected, abs=2e-3)  # half floats
-    assert [shot.camera.size_px for shot in renderer.shots[:2]] == [(80, 60), SIZE_PX]
+    assert [shot.camera.size_px for shot in renderer.shots[:2]] == [SIZE_PX, SIZE_PX]
     count = len(renderer.shots)
     drawn(lambda: show(viewport, engine, context, shared))
     assert len(renderer.shots) == count
@@ -185,14 +186,57 @@ def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographi
     assert tagged == [True, False]
 
 
-def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, context, shared, fake_session):
-    context.screen.is_animation_playing = True
+@pytest.fixture
+def wide(context):
+    """The context with a region of 1024 x 768 px."""
+    context.region.width, context.region.height = 1024, 768
+    return context
+
+
+def sizes_px(session):
+    return [shot.camera.size_px for shot in session.made[0].shots]
+
+
+def test_a_coarse_image_comes_before_the_full_one(drawn, wide, shared, fake_session):
+    drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
+    assert sizes_px(fake_session) == [(256, 192), (1024, 768)]
+
+
+def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, wide, shared, fake_session):
+    wide.screen.is_animation_playing = True
     viewport, engine = Viewport(shared), Engine()
-    drawn(lambda: show(viewport, engine, context, shared))
-    assert [shot.camera.size_px for shot in fake_session.made[0].shots] == [(80, 60)]
-    context.screen.is_animation_playing = False
-    drawn(lambda: show(viewport, engine, context, shared))
-    assert fake_session.made[0].shots[-1].camera.size_px == SIZE_PX
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session) == [(256, 192)]
+    wide.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session)[1:] == [(256, 192), (1024, 768)]
+
+
+def test_coarse_images_keep_pace_and_a_change_of_size_alone_renders_nothing(drawn, wide, shared, fake_session):
+    viewport, engine = Viewport(shared), Engine()
+    monotonous = iter(np.linspace(0.001, 0.002, 3))
+
+    def show_moved():
+        find_hands(wide.scene)[0].location.x += next(monotonous)
+        show(viewport, engine, wide, shared)
+
+    viewport._pace = Pace(wanted_s=1e-9)  # nothing is as fast
+    wide.screen.is_animation_playing = True
+    for _ in range(3):
+        drawn(show_moved)
+    assert sizes_px(fake_session) == [(256, 192)] * 3
+    assert viewport._pace.side_px == 128
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert len(sizes_px(fake_session)) == 3
+    wide.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session)[3:] == [(128, 96), (1024, 768)]
+
+
+def test_shadows_are_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
+    monkeypatch.setattr(fake_renderer, "is_relightable", True)
+    drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
+    assert [shot.light.has_fine_shadows for shot in fake_session.made[0].shots] == [False, True]
 
 
 def missing_avatar(context):

@@ -57,6 +57,17 @@ def test_steps_run_one_after_the_other(preview):
     wait_for(lambda: not preview.is_busy("view"))
 
 
+def test_an_outcome_tells_its_step_and_how_long_it_took(preview):
+    gate, start = Gate("coarse"), time.monotonic()
+    preview.submit("view", [gate])
+    assert gate.begun.wait(PATIENCE_S)
+    time.sleep(0.02)
+    gate.opened.set()
+    got = outcome(preview, "view")
+    assert got.step is gate
+    assert 0.02 <= got.seconds <= time.monotonic() - start
+
+
 def test_a_first_step_is_never_stopped_and_waiting_steps_are_replaced(preview):
     first, second, third = Gate(1), Gate(2), Gate(3)
     preview.submit("view", [first, lambda stop: "fine 1"])

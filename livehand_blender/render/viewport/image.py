@@ -50,15 +50,19 @@ class ViewportRequest:
     to_working_space: np.ndarray
     foreground: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
-    def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> ViewportImage | None:
+    def render(
+        self, session: Session, scale: float, should_stop: Callable[[], bool], has_fine_shadows: bool = False
+    ) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
+
+        Soft shadows are fine where they are to be: that costs time.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [hand.task(session, camera) for hand in self.hands]
+            tasks = [hand.task(session, camera, has_fine_shadows) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from functools import partial
 
 import bpy
 import numpy as np
@@ -11,18 +10,18 @@ import numpy as np
 from ....backend.records.camera import Camera
 from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import is_equal
+from ....backend.rendering.preview_scheduler import StepOutcome
 from ...scene.colour import rec709_to_working_space
 from ...scene.foreground import read_foreground
 from .draw import ImageTexture, draw_message
 from .image import ViewportRequest
+from .pace import Pace
 from .shared import ViewportShared
+from .step import ViewportStep
 from .view import RegionView, read_view
 from .viewport_hand import ViewportHand, read_viewport_hands
 
 LOGGER = logging.getLogger(__name__)
-
-# The longer side of the coarse image that is shown while things move, px.
-_COARSE_PX = 256
 
 
 def viewport_of(engine) -> Viewport:
@@ -43,7 +42,8 @@ class Viewport:
         self._shared = shared
         self._hands: tuple[ViewportHand, ...] = ()
         self._problem = ""  # why the hands cannot be read
-        self._submitted: tuple[ViewportRequest, tuple[float, ...]] | None = None
+        self._submitted: tuple[ViewportRequest, float, bool] | None = None
+        self._pace = Pace()
         self._texture: ImageTexture | None = None
         self.has_image = False
         self._is_empty = False  # the newest image shows no hand
@@ -83,7 +83,7 @@ class Viewport:
         """Draw the newest image; returns the message to draw with it."""
         if view is None:
             return ""
-        self._submit(engine, depsgraph, view, _scales(view, context))
+        self._submit(engine, depsgraph, view, 1 / _pixel_size(context), context.screen.is_animation_playing)
         self._receive()
         if self._texture:
             self._texture.draw(view.rectangle, context.region.height)
@@ -94,34 +94,41 @@ class Viewport:
         engine: bpy.types.RenderEngine,
         depsgraph: bpy.types.Depsgraph,
         view: RegionView,
-        scales: tuple[float, ...],
+        scale: float,
+        is_playing: bool,
     ) -> None:
+        """Ask for an image that keeps pace and, unless an animation plays, one of the full scale."""
         if self._foreground is None or not is_equal(self._foreground[0], view.camera):
             places = {hand.place for hand in self._hands}
             vertices = [hand.vertices for hand in self._hands]
             self._foreground = view.camera, read_foreground(depsgraph, view.camera, vertices, places)
         request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), self._foreground[1])
-        if self._submitted and is_equal((request, scales), self._submitted):
+        if self._submitted and is_equal((request, scale, is_playing), self._submitted):
             return
         if self._submitted is None and self._hands:
             self._message = "loading the avatar"
-        self._submitted = request, scales
-        self._shared.preview.submit(self, [partial(request.render, self._shared.session, scale) for scale in scales])
+        self._submitted = request, scale, is_playing
+        moving, still = self._moving_step(request, scale), ViewportStep(request, self._shared.session, scale)
+        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
         self._shared.timer.watch(self, engine)
+
+    def _moving_step(self, request: ViewportRequest, scale: float) -> ViewportStep:
+        moving_px = self._pace.side_px
+        moving_scale = min(scale, moving_px / max(request.camera.size_px))
+        return ViewportStep(request, self._shared.session, moving_scale, moving_px)
 
     def _receive(self) -> None:
         outcome = self._shared.preview.pop_outcome(self)
         if outcome is not None:
+            self._keep_pace(outcome)
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
 
-
-def _scales(view: RegionView, context: bpy.types.Context) -> tuple[float, ...]:
-    """The scales of the images to render: a coarse one and, unless an animation plays, the view's full resolution."""
-    full = 1 / _pixel_size(context)
-    coarse = min(full / 2, _COARSE_PX / max(view.camera.size_px))
-    return (coarse,) if context.screen.is_animation_playing else (coarse, full)
+    def _keep_pace(self, outcome: StepOutcome) -> None:
+        step = outcome.step
+        if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
+            self._pace.record(step.moving_px, outcome.seconds)
 
 
 def _pixel_size(context: bpy.types.Context) -> int:

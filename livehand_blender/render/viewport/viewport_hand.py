@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -35,10 +35,12 @@ class ViewportHand:
     light: SceneLight | None = None
     wrist_fade_m: float = 0.0
 
-    def task(self, session: Session, camera: Camera) -> HandTask:
+    def task(self, session: Session, camera: Camera, has_fine_shadows: bool) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
+        if light is not None:
+            light = replace(light, has_fine_shadows=has_fine_shadows)
         return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m))
 
 
