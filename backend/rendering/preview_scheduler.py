@@ -73,6 +73,11 @@ class PreviewScheduler:
         with self._lock:
             return view in self._waiting or (self._running is not None and self._running.view == view)
 
+    def is_waiting(self, view: Hashable) -> bool:
+        """Whether the first step of a request of the view waits for another step to end."""
+        with self._lock:
+            return view in self._waiting and self._waiting[view].number == 0
+
     def forget(self, view: Hashable) -> None:
         """Drop everything of a view that was closed."""
         with self._lock:

@@ -233,6 +233,43 @@ def test_coarse_images_keep_pace_and_a_change_of_size_alone_renders_nothing(draw
     assert sizes_px(fake_session)[3:] == [(128, 96), (1024, 768)]
 
 
+def test_of_the_frames_of_an_animation_only_those_are_read_that_are_shown(drawn, context, shared, monkeypatch):
+    context.screen.is_animation_playing = True
+    viewport, engine, is_held, read = Viewport(shared), Engine(), [True], []
+    reading = viewport_module.read_viewport_hands
+    monkeypatch.setattr(
+        viewport_module, "read_viewport_hands", lambda *args: read.append(hand.location.x) or reading(*args)
+    )
+    hand = find_hands(context.scene)[0]
+    shared.preview.submit("other view", [stay_until(is_held)])
+
+    def play(x):
+        hand.location.x = x
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        viewport.update(context, depsgraph)
+        viewport.draw(engine, context, depsgraph)
+
+    for x in (0.0, 0.25, 0.5):
+        drawn(lambda x=x: play(x))
+    assert read == [0.0]
+    is_held.clear()
+    wait(shared, viewport)
+    drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    assert read == [0.0, 0.5]
+
+
+def test_a_view_that_turns_does_not_read_the_scene_again(drawn, context, shared, monkeypatch):
+    reads = []
+    reading = viewport_module.Foreground
+    monkeypatch.setattr(viewport_module, "Foreground", lambda *args: reads.append(1) or reading(*args))
+    viewport, engine = Viewport(shared), Engine()
+    drawn(lambda: show(viewport, engine, context, shared))
+    context.region_data.view_matrix = Matrix.Translation((0.01, 0, 0)) @ context.region_data.view_matrix
+    drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    assert shared.preview.is_busy(viewport)
+    assert reads == [1]
+
+
 def test_shadows_are_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
     monkeypatch.setattr(fake_renderer, "is_relightable", True)
     drawn(lambda: show(Viewport(shared), Engine(), wide, shared))

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 
 import bpy
-import numpy as np
 
-from ....backend.records.camera import Camera
 from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import is_equal
 from ....backend.rendering.preview_scheduler import StepOutcome
 from ...scene.colour import rec709_to_working_space
-from ...scene.foreground import read_foreground
+from ...scene.foreground import Foreground
+from ...scene.local_triangles import LocalTriangles
 from .draw import ImageTexture, draw_message
 from .image import ViewportRequest
 from .pace import Pace
@@ -47,19 +46,21 @@ class Viewport:
         self._texture: ImageTexture | None = None
         self.has_image = False
         self._is_empty = False  # the newest image shows no hand
-        self._foreground: tuple[Camera, np.ndarray] | None = None
+        self._is_stale = True  # the scene has changed since it was read
+        self._triangles = LocalTriangles()
+        self._foreground: Foreground | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Read the hands."""
-        self._foreground = None
-        try:
-            self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph), ""
-        except Exception as error:
-            self._hands, self._problem = (), _message_of(error)
+        """Note that the scene has changed."""
+        self._is_stale = True
+        self._triangles.forget_changed(depsgraph)
 
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Submit the view's request if it has changed, and draw the newest image."""
+        # Of the frames of an animation, only those are read that will be shown: one while the one before is rendered.
+        if self._is_stale and not self._shared.preview.is_waiting(self):
+            self._read(context, depsgraph)
         message = self._problem
         if not message:
             try:
@@ -72,6 +73,15 @@ class Viewport:
             self._shared.timer.update_meshes()
         if message:
             draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
+
+    def _read(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        self._is_stale = False
+        self._foreground = None
+        self._triangles.forget_unasked()
+        try:
+            self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph, self._triangles), ""
+        except Exception as error:
+            self._hands, self._problem = (), _message_of(error)
 
     def _draw_view(
         self,
@@ -98,11 +108,12 @@ class Viewport:
         is_playing: bool,
     ) -> None:
         """Ask for an image that keeps pace and, unless an animation plays, one of the full scale."""
-        if self._foreground is None or not is_equal(self._foreground[0], view.camera):
-            places = {hand.place for hand in self._hands}
-            vertices = [hand.vertices for hand in self._hands]
-            self._foreground = view.camera, read_foreground(depsgraph, view.camera, vertices, places)
-        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), self._foreground[1])
+        if self._is_stale:  # another frame waits, and will be shown first
+            return
+        if self._foreground is None:
+            self._foreground = Foreground(depsgraph, {hand.place for hand in self._hands}, self._triangles)
+        solids = self._foreground.before(depsgraph, view.camera, [hand.vertices for hand in self._hands])
+        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
         if self._submitted and is_equal((request, scale, is_playing), self._submitted):
             return
         if self._submitted is None and self._hands:

@@ -1,0 +1,36 @@
+"""An object of the scene that may shadow or hide a hand: plain values, which may leave Blender's thread."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .seen_hands import Place
+
+MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+"""The types of objects that have triangles."""
+
+
+class Solid(NamedTuple):
+    """An object in one place.
+
+    Attributes:
+        place: of the object.
+        local: [T, 3, 3] its triangles in its own space.
+        matrix: [4, 4] to the world.
+    """
+
+    place: Place
+    local: np.ndarray
+    matrix: np.ndarray
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """[T, 3, 3] in the world, m."""
+        return placed(self.local, self.matrix)
+
+
+def placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Points [..., 3] moved by a matrix [4, 4]."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
