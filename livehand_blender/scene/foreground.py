@@ -75,8 +75,8 @@ class Foreground:
         if missing:
             for number, instance in enumerate(depsgraph.object_instances):
                 if number in missing:
-                    matrix = np.array(instance.matrix_world)
-                    self._solids[number] = Solid(Place.of(instance), self._local.of(instance.object), matrix)
+                    place, matrix = Place.of(instance), np.array(instance.matrix_world)
+                    self._solids[number] = self._local.solid(place, instance.object, matrix)
         return tuple(self._solids[number] for number in numbers)
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .seen_hands import Place
+from .solid import Solid
+
 _Key = tuple[int, int]
 """An original object, which outlives its evaluations, and evaluated data: it may make instances of several."""
 
@@ -15,6 +18,7 @@ class LocalTriangles:
     def __init__(self):
         self._kept: dict[_Key, tuple[frozenset[int], np.ndarray]] = {}
         self._asked: set[_Key] = set()
+        self._solids: dict[Place, Solid] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
         """[T, 3, 3] of an evaluated object or of an instance's, in its own space."""
@@ -26,6 +30,13 @@ class LocalTriangles:
             self._kept[key] = sources, _read(thing)
         return self._kept[key][1]
 
+    def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
+        """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
+        local, known = self.of(thing), self._solids.get(place)
+        if known is None or known.local is not local or not np.array_equal(known.matrix, matrix):
+            known = self._solids[place] = Solid(place, local, matrix)
+        return known
+
     def forget_changed(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Drop what the depsgraph's last updates have changed; a motion as a whole changes nothing."""
         changed = {update.id.original.as_pointer() for update in depsgraph.updates if update.is_updated_geometry}
@@ -34,6 +45,8 @@ class LocalTriangles:
     def forget_unasked(self) -> None:
         """Drop what nobody has asked for since the last call."""
         self._kept = {key: one for key, one in self._kept.items() if key in self._asked}
+        locals_kept = {id(triangles) for _, triangles in self._kept.values()}
+        self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
 
 

@@ -24,7 +24,7 @@ def read_solids(
     """The objects within any hand's reach that cast shadows, instances and other hands included."""
     near = _near_instances(depsgraph, reaches)
     return tuple(
-        Solid(Place.of(instance), local.of(instance.object), near[number])
+        local.solid(Place.of(instance), instance.object, near[number])
         for number, instance in enumerate(depsgraph.object_instances)
         if number in near
     )
@@ -67,7 +67,7 @@ def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> np.ndarr
 
     Needs no bpy.
     """
-    near = (_within(reach, one.triangles) for one in solids if one.place != hand)
+    near = (one.triangles[reach.touches(*one.balls)] for one in solids if one.place != hand)
     triangles = np.concatenate([np.zeros((0, 3, 3)), *near])
     if len(triangles) <= _MAX_TRIANGLES:
         return triangles
@@ -77,7 +77,3 @@ def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> np.ndarr
     centres, radii = bounding_balls(triangles)
     distance_m = np.linalg.norm(centres - reach.start, axis=1) - radii
     return triangles[np.sort(np.argpartition(distance_m, _MAX_TRIANGLES)[:_MAX_TRIANGLES])]
-
-
-def _within(reach: Reach, triangles: np.ndarray) -> np.ndarray:
-    return triangles[reach.touches(*bounding_balls(triangles))]

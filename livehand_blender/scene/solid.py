@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from .reach import bounding_balls
 from .seen_hands import Place
 
 MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 """The types of objects that have triangles."""
 
 
-class Solid(NamedTuple):
-    """An object in one place.
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """An object in one place; what is computed of it is kept.
 
     Attributes:
         place: of the object.
@@ -25,10 +28,15 @@ class Solid(NamedTuple):
     local: np.ndarray
     matrix: np.ndarray
 
-    @property
+    @cached_property
     def triangles(self) -> np.ndarray:
         """[T, 3, 3] in the world, m."""
         return placed(self.local, self.matrix)
+
+    @cached_property
+    def balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres [T, 3] and radii [T] of balls around the triangles."""
+        return bounding_balls(self.triangles)
 
 
 def placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:

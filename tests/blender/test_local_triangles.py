@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.livehand_blender.scene.local_triangles import LocalTriangles
+from livehand.livehand_blender.scene.seen_hands import Place
 
 
 def add_triangle(name, side_m=1.0):
@@ -63,3 +64,24 @@ def test_what_is_not_asked_for_is_dropped(local):
     local.forget_unasked()
     assert read(local, one) is before[0]
     assert read(local, other) is not before[1]
+
+
+def test_an_object_that_rests_stays_the_same_solid(local):
+    thing = add_triangle("Thing")
+
+    def solid():
+        bpy.context.view_layer.update()
+        evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        return local.solid(Place("Thing"), evaluated, np.array(evaluated.matrix_world))
+
+    first = solid()
+    assert solid() is first
+    thing.location.y = 2
+    moved = solid()
+    np.testing.assert_array_equal(moved.triangles, [[(0, 2, 0), (1, 2, 0), (0, 3, 0)]])
+    np.testing.assert_allclose(moved.balls[0], [(1 / 3, 7 / 3, 0)])
+    local.forget_unasked()
+    assert solid() is moved
+    for _ in range(2):
+        local.forget_unasked()
+    assert solid() is not moved
