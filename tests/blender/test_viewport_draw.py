@@ -258,6 +258,24 @@ def test_of_the_frames_of_an_animation_only_those_are_read_that_are_shown(drawn,
     assert read == [0.0, 0.5]
 
 
+def test_the_last_image_stays_until_the_next_is_there(drawn, context, shared):
+    viewport, engine, is_held = Viewport(shared), Engine(), [True]
+    drawn(lambda: show(viewport, engine, context, shared))
+    before = drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    shared.preview.submit("other view", [stay_until(is_held)])
+    find_hands(context.scene)[0].location.x += 0.02
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    viewport.update(context, depsgraph)
+    meanwhile = drawn(lambda: viewport.draw(engine, context, depsgraph))
+    assert shared.preview.is_waiting(viewport)
+    assert viewport.has_image
+    np.testing.assert_array_equal(meanwhile, before)
+    assert np.ptp(before[..., :3]) > 0.1
+    is_held.clear()
+    wait(shared, viewport)
+    assert not np.array_equal(drawn(lambda: viewport.draw(engine, context, depsgraph)), before)
+
+
 def test_a_view_that_turns_does_not_read_the_scene_again(drawn, context, shared, monkeypatch):
     reads = []
     reading = viewport_module.Foreground
