@@ -114,6 +114,8 @@ class FrameTask:
 
 def is_equal(one: Any, other: Any) -> bool:
     """Whether records and tuples of arrays are equal, field by field; a dataclass's own `==` cannot compare arrays."""
+    if one is other:
+        return True
     if isinstance(one, tuple):
         return len(one) == len(other) and all(is_equal(*pair) for pair in zip(one, other, strict=True))
     if is_dataclass(one):

@@ -8,6 +8,7 @@ soon as any view submits a new request. Steps are plain functions without bpy.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
@@ -22,8 +23,10 @@ Step = Callable[[Callable[[], bool]], Any]
 
 @dataclass(frozen=True)
 class StepOutcome:
-    """The value that a step returned, or the error that it raised."""
+    """The value that a step returned, or the error that it raised; the step itself, and how long it took."""
 
+    step: Step
+    seconds: float
     value: Any = None
     error: Exception | None = None
 
@@ -70,6 +73,11 @@ class PreviewScheduler:
         with self._lock:
             return view in self._waiting or (self._running is not None and self._running.view == view)
 
+    def is_waiting(self, view: Hashable) -> bool:
+        """Whether the first step of a request of the view waits for another step to end."""
+        with self._lock:
+            return view in self._waiting and self._waiting[view].number == 0
+
     def forget(self, view: Hashable) -> None:
         """Drop everything of a view that was closed."""
         with self._lock:
@@ -89,11 +97,15 @@ class PreviewScheduler:
     def _work(self) -> None:
         """Run in the thread until no step waits."""
         while request := self._begin():
-            try:
-                outcome = StepOutcome(request.steps[0](lambda request=request: self._should_stop(request)))
-            except Exception as error:
-                outcome = StepOutcome(error=error)
-            self._end(request, outcome)
+            self._end(request, self._outcome(request))
+
+    def _outcome(self, request: _Request) -> StepOutcome:
+        step, start = request.steps[0], time.perf_counter()
+        try:
+            value, error = step(lambda: self._should_stop(request)), None
+        except Exception as raised:
+            value, error = None, raised
+        return StepOutcome(step, time.perf_counter() - start, value, error)
 
     def _begin(self) -> _Request | None:
         with self._lock:

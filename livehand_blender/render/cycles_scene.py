@@ -6,7 +6,11 @@ import bpy
 
 from ...backend.records.errors import LiveHandError
 from ...backend.rendering.composition import SceneLayer
+from ..rig.hand import hand_of_mesh
+from ..scene.solid import MESH_LIKE
 from .passes import ScenePasses
+
+_SEEN = {*MESH_LIKE, "CURVES", "POINTCLOUD", "VOLUME"}
 
 
 def is_in_scene(scene: bpy.types.Scene) -> bool:
@@ -23,6 +27,16 @@ def is_in_scene(scene: bpy.types.Scene) -> bool:
             "enable it in the preferences, or set LiveHand to Hand Only"
         )
     return True
+
+
+def has_only_hands(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether only hands are wanted, or nothing else is there to be seen."""
+    if depsgraph.scene.livehand.mode != "SCENE":
+        return True
+    return not any(
+        instance.show_self and instance.object.type in _SEEN and hand_of_mesh(instance.object.original) is None
+        for instance in depsgraph.object_instances
+    )
 
 
 def scene_layer(passes: ScenePasses) -> SceneLayer:

@@ -28,7 +28,8 @@ from ...backend.rendering.picture import Picture, compose_picture, surface_of
 from ..scene.proxy import hidden_from_camera, hide_from_camera, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
-from .cycles_scene import is_in_scene, scene_layer
+from .cycles_samples import one_sample
+from .cycles_scene import has_only_hands, is_in_scene, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, load_hands, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
@@ -96,13 +97,23 @@ class LiveHandRender(CyclesEngine):
             if viewport_of(self).has_image:
                 with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
                     hidden.enter_context(hidden_from_camera(depsgraph))
+            hidden.enter_context(self._cycles_at_rest(depsgraph))
             super().view_update(context, depsgraph)
         viewport_of(self).update(context, depsgraph)
 
     def view_draw(self, context, depsgraph):
         """Called by Blender to draw a 3D view: Cycles' preview, and the hands over it."""
-        super().view_draw(context, depsgraph)
+        with self._cycles_at_rest(depsgraph):
+            super().view_draw(context, depsgraph)
         viewport_of(self).draw(self, context, depsgraph)
+
+    def _cycles_at_rest(self, depsgraph: bpy.types.Depsgraph) -> contextlib.AbstractContextManager[None]:
+        """A context in which Cycles takes one sample, if the image of the hands is all that the view is for."""
+        try:
+            is_for_hands = viewport_of(self).has_image and has_only_hands(depsgraph)
+        except LiveHandError:  # a hand without a mesh, which the view reports
+            is_for_hands = False
+        return one_sample(depsgraph) if is_for_hands else contextlib.nullcontext()
 
     def update_render_passes(self, scene, renderlayer):
         """Called by Blender to learn which sockets a view layer has in the compositor."""

@@ -9,8 +9,9 @@ import bpy
 import numpy as np
 
 from ...backend.records.camera import Camera
-from .occluders import MESH_LIKE, local_triangles
+from .local_triangles import LocalTriangles
 from .seen_hands import Place
+from .solid import MESH_LIKE, Solid, placed
 
 _NEAREST_M = 1e-3
 _MAX_TRIANGLES = 200_000
@@ -40,32 +41,57 @@ class Box(NamedTuple):
         return (is_over | reaches_behind) & (depth.max(1) > _NEAREST_M) & (depth.min(1) < self.depth_m)
 
 
-def read_foreground(
-    depsgraph: bpy.types.Depsgraph, camera: Camera, hands: Sequence[np.ndarray], own: Collection[Place]
-) -> np.ndarray:
-    """[T, 3, 3] triangles in the world, m, all before the camera; of too many, the nearest.
+class Foreground:
+    """The objects that may stand before hands, as a depsgraph has them; their triangles are read when a camera asks.
 
     Args:
         depsgraph: of the view.
+        own: the places of the hands' meshes, which do not count.
+        local: triangles that were read before.
+    """
+
+    def __init__(self, depsgraph: bpy.types.Depsgraph, own: Collection[Place], local: LocalTriangles):
+        self._local = local
+        self._solids: dict[int, Solid] = {}
+        numbers, boxes = [], []
+        for number, instance in enumerate(depsgraph.object_instances):
+            thing = instance.object
+            if (
+                thing.type in MESH_LIKE
+                and instance.show_self
+                and thing.visible_camera
+                and Place.of(instance) not in own
+            ):
+                numbers.append(number)
+                boxes.append(placed(np.array(thing.bound_box), np.array(instance.matrix_world)))
+        self._numbers, self._boxes = np.array(numbers, int), np.reshape(boxes, (-1, 8, 3))
+
+    def before(self, depsgraph: bpy.types.Depsgraph, camera: Camera, hands: Sequence[np.ndarray]) -> tuple[Solid, ...]:
+        """The objects that may hide hands, given by their vertices [V, 3]; the depsgraph must not have changed."""
+        if not hands:
+            return ()
+        numbers = self._numbers[Box.of(camera, hands).holds(camera, self._boxes)].tolist()
+        missing = set(numbers) - self._solids.keys()
+        if missing:
+            for number, instance in enumerate(depsgraph.object_instances):
+                if number in missing:
+                    place, matrix = Place.of(instance), np.array(instance.matrix_world)
+                    self._solids[number] = self._local.solid(place, instance.object, matrix)
+        return tuple(self._solids[number] for number in numbers)
+
+
+def foreground_triangles(solids: Sequence[Solid], camera: Camera, hands: Sequence[np.ndarray]) -> np.ndarray:
+    """[T, 3, 3] triangles in the world, m, all before the camera; of too many, the nearest. Needs no bpy.
+
+    Args:
+        solids: that may hide the hands.
         camera: of the view.
         hands: vertices [V, 3] of the hands in the world, m.
-        own: the places of the hands' meshes, which do not count.
     """
-    if not hands:
+    if not (solids and hands):
         return np.zeros((0, 3, 3))
     box = Box.of(camera, hands)
-    local: dict[int, np.ndarray] = {}
-    found = [np.zeros((0, 3, 3))]
-    for instance in depsgraph.object_instances:
-        thing = instance.object
-        if thing.type in MESH_LIKE and instance.show_self and thing.visible_camera and Place.of(instance) not in own:
-            matrix = np.array(instance.matrix_world)
-            if box.holds(camera, _placed(np.array(thing.bound_box), matrix)[None])[0]:
-                key = thing.data.as_pointer()
-                if key not in local:
-                    local[key] = local_triangles(thing)
-                triangles = _placed(local[key], matrix)
-                found.append(triangles[box.holds(camera, triangles)])
+    found = [triangles[box.holds(camera, triangles)] for triangles in (solid.triangles for solid in solids)]
     triangles = clipped(camera, np.concatenate(found))
     if len(triangles) <= _MAX_TRIANGLES:
         return triangles
@@ -95,7 +121,3 @@ def _parts(corners: np.ndarray, depth: np.ndarray) -> list[np.ndarray]:
         if (near >= _NEAREST_M) != (far >= _NEAREST_M):
             outline.append(start + (end - start) * (_NEAREST_M - near) / (far - near))
     return [np.stack([outline[0], outline[k], outline[k + 1]]) for k in range(1, len(outline) - 1)]
-
-
-def _placed(local: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    return local @ matrix[:3, :3].T + matrix[:3, 3]

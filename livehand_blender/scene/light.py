@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import bpy
 import numpy as np
 
 from ...backend.records.light import Lamp, Light, Sky
 from .lamps import read_lamps
+from .local_triangles import LocalTriangles
 from .occluders import occluders_of, read_solids
 from .reach import SKY_M, SUN_M, Reach, middle_of
 from .seen_hands import Place, SeenHand
 from .shot import seen_vertices
+from .solid import Solid
 from .world import WorldLight, read_world
 
 
@@ -27,16 +30,25 @@ class SceneLight:
     Attributes:
         lamps: that light the hand.
         world: what it shines may have to be rendered first; None: nothing.
-        occluders: [T, 3, 3] triangles that may shadow the hand, world, m.
+        solids: objects that may shadow a hand of the frame.
+        reach: where those stand that shadow this one.
+        hand: its place.
         exposure: factor of Cycles' film.
         is_final: whether it is for a frame that is kept.
     """
 
     lamps: tuple[Lamp, ...]
     world: WorldLight | None
-    occluders: np.ndarray
+    solids: tuple[Solid, ...]
+    reach: Reach
+    hand: Place
     exposure: float
     is_final: bool
+
+    @cached_property
+    def occluders(self) -> np.ndarray:
+        """[T, 3, 3] triangles that may shadow the hand, world, m."""
+        return occluders_of(self.solids, self.reach, self.hand)
 
     def light(self) -> Light:
         """The record. A world of nodes is rendered at the first call, which takes seconds.
@@ -51,7 +63,7 @@ class SceneLight:
 
 
 def read_hand_lights(
-    depsgraph: bpy.types.Depsgraph, hands: Sequence[SeenHand], is_final: bool
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[SeenHand], is_final: bool, local: LocalTriangles | None = None
 ) -> dict[str, SceneLight]:
     """Name of each hand -> the light on it; none if the scene says that hands keep their capture's.
 
@@ -59,15 +71,21 @@ def read_hand_lights(
         depsgraph: of the frame.
         hands: of the frame.
         is_final: as in `read_scene_light`, which also tells what is raised.
+        local: triangles that were read before; None: none were.
     """
     if depsgraph.scene.livehand.light != "SCENE":
         return {}
-    lights = read_scene_light(depsgraph, {hand.place: seen_vertices(hand, depsgraph) for hand in hands}, is_final)
+    lights = read_scene_light(
+        depsgraph, {hand.place: seen_vertices(hand, depsgraph) for hand in hands}, is_final, local
+    )
     return {hand.name: lights[hand.place] for hand in hands}
 
 
 def read_scene_light(
-    depsgraph: bpy.types.Depsgraph, hands: Mapping[Place, np.ndarray], is_final: bool
+    depsgraph: bpy.types.Depsgraph,
+    hands: Mapping[Place, np.ndarray],
+    is_final: bool,
+    local: LocalTriangles | None = None,
 ) -> dict[Place, SceneLight]:
     """The light on each hand of an evaluated frame.
 
@@ -76,6 +94,7 @@ def read_scene_light(
         hands: place of a hand's mesh object -> its vertices [V, 3] in the world, m.
         is_final: whether the frame is kept: its soft shadows are fine, and the render of the world is waited for, by
             which objects before its suns are found.
+        local: triangles that were read before; None: none were.
 
     Raises:
         LiveHandError: the world cannot be rendered, or not be prepared for it.
@@ -89,11 +108,9 @@ def read_scene_light(
         for place, vertices in hands.items()
     }
     reaches = {place: Reach.of(vertices, (*lamps[place], *suns), sky_m) for place, vertices in hands.items()}
-    solids = read_solids(depsgraph, tuple(reaches.values())) if reaches else ()
+    solids = read_solids(depsgraph, reaches, local or LocalTriangles()) if reaches else ()
     exposure = _film_exposure(depsgraph.scene_eval)
-    return {
-        one: SceneLight(lamps[one], world, occluders_of(solids, reaches[one], one), exposure, is_final) for one in hands
-    }
+    return {one: SceneLight(lamps[one], world, solids, reaches[one], one, exposure, is_final) for one in hands}
 
 
 def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:

@@ -9,7 +9,8 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.rendering.scene_depth import scene_depth
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.foreground import clipped, read_foreground
+from livehand.livehand_blender.scene.foreground import Foreground, clipped, foreground_triangles
+from livehand.livehand_blender.scene.local_triangles import LocalTriangles
 from livehand.livehand_blender.scene.seen_hands import visible_hands
 from livehand.livehand_blender.scene.shot import seen_vertices
 
@@ -32,7 +33,8 @@ def foreground(scene):
     hands = visible_hands(depsgraph)
     camera = read_camera(scene.camera.evaluated_get(depsgraph), scene.render)
     vertices = [seen_vertices(hand, depsgraph) for hand in hands]
-    return camera, read_foreground(depsgraph, camera, vertices, {hand.place for hand in hands})
+    around = Foreground(depsgraph, {hand.place for hand in hands}, LocalTriangles())
+    return camera, foreground_triangles(around.before(depsgraph, camera, vertices), camera, vertices)
 
 
 def test_only_what_is_before_the_hand_and_over_it_counts(hand_scene):
@@ -55,7 +57,8 @@ def test_no_hand_has_no_foreground(hand_scene):
         if thing.type != "CAMERA":
             bpy.data.objects.remove(thing)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert len(read_foreground(depsgraph, LOOKS_ALONG_Z, [], set())) == 0
+    assert Foreground(depsgraph, set(), LocalTriangles()).before(depsgraph, LOOKS_ALONG_Z, []) == ()
+    assert len(foreground_triangles((), LOOKS_ALONG_Z, [])) == 0
     assert np.all(scene_depth(np.zeros((0, 3, 3)), LOOKS_ALONG_Z) == DEPTH_BACKGROUND)
 
 

@@ -10,6 +10,7 @@ import pytest
 from livehand.livehand_blender.render.viewport import viewport as viewport_module
 from livehand.livehand_blender.render.viewport.draw import ImageTexture, draw_message
 from livehand.livehand_blender.render.viewport.image import ViewportImage
+from livehand.livehand_blender.render.viewport.pace import Pace
 from livehand.livehand_blender.render.viewport.shared import ViewportShared
 from livehand.livehand_blender.render.viewport.view import Rectangle
 from livehand.livehand_blender.render.viewport.viewport import Viewport
@@ -149,7 +150,7 @@ def test_the_hand_is_drawn_in_place_and_rendered_only_when_something_changes(dra
     expected = frame.rgb + (1 - frame.alpha[..., None]) * GROUND
     assert frame.alpha.max() == 1
     assert pixels[..., :3] == pytest.approx(expected, abs=2e-3)  # half floats
-    assert [shot.camera.size_px for shot in renderer.shots[:2]] == [(80, 60), SIZE_PX]
+    assert [shot.camera.size_px for shot in renderer.shots[:2]] == [SIZE_PX, SIZE_PX]
     count = len(renderer.shots)
     drawn(lambda: show(viewport, engine, context, shared))
     assert len(renderer.shots) == count
@@ -185,14 +186,112 @@ def test_the_mesh_stands_for_the_hand_until_there_is_an_image_and_in_orthographi
     assert tagged == [True, False]
 
 
-def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, context, shared, fake_session):
+@pytest.fixture
+def wide(context):
+    """The context with a region of 1024 x 768 px."""
+    context.region.width, context.region.height = 1024, 768
+    return context
+
+
+def sizes_px(session):
+    return [shot.camera.size_px for shot in session.made[0].shots]
+
+
+def test_a_coarse_image_comes_before_the_full_one(drawn, wide, shared, fake_session):
+    drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
+    assert sizes_px(fake_session) == [(256, 192), (1024, 768)]
+
+
+def test_while_an_animation_plays_only_coarse_images_are_rendered(drawn, wide, shared, fake_session):
+    wide.screen.is_animation_playing = True
+    viewport, engine = Viewport(shared), Engine()
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session) == [(256, 192)]
+    wide.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session)[1:] == [(256, 192), (1024, 768)]
+
+
+def test_coarse_images_keep_pace_and_a_change_of_size_alone_renders_nothing(drawn, wide, shared, fake_session):
+    viewport, engine = Viewport(shared), Engine()
+    monotonous = iter(np.linspace(0.001, 0.002, 3))
+
+    def show_moved():
+        find_hands(wide.scene)[0].location.x += next(monotonous)
+        show(viewport, engine, wide, shared)
+
+    viewport._pace = Pace(wanted_s=1e-9)  # nothing is as fast
+    wide.screen.is_animation_playing = True
+    for _ in range(3):
+        drawn(show_moved)
+    assert sizes_px(fake_session) == [(256, 192)] * 3
+    assert viewport._pace.side_px == 128
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert len(sizes_px(fake_session)) == 3
+    wide.screen.is_animation_playing = False
+    drawn(lambda: show(viewport, engine, wide, shared))
+    assert sizes_px(fake_session)[3:] == [(128, 96), (1024, 768)]
+
+
+def test_of_the_frames_of_an_animation_only_those_are_read_that_are_shown(drawn, context, shared, monkeypatch):
     context.screen.is_animation_playing = True
+    viewport, engine, is_held, read = Viewport(shared), Engine(), [True], []
+    reading = viewport_module.read_viewport_hands
+    monkeypatch.setattr(
+        viewport_module, "read_viewport_hands", lambda *args: read.append(hand.location.x) or reading(*args)
+    )
+    hand = find_hands(context.scene)[0]
+    shared.preview.submit("other view", [stay_until(is_held)])
+
+    def play(x):
+        hand.location.x = x
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        viewport.update(context, depsgraph)
+        viewport.draw(engine, context, depsgraph)
+
+    for x in (0.0, 0.25, 0.5):
+        drawn(lambda x=x: play(x))
+    assert read == [0.0]
+    is_held.clear()
+    wait(shared, viewport)
+    drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    assert read == [0.0, 0.5]
+
+
+def test_the_last_image_stays_until_the_next_is_there(drawn, context, shared):
+    viewport, engine, is_held = Viewport(shared), Engine(), [True]
+    drawn(lambda: show(viewport, engine, context, shared))
+    before = drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    shared.preview.submit("other view", [stay_until(is_held)])
+    find_hands(context.scene)[0].location.x += 0.02
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    viewport.update(context, depsgraph)
+    meanwhile = drawn(lambda: viewport.draw(engine, context, depsgraph))
+    assert shared.preview.is_waiting(viewport)
+    assert viewport.has_image
+    np.testing.assert_array_equal(meanwhile, before)
+    assert np.ptp(before[..., :3]) > 0.1
+    is_held.clear()
+    wait(shared, viewport)
+    assert not np.array_equal(drawn(lambda: viewport.draw(engine, context, depsgraph)), before)
+
+
+def test_a_view_that_turns_does_not_read_the_scene_again(drawn, context, shared, monkeypatch):
+    reads = []
+    reading = viewport_module.Foreground
+    monkeypatch.setattr(viewport_module, "Foreground", lambda *args: reads.append(1) or reading(*args))
     viewport, engine = Viewport(shared), Engine()
     drawn(lambda: show(viewport, engine, context, shared))
-    assert [shot.camera.size_px for shot in fake_session.made[0].shots] == [(80, 60)]
-    context.screen.is_animation_playing = False
-    drawn(lambda: show(viewport, engine, context, shared))
-    assert fake_session.made[0].shots[-1].camera.size_px == SIZE_PX
+    context.region_data.view_matrix = Matrix.Translation((0.01, 0, 0)) @ context.region_data.view_matrix
+    drawn(lambda: viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get()))
+    assert shared.preview.is_busy(viewport)
+    assert reads == [1]
+
+
+def test_shadows_are_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
+    monkeypatch.setattr(fake_renderer, "is_relightable", True)
+    drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
+    assert [shot.light.has_fine_shadows for shot in fake_session.made[0].shots] == [False, True]
 
 
 def missing_avatar(context):

@@ -282,7 +282,7 @@ def play(watch, report):
 
 
 def let_cycles_end(report):
-    """In Hand Only as well, Cycles draws the scene with the scene's number of viewport samples, and then rests."""
+    """In Hand Only, Cycles takes one sample of the scene, and then rests."""
     start, used = time.perf_counter(), [(time.perf_counter(), time.process_time())]
 
     def is_at_rest():

@@ -57,16 +57,30 @@ def test_steps_run_one_after_the_other(preview):
     wait_for(lambda: not preview.is_busy("view"))
 
 
+def test_an_outcome_tells_its_step_and_how_long_it_took(preview):
+    gate, start = Gate("coarse"), time.monotonic()
+    preview.submit("view", [gate])
+    assert gate.begun.wait(PATIENCE_S)
+    time.sleep(0.02)
+    gate.opened.set()
+    got = outcome(preview, "view")
+    assert got.step is gate
+    assert 0.02 <= got.seconds <= time.monotonic() - start
+
+
 def test_a_first_step_is_never_stopped_and_waiting_steps_are_replaced(preview):
     first, second, third = Gate(1), Gate(2), Gate(3)
     preview.submit("view", [first, lambda stop: "fine 1"])
     assert first.begun.wait(PATIENCE_S)
+    assert not preview.is_waiting("view")
     preview.submit("view", [second])
+    assert preview.is_waiting("view")
     preview.submit("view", [third])
     first.opened.set()
     assert outcome(preview, "view").value == 1
     third.opened.set()
     assert outcome(preview, "view").value == 3
+    assert not preview.is_waiting("view")
     wait_for(lambda: not preview.is_busy("view"))
     assert not second.begun.is_set()
     assert preview.pop_outcome("view") is None
@@ -92,6 +106,7 @@ def test_a_preempted_view_is_continued(preview):
     preview.submit("other", [other])
     assert other.begun.wait(PATIENCE_S)
     assert fine.was_stopped
+    assert not preview.is_waiting("view")  # only a finer step does
     fine.opened.set()
     other.opened.set()
     assert outcome(preview, "other").value == "other"

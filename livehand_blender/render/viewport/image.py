@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,8 @@ from ....backend.records.frame import Frame
 from ....backend.rendering.composition import joined, visible_parts
 from ....backend.rendering.grade import graded
 from ....backend.runtime.thread_limits import thread_limit
+from ...scene.foreground import foreground_triangles
+from ...scene.solid import Solid
 from .viewport_hand import ViewportHand
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
@@ -42,23 +44,27 @@ class ViewportRequest:
         hands: that the view shows.
         camera: of the view at full size.
         to_working_space: [3, 3], from linear Rec.709 (`rec709_to_working_space`).
-        foreground: [T, 3, 3] triangles of the scene that may hide the hands (`read_foreground`).
+        foreground: objects of the scene that may hide the hands.
     """
 
     hands: tuple[ViewportHand, ...]
     camera: Camera
     to_working_space: np.ndarray
-    foreground: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    foreground: tuple[Solid, ...] = ()
 
-    def render(self, session: Session, scale: float, should_stop: Callable[[], bool]) -> ViewportImage | None:
+    def render(
+        self, session: Session, scale: float, should_stop: Callable[[], bool], has_fine_shadows: bool = False
+    ) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
+
+        Soft shadows are fine where they are to be: that costs time.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [hand.task(session, camera) for hand in self.hands]
+            tasks = [hand.task(session, camera, has_fine_shadows) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:
@@ -66,7 +72,8 @@ class ViewportRequest:
         graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
         from ....backend.rendering.scene_depth import scene_depth  # torch, which a renderer has imported already
 
-        depth = scene_depth(self.foreground, camera) if len(self.foreground) else None
+        triangles = foreground_triangles(self.foreground, camera, [hand.vertices for hand in self.hands])
+        depth = scene_depth(triangles, camera) if len(triangles) else None
         return viewport_image(joined(visible_parts(graded_frames, depth)), scale, self.to_working_space)
 
 

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import logging
-from functools import partial
 
 import bpy
-import numpy as np
 
-from ....backend.records.camera import Camera
 from ....backend.records.errors import LiveHandError
 from ....backend.rendering.frame_task import is_equal
+from ....backend.rendering.preview_scheduler import StepOutcome
 from ...scene.colour import rec709_to_working_space
-from ...scene.foreground import read_foreground
+from ...scene.foreground import Foreground
+from ...scene.local_triangles import LocalTriangles
 from .draw import ImageTexture, draw_message
 from .image import ViewportRequest
+from .pace import Pace
 from .shared import ViewportShared
+from .step import ViewportStep
 from .view import RegionView, read_view
 from .viewport_hand import ViewportHand, read_viewport_hands
 
 LOGGER = logging.getLogger(__name__)
-
-# The longer side of the coarse image that is shown while things move, px.
-_COARSE_PX = 256
 
 
 def viewport_of(engine) -> Viewport:
@@ -43,23 +41,26 @@ class Viewport:
         self._shared = shared
         self._hands: tuple[ViewportHand, ...] = ()
         self._problem = ""  # why the hands cannot be read
-        self._submitted: tuple[ViewportRequest, tuple[float, ...]] | None = None
+        self._submitted: tuple[ViewportRequest, float, bool] | None = None
+        self._pace = Pace()
         self._texture: ImageTexture | None = None
         self.has_image = False
         self._is_empty = False  # the newest image shows no hand
-        self._foreground: tuple[Camera, np.ndarray] | None = None
+        self._is_stale = True  # the scene has changed since it was read
+        self._triangles = LocalTriangles()
+        self._foreground: Foreground | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Read the hands."""
-        self._foreground = None
-        try:
-            self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph), ""
-        except Exception as error:
-            self._hands, self._problem = (), _message_of(error)
+        """Note that the scene has changed."""
+        self._is_stale = True
+        self._triangles.forget_changed(depsgraph)
 
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Submit the view's request if it has changed, and draw the newest image."""
+        # Of the frames of an animation, only those are read that will be shown: one while the one before is rendered.
+        if self._is_stale and not self._shared.preview.is_waiting(self):
+            self._read(context, depsgraph)
         message = self._problem
         if not message:
             try:
@@ -73,6 +74,15 @@ class Viewport:
         if message:
             draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
 
+    def _read(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        self._is_stale = False
+        self._foreground = None
+        self._triangles.forget_unasked()
+        try:
+            self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph, self._triangles), ""
+        except Exception as error:
+            self._hands, self._problem = (), _message_of(error)
+
     def _draw_view(
         self,
         engine: bpy.types.RenderEngine,
@@ -83,7 +93,7 @@ class Viewport:
         """Draw the newest image; returns the message to draw with it."""
         if view is None:
             return ""
-        self._submit(engine, depsgraph, view, _scales(view, context))
+        self._submit(engine, depsgraph, view, 1 / _pixel_size(context), context.screen.is_animation_playing)
         self._receive()
         if self._texture:
             self._texture.draw(view.rectangle, context.region.height)
@@ -94,34 +104,42 @@ class Viewport:
         engine: bpy.types.RenderEngine,
         depsgraph: bpy.types.Depsgraph,
         view: RegionView,
-        scales: tuple[float, ...],
+        scale: float,
+        is_playing: bool,
     ) -> None:
-        if self._foreground is None or not is_equal(self._foreground[0], view.camera):
-            places = {hand.place for hand in self._hands}
-            vertices = [hand.vertices for hand in self._hands]
-            self._foreground = view.camera, read_foreground(depsgraph, view.camera, vertices, places)
-        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), self._foreground[1])
-        if self._submitted and is_equal((request, scales), self._submitted):
+        """Ask for an image that keeps pace and, unless an animation plays, one of the full scale."""
+        if self._is_stale:  # another frame waits, and will be shown first
+            return
+        if self._foreground is None:
+            self._foreground = Foreground(depsgraph, {hand.place for hand in self._hands}, self._triangles)
+        solids = self._foreground.before(depsgraph, view.camera, [hand.vertices for hand in self._hands])
+        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
+        if self._submitted and is_equal((request, scale, is_playing), self._submitted):
             return
         if self._submitted is None and self._hands:
             self._message = "loading the avatar"
-        self._submitted = request, scales
-        self._shared.preview.submit(self, [partial(request.render, self._shared.session, scale) for scale in scales])
+        self._submitted = request, scale, is_playing
+        moving, still = self._moving_step(request, scale), ViewportStep(request, self._shared.session, scale)
+        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
         self._shared.timer.watch(self, engine)
+
+    def _moving_step(self, request: ViewportRequest, scale: float) -> ViewportStep:
+        moving_px = self._pace.side_px
+        moving_scale = min(scale, moving_px / max(request.camera.size_px))
+        return ViewportStep(request, self._shared.session, moving_scale, moving_px)
 
     def _receive(self) -> None:
         outcome = self._shared.preview.pop_outcome(self)
         if outcome is not None:
+            self._keep_pace(outcome)
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
 
-
-def _scales(view: RegionView, context: bpy.types.Context) -> tuple[float, ...]:
-    """The scales of the images to render: a coarse one and, unless an animation plays, the view's full resolution."""
-    full = 1 / _pixel_size(context)
-    coarse = min(full / 2, _COARSE_PX / max(view.camera.size_px))
-    return (coarse,) if context.screen.is_animation_playing else (coarse, full)
+    def _keep_pace(self, outcome: StepOutcome) -> None:
+        step = outcome.step
+        if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
+            self._pace.record(step.moving_px, outcome.seconds)
 
 
 def _pixel_size(context: bpy.types.Context) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -13,6 +13,7 @@ from ....backend.records.shot import HandPose, Shot
 from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
 from ...scene.light import SceneLight, read_hand_lights
+from ...scene.local_triangles import LocalTriangles
 from ...scene.seen_hands import Place, SeenHand, visible_hands
 from ...scene.shot import seen_pose, seen_vertices, seen_wrist_fade_m
 from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
@@ -35,22 +36,26 @@ class ViewportHand:
     light: SceneLight | None = None
     wrist_fade_m: float = 0.0
 
-    def task(self, session: Session, camera: Camera) -> HandTask:
+    def task(self, session: Session, camera: Camera, has_fine_shadows: bool = False) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
+        if light is not None:
+            light = replace(light, has_fine_shadows=has_fine_shadows)
         return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m))
 
 
-def read_viewport_hands(space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph) -> tuple[ViewportHand, ...]:
-    """All hands that a 3D view shows.
+def read_viewport_hands(
+    space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, local: LocalTriangles | None = None
+) -> tuple[ViewportHand, ...]:
+    """All hands that a 3D view shows; `local` holds triangles of the scene that were read before.
 
     Raises:
         LiveHandError: a hand lacks its mesh or a bone, or is not finite, or the world cannot be read.
     """
     device = read_device(depsgraph.scene)
     shown = [hand for hand in visible_hands(depsgraph) if _is_in(space, hand)]
-    lights = read_hand_lights(depsgraph, shown, is_final=False)
+    lights = read_hand_lights(depsgraph, shown, is_final=False, local=local)
     return tuple(
         ViewportHand(
             hand.name,
