@@ -8,19 +8,23 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..hand.lbs import SkinMotion
-from ..nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FinerField, FineTemplate, PixelSurface
+from ..nerf.depth_steps import SPREAD, STEP_M, STEP_PX, DepthSteps
+from ..nerf.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
 from ..nerf.rays import CameraTensors, project
 from .arrays import as_arrays
 from .kernels.compiled import in_parallel
 from .kernels.fine_mesh import face_normals, fine_vertices, finer_field, vertex_normals
 from .kernels.outline import (
-    cover_samples,
     depth_at_rim,
     front_rows,
     mark_outline,
+    mark_steps,
+    nearer_squares,
     nearest_of_rows,
     pixel_squares,
+    sample_faces,
     spread_coverage,
+    spread_steps,
 )
 from .kernels.records import FinerRows, ProjectedMesh
 
@@ -64,21 +68,35 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
     rows, face_at = np.empty((len(faces), 2), np.int32), np.full(pixels, -1, np.int32)
     nearest, on_outline = np.full(pixels, np.inf, np.float32), np.empty(pixels, np.bool_)
-    bits, (covered, coverage, deep) = np.zeros(pixels, np.uint16), np.empty((3, pixels), np.float32)
+    bits, (covered, coverage, deep, between) = np.zeros(pixels, np.uint16), np.empty((4, pixels), np.float32)
+    step_m, step_per_m = np.float32(STEP_M * mesh.scale), np.float32(STEP_PX / camera.focal_px)
     in_parallel(lambda first, last: front_rows(projected, width, height, first, last, rows), len(faces), threads)
 
     def rasterise_rows(first: int, last: int) -> None:
         nearest_of_rows(projected, rows, width, first, last, nearest, face_at)
 
-    def cover_rows(first: int, last: int) -> None:
+    def mark_rows(first: int, last: int) -> None:
         mark_outline(face_at, width, height, first, last, on_outline)
-        cover_samples(projected, rows, _SAMPLES, width, first, last, on_outline, bits)
-        pixel_squares(face_at, on_outline, bits, width * first, width * last, covered)
+        mark_steps(nearest, width, height, step_m, step_per_m, first, last, between)
 
     def spread_rows(first: int, last: int) -> None:
         spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)
         depth_at_rim(nearest, coverage, width, height, first, last, deep)
 
-    for run in (rasterise_rows, cover_rows, spread_rows):
+    for run in (rasterise_rows, mark_rows):
         in_parallel(run, height, threads)
-    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, deep, coverage)))
+    pixel, slot = np.flatnonzero(between), np.full(pixels, -1, np.int32)
+    slot[pixel] = np.arange(len(pixel))
+    depths = np.full((len(pixel), len(SAMPLES)), np.inf, np.float32)
+
+    def sample_rows(first: int, last: int) -> None:
+        sample_faces(projected, rows, _SAMPLES, width, first, last, on_outline, slot, bits, depths)
+        pixel_squares(face_at, on_outline, bits, width * first, width * last, covered)
+
+    for run in (sample_rows, spread_rows):
+        in_parallel(run, height, threads)
+    square, share = np.empty((2, len(pixel)), np.float32)
+    nearer_squares(depths, between[pixel], 0, len(pixel), square)
+    spread_steps(pixel, between[pixel], square, slot, nearest, _SPREAD, width, height, 0, len(pixel), share)
+    steps = DepthSteps(*(torch.as_tensor(values) for values in (pixel, between[pixel], share)))
+    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, deep, coverage)), steps)

@@ -11,6 +11,7 @@ from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
+    BELOW_HORIZON,
     F0,
     NAIL_ROUGHNESS,
     ROUGHNESS,
@@ -77,4 +78,6 @@ def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"
 def lobes() -> Lobes:
     """The constants of the glossy lobes and of light in the skin."""
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, np.square(ROUGHNESS)))
-    return Lobes._make((*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, F0))))
+    return Lobes._make(
+        (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, F0, BELOW_HORIZON)))
+    )

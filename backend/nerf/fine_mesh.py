@@ -21,15 +21,12 @@ from ..geometry.rasterise import nearest_fronts, rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
+from .depth_steps import SPREAD, DepthSteps
 from .rays import CameraTensors, project
 
 SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
 """Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
 and of its height has one."""
-SPREAD = (0.0447, 0.9106, 0.0447)
-"""Weights of a pixel and of its neighbours along a row or column in its coverage.
-
-With the pixel's own square they have the variance of Cycles' filter, Blackman-Harris of 1.5 pixels."""
 
 
 class FinerField(NamedTuple):
@@ -138,11 +135,13 @@ class PixelSurface(NamedTuple):
         face: [P] the nearest front face at the pixel's centre, -1 for none.
         depth: [P] of it, m; infinite for none, unless the pixel shows what its centre misses: then the nearest beside.
         coverage: [P] share of the pixel that the surface covers, as Cycles' filter has it.
+        steps: where one part of the surface ends before another.
     """
 
     face: Tensor
     depth: Tensor
     coverage: Tensor
+    steps: DepthSteps
 
 
 def fine_mesh(
@@ -193,11 +192,19 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     found = rasterise(positions_px, depth, mesh.faces, camera.size_px)
     depth_at, face = nearest_fronts(found, width * height)
     is_seen = face >= 0
-    covered = torch.zeros(width * height, device=depth.device)
-    for x, y in SAMPLES:
-        moved = positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y])
-        at_sample = rasterise(moved, depth, mesh.faces, camera.size_px)
-        covered[at_sample.pixel[at_sample.is_front].unique()] += 1 / len(SAMPLES)
+    samples = torch.stack(
+        [
+            nearest_fronts(
+                rasterise(
+                    positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y]), depth, mesh.faces, camera.size_px
+                ),
+                width * height,
+            ).depth
+            for x, y in SAMPLES
+        ]
+    )
+    covered = samples.isfinite().float().mean(0)
+    steps = DepthSteps.of(depth_at, samples, camera, mesh.scale)
     inside = is_seen.float().reshape(1, 1, height, width)
     within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
     around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
@@ -205,7 +212,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     coverage = spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px)
     beside = -torch.nn.functional.max_pool2d(-depth_at.reshape(1, 1, height, width), 3, 1, 1).flatten()
     depth_at = torch.where(is_seen | (coverage <= 0), depth_at, beside)
-    return PixelSurface(face, depth_at, coverage)
+    return PixelSurface(face, depth_at, coverage, steps)
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:

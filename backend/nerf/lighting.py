@@ -29,6 +29,8 @@ NAIL_ROUGHNESS = 0.22
 """Of the first lobe on nails, in the light of lamps."""
 F0 = 0.028
 """Reflectance of skin at normal incidence, index of refraction 1.4."""
+BELOW_HORIZON = -0.25
+"""Cosine of a ray's normal and a lamp from which on none of its light counts: rays' normals are as coarse as faces."""
 SKY_CELL_RAD = 0.6
 """Half the angle over which each of the sky's directions is spread in gloss: beyond its cell, so that all are even."""
 # Of the mean light, and how much brighter than ours measured light may be before it counts as another.
@@ -145,7 +147,8 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     lit = _unblocked(lamps, shadows.lamps)
     depth_in_m = lamps.shadow[:, None] * shadows.lamps.depth_in_m
     of_lamps = _scattered(towards, strength, depth_in_m, points.normal)
-    faces = (towards * points.relief_normal).sum(-1) > 0  # what is below the horizon must not weigh against the rest
+    # What is far below the horizon must not weigh against the rest; close to it, a pixel's own normal tells.
+    faces = (towards * points.relief_normal).sum(-1) > BELOW_HORIZON
     vectors = towards * (strength * lit * faces)[..., None]
     count, probes = len(lamps.rgb), shadows.probes
     summed = [

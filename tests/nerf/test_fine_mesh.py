@@ -13,7 +13,8 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import skin_motion
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.nerf.fine_mesh import SAMPLES, SPREAD, FineMesh, FineTemplate, fine_mesh, motion_of_mesh, spread
+from livehand.backend.nerf.depth_steps import SPREAD
+from livehand.backend.nerf.fine_mesh import SAMPLES, FineMesh, FineTemplate, fine_mesh, motion_of_mesh, spread
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera

@@ -183,7 +183,7 @@ def _add_lamp(lamps, lobes, k, start, count, work, sums, vectors):
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
     for index in range(count):
         cosine = x[index] * rx[index] + y[index] * ry[index] + z[index] * rz[index]
-        strength[index] *= shadow * lit[index] + _1 - shadow if cosine > _0 else _0
+        strength[index] *= shadow * lit[index] + _1 - shadow if cosine > lobes.below_horizon else _0
     for axis in range(3):
         _add_product(vectors[3 * lamp + axis], work[_TOWARDS + axis], strength, count)
 

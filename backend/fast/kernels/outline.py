@@ -1,4 +1,4 @@
-"""Equals `nerf.fine_mesh.seen_surface`: the nearest faces of a mesh of many small ones, and how it covers pixels."""
+"""Equals `nerf.fine_mesh.seen_surface`: the nearest faces of a mesh of many small ones, and what pixels show of it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...geometry.tolerances import MIN_AREA_PX2
 from .compiled import compiled
 from .raster import covered_centres, fragment_depth, projected_area
 
-_0, _MIN_AREA = np.float32(0), np.float32(MIN_AREA_PX2)
+_0, _HALF, _INF, _MIN_AREA = np.float32(0), np.float32(0.5), np.float32(np.inf), np.float32(MIN_AREA_PX2)
 _BITS = 16
 
 
@@ -64,9 +64,26 @@ def mark_outline(face_at, width, height, first_row, last_row, on_outline):
 
 
 @compiled
-def cover_samples(mesh, rows, samples, width, first_row, last_row, on_outline, bits):
-    """Set a bit of each outline pixel in rows [first_row, last_row) for every sample of it in a front face."""
-    positions_px, faces = mesh.positions_px, mesh.faces
+def mark_steps(nearest, width, height, step_m, step_per_m, first_row, last_row, between):
+    """Fill `between` [P] in rows [first_row, last_row): a depth between two parts around a pixel, 0 for one part."""
+    for y in range(first_row, last_row):
+        for x in range(width):
+            low, high = _INF, _0
+            for below in range(max(y - 1, 0), min(y + 2, height)):
+                for right in range(max(x - 1, 0), min(x + 2, width)):
+                    here = nearest[below * width + right]
+                    low = min(low, here)
+                    high = max(high, here if here < _INF else _0)
+            between[y * width + x] = _HALF * (low + high) if high - low > step_m + step_per_m * low else _0
+
+
+@compiled
+def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, slot, bits, depths):
+    """Look for front faces at the samples of pixels in rows [first_row, last_row).
+
+    Of outline pixels, set a bit for every sample in a face; of pixels with a slot (>= 0), lower the depths [S, 16], m.
+    """
+    positions_px, faces, depth = mesh.positions_px, mesh.faces, mesh.depth
     for face in range(faces.shape[0]):
         if rows[face, 1] <= first_row or rows[face, 0] >= last_row:
             continue
@@ -76,7 +93,8 @@ def cover_samples(mesh, rows, samples, width, first_row, last_row, on_outline, b
         x0, x1 = max(int(np.floor(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))) + 1, width)
         for y in range(max(rows[face, 0], first_row), min(rows[face, 1], last_row)):
             for x in range(x0, x1):
-                if not on_outline[y * width + x]:
+                at = y * width + x
+                if not on_outline[at] and slot[at] < 0:
                     continue
                 found = np.uint16(0)
                 for k in range(_BITS):
@@ -86,7 +104,10 @@ def cover_samples(mesh, rows, samples, width, first_row, last_row, on_outline, b
                     wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
                     if (wa <= _0) & (wb <= _0) & (wc <= _0):  # front faces are clockwise on screen
                         found |= np.uint16(1 << k)
-                bits[y * width + x] |= found
+                        if slot[at] >= 0:
+                            z = (wa + wb + wc) / (wa / depth[a] + wb / depth[b] + wc / depth[c])
+                            depths[slot[at], k] = min(depths[slot[at], k], z)
+                bits[at] |= found
 
 
 @compiled
@@ -134,3 +155,33 @@ def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
             for below in range(max(y - 1, 0), min(y + 2, height)):
                 for right in range(max(x - 1, 0), min(x + 2, width)):
                     depth[at] = min(depth[at], nearest[below * width + right])
+
+
+@compiled
+def nearer_squares(depths, between, first, last, share):
+    """Fill the share of samples of slots [first, last) that lie before `between` [S], among those of the surface."""
+    for at in range(first, last):
+        near, shown = _0, _0
+        for k in range(_BITS):
+            near += np.float32(depths[at, k] < between[at])
+            shown += np.float32(depths[at, k] < _INF)
+        share[at] = near / max(shown, np.float32(1))
+
+
+@compiled
+def spread_steps(pixel, between, square, slot, nearest, taps, width, height, first, last, share):
+    """Fill the shares of slots [first, last), spread as `nerf.depth_steps` does."""
+    for at in range(first, last):
+        y, x = pixel[at] // width, pixel[at] % width
+        total, weights = _0, _0
+        for row in range(3):
+            below = min(max(y + row - 1, 0), height - 1) * width
+            for column in range(3):
+                near = below + min(max(x + column - 1, 0), width - 1)
+                if not (nearest[near] < _INF or (row == 1 and column == 1)):
+                    continue
+                weight = taps[row] * taps[column]
+                shown = square[slot[near]] if slot[near] >= 0 else np.float32(nearest[near] < between[at])
+                total += weight * shown
+                weights += weight
+        share[at] = total / weights

@@ -265,7 +265,7 @@ class ProbeArrays(NamedTuple):
 
 
 class Lobes(NamedTuple):
-    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], and the angle of a sky cell.
+    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], the angle of a sky cell, others.
 
     `nail_alpha` is the first lobe's on nails.
     """
@@ -276,6 +276,7 @@ class Lobes(NamedTuple):
     nail_alpha: np.float32
     sky_cell_rad: np.float32
     f0: np.float32
+    below_horizon: np.float32
 
 
 class RelitImage(NamedTuple):
