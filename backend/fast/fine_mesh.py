@@ -99,4 +99,4 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     nearer_squares(depths, between[pixel], 0, len(pixel), square)
     spread_steps(pixel, between[pixel], square, slot, nearest, _SPREAD, width, height, 0, len(pixel), share)
     steps = DepthSteps(*(torch.as_tensor(values) for values in (pixel, between[pixel], share)))
-    return PixelSurface(*(torch.as_tensor(values) for values in (face_at, deep, coverage)), steps)
+    return PixelSurface(torch.as_tensor(face_at), torch.as_tensor(deep), torch.as_tensor(coverage), steps)
