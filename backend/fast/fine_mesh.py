@@ -12,15 +12,14 @@ from ..nerf.depth_steps import SPREAD, STEP_M, STEP_PX, DepthSteps
 from ..nerf.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
 from ..nerf.rays import CameraTensors, project
 from .arrays import as_arrays
+from .fronts import find_fronts
 from .kernels.compiled import in_parallel
 from .kernels.fine_mesh import face_normals, fine_vertices, finer_field, vertex_normals
 from .kernels.outline import (
     depth_at_rim,
-    front_rows,
     mark_outline,
     mark_steps,
     nearer_squares,
-    nearest_of_rows,
     pixel_squares,
     sample_faces,
     spread_coverage,
@@ -66,14 +65,10 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     threads, (width, height) = torch.get_num_threads(), camera.size_px
     positions_px, depth, faces = as_arrays(*project(camera, mesh.vertices), mesh.faces)
     projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
-    rows, face_at = np.empty((len(faces), 2), np.int32), np.full(pixels, -1, np.int32)
-    nearest, on_outline = np.full(pixels, np.inf, np.float32), np.empty(pixels, np.bool_)
-    bits, (covered, coverage, deep, between) = np.zeros(pixels, np.uint16), np.empty((4, pixels), np.float32)
+    nearest, face_at, rows = find_fronts(projected, camera.size_px)
+    on_outline, bits = np.empty(pixels, np.bool_), np.zeros(pixels, np.uint16)
+    covered, coverage, deep, between = np.empty((4, pixels), np.float32)
     step_m, step_per_m = np.float32(STEP_M * mesh.scale), np.float32(STEP_PX / camera.focal_px)
-    in_parallel(lambda first, last: front_rows(projected, width, height, first, last, rows), len(faces), threads)
-
-    def rasterise_rows(first: int, last: int) -> None:
-        nearest_of_rows(projected, rows, width, first, last, nearest, face_at)
 
     def mark_rows(first: int, last: int) -> None:
         mark_outline(face_at, width, height, first, last, on_outline)
@@ -83,8 +78,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
         spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)
         depth_at_rim(nearest, coverage, width, height, first, last, deep)
 
-    for run in (rasterise_rows, mark_rows):
-        in_parallel(run, height, threads)
+    in_parallel(mark_rows, height, threads)
     pixel, slot = np.flatnonzero(between), np.full(pixels, -1, np.int32)
     slot[pixel] = np.arange(len(pixel))
     depths = np.full((len(pixel), len(SAMPLES)), np.inf, np.float32)

@@ -10,8 +10,8 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
 from ..nerf.rays import HandInView, project, ray_directions, ray_origin
 from ..nerf.sampler import SamplerConfig
+from .fronts import find_fronts
 from .kernels.compiled import in_parallel
-from .kernels.outline import front_rows, nearest_of_rows
 from .kernels.raster import find_crossings, nearest_depth
 from .kernels.rays import find_live
 from .kernels.records import ProjectedMesh, Rays, ShellCrossings, SurfaceTables
@@ -47,12 +47,8 @@ def first_hit(hand: HandInView) -> NearestFronts:
     """`nerf.sampler.first_hit` by kernels."""
     positions_px, depth = project(hand.camera, hand.mesh.vertices)
     mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), hand.topology.faces.numpy())
-    (width, height), threads = hand.camera.size_px, torch.get_num_threads()
-    nearest, face = np.full(width * height, np.inf, np.float32), np.full(width * height, -1, np.int32)
-    rows = np.empty((len(mesh.faces), 2), np.int32)
-    in_parallel(lambda first, last: front_rows(mesh, width, height, first, last, rows), len(rows), threads)
-    in_parallel(lambda first, last: nearest_of_rows(mesh, rows, width, first, last, nearest, face), height, threads)
-    return NearestFronts(torch.as_tensor(nearest), torch.as_tensor(face))
+    fronts = find_fronts(mesh, hand.camera.size_px)
+    return NearestFronts(torch.as_tensor(fronts.depth), torch.as_tensor(fronts.face))
 
 
 def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:

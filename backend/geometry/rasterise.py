@@ -87,12 +87,13 @@ class NearestFronts(NamedTuple):
     face: Tensor
 
 
-def nearest_fronts(fragments: Fragments, pixels: int) -> NearestFronts:
-    """The first front face in the centre of each pixel."""
+def nearest_fronts(fragments: Fragments, size_px: tuple[int, int]) -> NearestFronts:
+    """The first front face in the centre of each pixel of an image."""
+    width, height = size_px
     front = fragments.is_front.nonzero()[:, 0]
     order = front[torch.argsort(fragments.depth[front], descending=True, stable=True)]  # the nearest comes last
     last = torch.arange(len(order), device=order.device)
-    nearest = torch.full((pixels,), -1, device=order.device)
+    nearest = torch.full((width * height,), -1, device=order.device)
     nearest = nearest.scatter_reduce(0, fragments.pixel[order], last, "amax")
     is_seen, hit = nearest >= 0, order[nearest[nearest >= 0]]
     face, depth = torch.full_like(nearest, -1), fragments.depth.new_full(nearest.shape, torch.inf)

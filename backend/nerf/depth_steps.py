@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from .rays import CameraTensors
+from .relighting import MIN_ALPHA
 
 STEP_M, STEP_PX = 0.001, 4.0
 """Depths that differ by more are of two parts: template metres, and how many pixels' width."""
@@ -100,9 +101,9 @@ def blended(
     height, width = depth.shape
     around = _around(steps.pixel, (width, height))
     opacity = alpha.flatten()
-    straight = colours.flatten(1)[:, around] / opacity[around].clamp(min=_LEAST_ALPHA)  # [3, 9, S]
+    straight = colours.flatten(1)[:, around] / opacity[around].clamp(min=MIN_ALPHA)  # [3, 9, S]
     depth_of = depth.flatten()[around]
-    is_shown = depth_of.isfinite() & (opacity[around] > _LEAST_ALPHA)
+    is_shown = depth_of.isfinite() & (opacity[around] > MIN_ALPHA)
     is_near = depth_of < steps.between_m
     parts = [_part(straight, is_shown & side) for side in (is_near, ~is_near)]
     both = torch.lerp(parts[1][0], parts[0][0], steps.share)
@@ -111,9 +112,6 @@ def blended(
     result = colours.flatten(1).clone()
     result[:, at] = both[:, has_both] * opacity[at].clamp(max=1)
     return result.reshape(colours.shape)
-
-
-_LEAST_ALPHA = 0.02
 
 
 def _part(straight: Float[Tensor, "3 9 S"], is_of_it: Tensor) -> tuple[Float[Tensor, "3 S"], Tensor]:

@@ -17,7 +17,7 @@ from torch.nn.functional import conv2d
 from ..geometry.local_rotation import LocalFrames, local_rotations
 from ..geometry.loop import LoopStep, loop_step, split_corners
 from ..geometry.mesh import PosedMesh, vertex_normals
-from ..geometry.rasterise import nearest_fronts, rasterise
+from ..geometry.rasterise import NearestFronts, nearest_fronts, rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
@@ -188,21 +188,10 @@ def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames)
 
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """What the camera's pixels show of the mesh."""
-    (positions_px, depth), (width, height) = project(camera, mesh.vertices), camera.size_px
-    found = rasterise(positions_px, depth, mesh.faces, camera.size_px)
-    depth_at, face = nearest_fronts(found, width * height)
+    (width, height), projected = camera.size_px, project(camera, mesh.vertices)
+    depth_at, face = _fronts(mesh, *projected, camera)
     is_seen = face >= 0
-    samples = torch.stack(
-        [
-            nearest_fronts(
-                rasterise(
-                    positions_px + positions_px.new_tensor([0.5 - x, 0.5 - y]), depth, mesh.faces, camera.size_px
-                ),
-                width * height,
-            ).depth
-            for x, y in SAMPLES
-        ]
-    )
+    samples = torch.stack([_fronts(mesh, *projected, camera, sample).depth for sample in SAMPLES])
     covered = samples.isfinite().float().mean(0)
     steps = DepthSteps.of(depth_at, samples, camera, mesh.scale)
     inside = is_seen.float().reshape(1, 1, height, width)
@@ -213,6 +202,18 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     beside = -torch.nn.functional.max_pool2d(-depth_at.reshape(1, 1, height, width), 3, 1, 1).flatten()
     depth_at = torch.where(is_seen | (coverage <= 0), depth_at, beside)
     return PixelSurface(face, depth_at, coverage, steps)
+
+
+def _fronts(
+    mesh: FineMesh,
+    positions_px: Float[Tensor, "N 2"],
+    depth: Float[Tensor, " N"],
+    camera: CameraTensors,
+    place: tuple[float, float] = (0.5, 0.5),
+) -> NearestFronts:
+    """The first front faces at a place in each pixel, by default its centre."""
+    moved = positions_px + 0.5 - positions_px.new_tensor(place)
+    return nearest_fronts(rasterise(moved, depth, mesh.faces, camera.size_px), camera.size_px)
 
 
 def spread(coverage: Float[Tensor, " P"], size_px: tuple[int, int]) -> Float[Tensor, " P"]:

@@ -120,8 +120,7 @@ def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
-    width, height = camera.size_px
-    return _without_empty(_stop_at(inside, nearest_fronts(inner, width * height).depth[pixel]))
+    return _without_empty(_stop_at(inside, nearest_fronts(inner, camera.size_px).depth[pixel]))
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
@@ -131,8 +130,7 @@ def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -
 
 def first_hit(hand: HandInView) -> NearestFronts:
     """The mesh's first front face per pixel."""
-    width, height = hand.camera.size_px
-    return nearest_fronts(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), width * height)
+    return nearest_fronts(_fragments_of(hand.mesh.vertices, hand.topology, hand.camera), hand.camera.size_px)
 
 
 def _by_ray(fragments: Fragments, max_layers: int) -> Crossings:

@@ -123,7 +123,7 @@ def test_depth_has_gradients():
 def test_the_nearest_fronts_are_the_least_deep_fragments_that_face_the_camera():
     mesh, camera = trimesh.creation.torus(0.5, 0.2, 12, 9), a_camera()
     fragments = seen(mesh, camera)
-    found = nearest_fronts(fragments, SIZE[0] * SIZE[1])
+    found = nearest_fronts(fragments, SIZE)
     for pixel in range(SIZE[0] * SIZE[1]):
         here = fragments.is_front & (fragments.pixel == pixel)
         if not here.any():
