@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Any, get_args
@@ -26,20 +26,10 @@ class CaptureLight:
     Attributes:
         kind: a free label by which results are listed, such as soft, key, rim or block.
         light: lamps, sky and occluders, in the capture's world.
-        occluder_albedo: [T, 3] of the occluders' triangles, which are diffuse.
     """
 
     kind: str
     light: Light
-    occluder_albedo: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-
-    def __post_init__(self):
-        expected = (len(self.light.occluders), 3)
-        if np.shape(self.occluder_albedo) != expected:
-            got = list(np.shape(self.occluder_albedo))
-            raise LiveHandError(f"occluder_albedo must be {list(expected)}, one of every occluder, got {got}")
-        if not (np.min(self.occluder_albedo, initial=0) >= 0 and np.max(self.occluder_albedo, initial=0) <= 1):
-            raise LiveHandError("occluder_albedo must be between 0 and 1")
 
 
 def sky_path(index: int) -> str:
@@ -53,11 +43,10 @@ def light_entry(index: int, light: CaptureLight) -> dict:
     sky = light.light.sky
     if sky is not None:
         entry |= {"sky_path": sky_path(index)} | ({"sky_group": sky.group} if sky.group else {})
-    if len(light.light.occluders):
-        entry |= {
-            "occluders": np.asarray(light.light.occluders).tolist(),
-            "occluder_albedo": np.asarray(light.occluder_albedo).tolist(),
-        }
+    occluders, albedo = light.light.occluders, light.light.occluder_albedo
+    if len(occluders):
+        known = albedo if len(albedo) else np.zeros((len(occluders), 3))
+        entry |= {"occluders": np.asarray(occluders).tolist(), "occluder_albedo": np.asarray(known).tolist()}
     return entry
 
 
@@ -115,8 +104,8 @@ def read_light(folder: Path, name: str, entry: object) -> CaptureLight:
     try:
         lamps = tuple(_read_lamp(lamp) for lamp in entry.get("lamps", []))
         occluders = np.array(entry.get("occluders", np.zeros((0, 3, 3))), float).reshape(-1, 3, 3)
-        light = Light(lamps, _read_sky(folder, entry), occluders)
-        return CaptureLight(str(entry.get("kind", "")), light, _read_albedo(entry, len(occluders)))
+        light = Light(lamps, _read_sky(folder, entry), occluders, _read_albedo(entry, len(occluders)))
+        return CaptureLight(str(entry.get("kind", "")), light)
     except (LiveHandError, TypeError, ValueError, OverflowError) as error:
         raise LiveHandError(f"{name}: {error}") from error
 

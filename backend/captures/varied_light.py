@@ -206,9 +206,10 @@ class LightDrawing:
         return box_triangles(centre, np.stack([across, np.cross(side, across), side]), half) * self.size
 
     def _with_occluder(self, drawn: CaptureLight, triangles: np.ndarray, albedo: np.ndarray) -> CaptureLight:
-        occluders = np.concatenate([drawn.light.occluders, triangles])
-        colours = np.concatenate([drawn.occluder_albedo, np.repeat(np.clip(albedo, 0, 0.9)[None], len(triangles), 0)])
-        return CaptureLight(drawn.kind, replace(drawn.light, occluders=occluders), colours)
+        light, colour = drawn.light, np.clip(albedo, 0, 0.9)
+        occluders = np.concatenate([light.occluders, triangles])
+        colours = np.concatenate([light.occluder_albedo, np.repeat(colour[None], len(triangles), 0)])
+        return CaptureLight(drawn.kind, replace(light, occluders=occluders, occluder_albedo=colours))
 
 
 def light_groups(drawn: CaptureLight) -> tuple[CaptureLight, ...]:

@@ -31,6 +31,7 @@ from .shell import first_hit
 from .skin_detail import detailed_image
 from .superres import superres
 from .surface_means import surface_means
+from .surroundings import near_light
 from .trace import trace
 
 
@@ -54,6 +55,7 @@ class NumbaBackend:
     first_hit = staticmethod(first_hit)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
+    near_light = staticmethod(near_light)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)
     decoder_inputs = staticmethod(decoder_inputs)

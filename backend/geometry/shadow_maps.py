@@ -148,6 +148,7 @@ def point_shadows(
     views: LightViews,
     points: Float[Tensor, "P 3"],
     map_px: int,
+    bounds: Bounds | None = None,
     look_up: ShadowLookup | None = None,
 ) -> PointShadows:
     """The shadows at points on or near a mesh.
@@ -159,9 +160,10 @@ def point_shadows(
         views: from the light.
         points: world, m.
         map_px: width and height of a shadow map.
+        bounds: around the points, about whose centre the views are; None: of the mesh.
         look_up: makes the maps and compares the points with them; None: `look_up_reference`.
     """
-    bounds = Bounds.of(mesh)
+    bounds = bounds or Bounds.of(mesh)
     in_template = float(mesh.scale / bounds.radius)
     vertices, others, local = ((at - bounds.centre) / bounds.radius for at in (mesh.vertices, occluders, points))
     scene = ShadowScene(

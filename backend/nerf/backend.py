@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
-from ..geometry.shadow_maps import LightViews, PointShadows
+from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..hand.lbs import SkinMotion
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
@@ -30,6 +30,8 @@ from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
 from .skin_detail import DetailMaps
 from .surface_means import RayPlaces
+from .surrounding_light import NearLight
+from .surroundings import Patches
 from .volume import Composite
 
 Precision = Literal["fp32", "bf16"]
@@ -73,6 +75,7 @@ class RenderBackend(Protocol):
         views: LightViews,
         points: Float[Tensor, "P 3"],
         map_px: int,
+        bounds: Bounds | None = None,
     ) -> PointShadows:
         """As `geometry.shadow_maps.point_shadows`."""
         ...
@@ -87,6 +90,12 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def near_light(
+        self, patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
+    ) -> NearLight:
+        """As `nerf.surrounding_light.near_light`."""
         ...
 
     def surface_means(self, values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:

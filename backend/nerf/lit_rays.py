@@ -21,12 +21,16 @@ from .lit_field import LitField
 from .maps import ray_of_pixel
 from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
+from .surrounding_light import SurroundingLight
+from .surroundings import Patches
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
-"""Sides of the shadow maps of one direction of the sky and of one sample of a lamp."""
+SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX, PATCH_MAP_PX = 64, 256, 64, 64
+"""Sides of the shadow maps of one direction of the sky and of one sample of a lamp: at rays, at probes, at patches."""
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
 _STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
+# By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
+_PATCH_LIFT_PX = 1.5
 NO_OCCLUDERS = torch.zeros(0, 3, 3)
 
 
@@ -181,6 +185,34 @@ def light_shadows(
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
     return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))
+
+
+def surrounding_light(
+    backend: RenderBackend,
+    hand: HandInView,
+    samples: LightSamples,
+    light: Light,
+) -> SurroundingLight | None:
+    """What stands around a hand, and what it receives from a light; None: nothing does that would shed any.
+
+    Args:
+        backend: computes the shadows.
+        hand: posed.
+        samples: of the light, or of several among the same occluders.
+        light: whose occluders count.
+    """
+    patches = Patches.around(light, hand.mesh.vertices)
+    if len(patches.position) == 0:
+        return None
+    occluders, position = occluding_triangles(light, patches.position.device), patches.position
+    bounds = Bounds.around(torch.cat([position, hand.mesh.vertices]))
+    lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / PATCH_MAP_PX, 0.5 * patches.area_m2.sqrt())
+    lifted = position + lift_m[:, None] * patches.normal
+    sky, lamps = (
+        backend.point_shadows(hand.mesh, hand.topology, occluders, views, lifted, PATCH_MAP_PX, bounds)
+        for views in (samples.sky.views(), samples.lamps.views(bounds))
+    )
+    return SurroundingLight(patches, *light_at_probes(samples, sky, lamps, patches.probes))
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

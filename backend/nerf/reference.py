@@ -22,6 +22,7 @@ from .sampler import SamplerConfig, first_hit
 from .shade import shade
 from .skin_detail import detailed_image
 from .surface_means import surface_means
+from .surrounding_light import near_light
 from .trace import trace
 from .volume import Composite
 
@@ -34,6 +35,7 @@ class ReferenceBackend:
     first_hit = staticmethod(first_hit)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
+    near_light = staticmethod(near_light)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder_in_precision)
     superres = staticmethod(in_precision)

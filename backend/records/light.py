@@ -154,6 +154,7 @@ class Light:
         lamps: in any order.
         sky: of the world; None: black.
         occluders: [T, 3, 3] corners of the scene's triangles that may shadow the hand, world, m.
+        occluder_albedo: [T, 3] of these, as if they were diffuse: they shed light on the hand; [0, 3]: they are black.
         measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
             was not asked.
         has_fine_shadows: whether soft shadows have more steps, for frames that are kept: a still shows steps that
@@ -163,6 +164,7 @@ class Light:
     lamps: tuple[Lamp, ...] = ()
     sky: Sky | None = None
     occluders: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    occluder_albedo: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     measured: MeasuredLight | None = None
     has_fine_shadows: bool = False
 
@@ -171,6 +173,11 @@ class Light:
             raise LiveHandError(f"occluders must be triangles [T, 3, 3], got {list(np.shape(self.occluders))}")
         if not np.isfinite(self.occluders).all():
             raise LiveHandError("occluders must be finite, got NaN or infinity in their corners")
+        expected, got = [len(self.occluders), 3], list(np.shape(self.occluder_albedo))
+        if got not in (expected, [0, 3]):
+            raise LiveHandError(f"occluder_albedo must be {expected}, one of every occluder, got {got}")
+        if not ((0 <= self.occluder_albedo) & (self.occluder_albedo <= 1)).all():
+            raise LiveHandError("occluder_albedo must be between 0 and 1")
 
     @property
     def groups(self) -> tuple[str, ...]:

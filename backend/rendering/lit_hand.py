@@ -33,6 +33,7 @@ from ..nerf.lit_rays import (
     sky_shadows,
     split_points,
     surface_points,
+    surrounding_light,
 )
 from ..nerf.maps import depth_profile
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
@@ -108,12 +109,25 @@ class LitHand:
         coarse = LampSamples.of(light.lamps, self.bounds) if light.has_fine_shadows else None
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
-        features = smoothed_light(backend.light_features(samples, shadows, self.points), places, backend.surface_means)
+        features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
-            return features
+            features = self._with_surroundings(features, backend, light, samples)
+            return smoothed_light(features, places, backend.surface_means)
+        features = smoothed_light(features, places, backend.surface_means)
         direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
         indirect = without_noise(indirect, places, backend.surface_means)
         return corrected(features, self.points.normal, direct, indirect)
+
+    def _with_surroundings(
+        self, features: LightFeatures, backend: RenderBackend, light: Light, samples: LightSamples
+    ) -> LightFeatures:
+        """The features with the light of what stands around."""
+        coarse = samples._replace(lamps=LampSamples.of(light.lamps, self.bounds))
+        around = surrounding_light(backend, self.hand, coarse, light)
+        if around is None:
+            return features
+        open_sky, _ = split_points(self.open_sky, len(self.pixel))
+        return backend.near_light(around.patches, open_sky, around.shed(coarse), self.points).added_to(features)
 
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""

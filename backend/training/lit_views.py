@@ -34,11 +34,13 @@ from ..nerf.lit_rays import (
     skin_layers,
     sky_shadows,
     split_points,
+    surrounding_light,
 )
 from ..nerf.rays import HandInView, view_directions
 from ..nerf.relighting import covered_pixels, doubled
 from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import PixelSkin, pixel_skin
+from ..nerf.surrounding_light import SurroundingLight
 from ..records.errors import LiveHandError
 from ..records.light import Light
 from ..rendering.known_skin import KnownSkin, skin_of_capture
@@ -67,6 +69,7 @@ class ViewLight(NamedTuple):
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
         skin: what the pixels show of it, where it is known.
+        around: light from what stands around; None: nothing does.
     """
 
     sky: SkySamples
@@ -80,6 +83,7 @@ class ViewLight(NamedTuple):
     targets: Tensor
     alpha: Tensor
     skin: PixelSkin | None
+    around: SurroundingLight | None
 
 
 class MixedLight(NamedTuple):
@@ -93,6 +97,7 @@ class MixedLight(NamedTuple):
         places: of these on the mesh.
         exposure: [] factor of linear colours before they are encoded.
         skin: what the pixels show of it, where it is known.
+        around: light from what stands around; None: nothing does.
     """
 
     samples: LightSamples
@@ -102,6 +107,7 @@ class MixedLight(NamedTuple):
     places: SkinPlaces
     exposure: Tensor
     skin: PixelSkin | None
+    around: SurroundingLight | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Exposed and sRGB-encoded; values over 1 continue the curve."""
@@ -184,7 +190,7 @@ class LitTrainingViews(TrainingViews):
         layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
         position = ray_positions(hand, layers.first, pixel, directions, t, dt)
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
-        shadows, open_sky = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
+        shadows, open_sky, around = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)
         return ViewLight(
             sky=sky,
@@ -198,6 +204,7 @@ class LitTrainingViews(TrainingViews):
             targets=linear[:, :3],
             alpha=linear[0, 3],
             skin=self._skin_at(index, view),
+            around=around,
         )
 
     @cached_property
@@ -224,21 +231,22 @@ class LitTrainingViews(TrainingViews):
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
-    ) -> tuple[LightShadows, PointShadows]:
-        """The shadows of an instant, computed once and kept in a byte each."""
+    ) -> tuple[LightShadows, PointShadows, SurroundingLight | None]:
+        """The shadows of an instant, computed once and kept in a byte each; and the light of what stands around."""
         if index not in self._kept_light:
             occluders = occluding_triangles(lights[0], self.device)
             of_sky = sky_shadows(self.backend, hand, occluders, position)
             white = torch.ones(3, device=self.device)  # `step.render_view` knows better
             shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white)
-            open_sky = shadows.sky
+            open_sky, around = shadows.sky, None
             if len(occluders):
                 alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
                 open_sky, _ = split_points(alone, len(position))
+                around = surrounding_light(self.backend, hand, samples, lights[0])
             kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
-            self._kept_light[index] = (*kept, shadows.probes)
-        sky, lamps, open_sky, probes = self._kept_light[index]
-        return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky)
+            self._kept_light[index] = (*kept, shadows.probes, around)
+        sky, lamps, open_sky, probes, around = self._kept_light[index]
+        return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky), around
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
         """As in `TrainingViews`; shadows and skin are computed again, too."""
@@ -259,7 +267,9 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
     samples = LightSamples(sky, lamps)
     exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
-    mixture = MixedLight(samples, light.shadows, light.open_sky, light.position, light.places, exposure, light.skin)
+    mixture = MixedLight(
+        samples, light.shadows, light.open_sky, light.position, light.places, exposure, light.skin, light.around
+    )
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 

@@ -203,6 +203,9 @@ def _render_lit(
         low = field.decode(gathered, directions, open_to)
     probes = light.shadows.probes._replace(albedo=_mean_albedo(low))
     features = views.backend.light_features(light.samples, light.shadows._replace(probes=probes), points)
+    if light.around is not None:
+        shed = light.around.shed(light.samples)
+        features = views.backend.near_light(light.around.patches, light.open_sky, shed, points).added_to(features)
     pixel, size_px = view.rays.pixel, view.camera.size_px
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)

@@ -9,7 +9,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...backend.captures.lights import CaptureLight
-from ...backend.records.light import Lamp, Sky
+from ...backend.records.light import Lamp, Light, Sky
 from .node_graph import NodeGraph, enable_nodes
 
 _KINDS = {"sun": "SUN", "point": "POINT", "spot": "SPOT", "area": "AREA"}
@@ -41,7 +41,7 @@ class SceneLighting:
                 sky, sky_group = light.light.sky, group
         self._set_sky(sky, sky_group)
         if len(lights[0].light.occluders):
-            self._add_occluders(lights[0])
+            self._add_occluders(lights[0].light)
 
     def _clear(self) -> None:
         for one in self._objects:
@@ -69,11 +69,14 @@ class SceneLighting:
             if previous is not None:
                 bpy.data.images.remove(previous)
 
-    def _add_occluders(self, light: CaptureLight) -> None:
-        corners = light.light.occluders.reshape(-1, 3)
+    def _add_occluders(self, light: Light) -> None:
+        corners = light.occluders.reshape(-1, 3)
         mesh = bpy.data.meshes.new("occluders")
         mesh.from_pydata(corners.tolist(), [], np.arange(len(corners)).reshape(-1, 3).tolist())
-        albedo = np.concatenate([light.occluder_albedo, np.ones((len(light.occluder_albedo), 1))], 1)
+        albedo = np.zeros((len(light.occluders), 4))
+        albedo[:, 3] = 1
+        if len(light.occluder_albedo):
+            albedo[:, :3] = light.occluder_albedo
         attribute = mesh.attributes.new(_ALBEDO, "FLOAT_COLOR", "CORNER")
         attribute.data.foreach_set("color", np.repeat(albedo, 3, 0).astype(np.float32).ravel())
         mesh.materials.append(self._material)

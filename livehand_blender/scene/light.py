@@ -15,8 +15,8 @@ import numpy as np
 from ...backend.records.light import Lamp, Light, Sky
 from .lamps import read_lamps
 from .local_triangles import LocalTriangles
-from .occluders import occluders_of, read_solids
-from .reach import SKY_M, SUN_M, Reach, middle_of
+from .occluders import Occluders, occluders_of, read_solids
+from .reach import AROUND_M, SUN_M, Reach, middle_of
 from .seen_hands import Place, SeenHand
 from .shot import seen_vertices
 from .solid import Solid
@@ -30,7 +30,7 @@ class SceneLight:
     Attributes:
         lamps: that light the hand.
         world: what it shines may have to be rendered first; None: nothing.
-        solids: objects that may shadow a hand of the frame.
+        solids: objects that may shadow a hand of the frame, or shed light on it.
         reach: where those stand that shadow this one.
         hand: its place.
         exposure: factor of Cycles' film.
@@ -46,8 +46,8 @@ class SceneLight:
     is_final: bool
 
     @cached_property
-    def occluders(self) -> np.ndarray:
-        """[T, 3, 3] triangles that may shadow the hand, world, m."""
+    def occluders(self) -> Occluders:
+        """The triangles that may shadow the hand or shed light on it."""
         return occluders_of(self.solids, self.reach, self.hand)
 
     def light(self) -> Light:
@@ -59,7 +59,7 @@ class SceneLight:
         sky, suns = self.world.read() if self.world else (None, ())
         lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
         sky = sky and Sky(sky.radiance * self.exposure, sky.group)
-        return Light(lamps, sky, self.occluders, has_fine_shadows=self.is_final)
+        return Light(lamps, sky, *self.occluders, has_fine_shadows=self.is_final)
 
 
 def read_hand_lights(
@@ -102,23 +102,23 @@ def read_scene_light(
     linked, world = read_lamps(depsgraph), read_world(depsgraph)
     if world and is_final:
         world.read()
-    suns, sky_m = _reach_of_world(world)
+    suns, around_m = _reach_of_world(world)
     lamps = {
         place: tuple(filter(None, (one.for_mesh(place.name, middle_of(vertices)) for one in linked)))
         for place, vertices in hands.items()
     }
-    reaches = {place: Reach.of(vertices, (*lamps[place], *suns), sky_m) for place, vertices in hands.items()}
+    reaches = {place: Reach.of(vertices, (*lamps[place], *suns), around_m) for place, vertices in hands.items()}
     solids = read_solids(depsgraph, reaches, local or LocalTriangles()) if reaches else ()
     exposure = _film_exposure(depsgraph.scene_eval)
     return {one: SceneLight(lamps[one], world, solids, reaches[one], one, exposure, is_final) for one in hands}
 
 
 def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
-    """The suns of the world, and how far from the hand objects shadow it from the sky, m."""
+    """The suns of the world, and how far from the hand objects shadow it from the sky or shed light on it, m."""
     if world is None:
-        return (), 0.0
+        return (), AROUND_M
     suns = world.known_suns
-    return ((), SUN_M) if suns is None else (suns, SKY_M)
+    return ((), SUN_M) if suns is None else (suns, AROUND_M)
 
 
 def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndarray) -> Light:

@@ -1,10 +1,16 @@
-"""The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change."""
+"""The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change.
+
+Materials are asked every time: they change without a word about the objects that wear them.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import bpy
 import numpy as np
 
+from .albedo import albedo_of
 from .seen_hands import Place
 from .solid import Solid
 
@@ -12,54 +18,79 @@ _Key = tuple[int, int]
 """An original object, which outlives its evaluations, and evaluated data: it may make instances of several."""
 
 
+class _Read(NamedTuple):
+    """What was read of an object: data blocks that it depends on, triangles [T, 3, 3] and their material slots [T]."""
+
+    sources: frozenset[int]
+    triangles: np.ndarray
+    slot: np.ndarray
+
+
 class LocalTriangles:
     """The triangles of one depsgraph's objects; a render has one for its frame, a view for as long as it lives."""
 
     def __init__(self):
-        self._kept: dict[_Key, tuple[frozenset[int], np.ndarray]] = {}
+        self._kept: dict[_Key, _Read] = {}
         self._asked: set[_Key] = set()
         self._solids: dict[Place, Solid] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
         """[T, 3, 3] of an evaluated object or of an instance's, in its own space."""
+        return self._read(thing).triangles
+
+    def _read(self, thing: bpy.types.Object) -> _Read:
         original = thing.original
         key = original.as_pointer(), thing.data.as_pointer()
         self._asked.add(key)
         if key not in self._kept:
             sources = frozenset(one.as_pointer() for one in (original, original.data) if one is not None)
-            self._kept[key] = sources, _read(thing)
-        return self._kept[key][1]
+            self._kept[key] = _Read(sources, *_triangles(thing))
+        return self._kept[key]
 
     def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
         """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
-        local, known = self.of(thing), self._solids.get(place)
-        if known is None or known.local is not local or not np.array_equal(known.matrix, matrix):
-            known = self._solids[place] = Solid(place, local, matrix)
+        _, local, slot = self._read(thing)
+        known, albedo = self._solids.get(place), _palette(thing)[slot]
+        if (
+            known is None
+            or known.local is not local
+            or not np.array_equal(known.matrix, matrix)
+            or not np.array_equal(known.albedo, albedo)
+        ):
+            known = self._solids[place] = Solid(place, local, matrix, albedo)
         return known
 
     def forget_changed(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Drop what the depsgraph's last updates have changed; a motion as a whole changes nothing."""
         changed = {update.id.original.as_pointer() for update in depsgraph.updates if update.is_updated_geometry}
-        self._kept = {key: one for key, one in self._kept.items() if not one[0] & changed}
+        self._kept = {key: one for key, one in self._kept.items() if not one.sources & changed}
 
     def forget_unasked(self) -> None:
         """Drop what nobody has asked for since the last call."""
         self._kept = {key: one for key, one in self._kept.items() if key in self._asked}
-        locals_kept = {id(triangles) for _, triangles in self._kept.values()}
+        locals_kept = {id(one.triangles) for one in self._kept.values()}
         self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
 
 
-def _read(thing: bpy.types.Object) -> np.ndarray:
+def _palette(thing: bpy.types.Object) -> np.ndarray:
+    """[S, 3] albedo of an object's material slots; one at least."""
+    return np.array([albedo_of(slot.material) for slot in thing.material_slots] or [albedo_of(None)])
+
+
+def _triangles(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles [T, 3, 3] and their material slots [T], of those that the object has."""
     mesh = thing.to_mesh()
     if mesh is None:  # a curve without an extent
-        return np.zeros((0, 3, 3))
+        return np.zeros((0, 3, 3)), np.zeros(0, int)
     try:
         mesh.calc_loop_triangles()
         vertices = np.empty(3 * len(mesh.vertices), np.float32)
         mesh.vertices.foreach_get("co", vertices)
         corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
         mesh.loop_triangles.foreach_get("vertices", corners)
+        slot = np.empty(len(mesh.loop_triangles), np.int32)
+        mesh.loop_triangles.foreach_get("material_index", slot)
     finally:
         thing.to_mesh_clear()
-    return vertices.reshape(-1, 3)[corners.reshape(-1, 3)]
+    return vertices.reshape(-1, 3)[corners.reshape(-1, 3)], slot.clip(0, max(len(thing.material_slots) - 1, 0))

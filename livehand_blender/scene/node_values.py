@@ -37,7 +37,7 @@ _IGNORED = {
 _MAX_DEPTH = 4
 
 
-def used_nodes(owner: bpy.types.Light | bpy.types.World) -> bpy.types.NodeTree | None:
+def used_nodes(owner: bpy.types.Light | bpy.types.World | bpy.types.Material) -> bpy.types.NodeTree | None:
     """The nodes that shade it; None if it has none, or they are switched off."""
     with warnings.catch_warnings():  # in later versions nodes are always on, and the switch warns that it will go
         warnings.simplefilter("ignore", DeprecationWarning)

@@ -1,9 +1,10 @@
-"""Reads the triangles of the scene's objects that may shadow a hand."""
+"""Reads the triangles of the scene's objects that may shadow a hand or shed light on it."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -62,18 +63,27 @@ def _is_at(place: Place | None, instance: bpy.types.DepsgraphObjectInstance) -> 
     return place is not None and instance.object.original.name_full == place.name and Place.of(instance) == place
 
 
-def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> np.ndarray:
-    """[T, 3, 3] the triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
+class Occluders(NamedTuple):
+    """Triangles [T, 3, 3], world, m, and their albedo [T, 3]."""
+
+    triangles: np.ndarray
+    albedo: np.ndarray
+
+
+def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> Occluders:
+    """The triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
 
     Needs no bpy.
     """
-    near = (one.triangles[reach.touches(*one.balls)] for one in solids if one.place != hand)
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *near])
+    near = [(one, reach.touches(*one.balls)) for one in solids if one.place != hand]
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(one.triangles[which] for one, which in near)])
+    albedo = np.concatenate([np.zeros((0, 3)), *(one.albedo[which] for one, which in near)])
     if len(triangles) <= _MAX_TRIANGLES:
-        return triangles
+        return Occluders(triangles, albedo)
     LOGGER.warning(
         "%d triangles may shadow '%s': the nearest %d do, the others do not", len(triangles), hand.name, _MAX_TRIANGLES
     )
     centres, radii = bounding_balls(triangles)
     distance_m = np.linalg.norm(centres - reach.start, axis=1) - radii
-    return triangles[np.sort(np.argpartition(distance_m, _MAX_TRIANGLES)[:_MAX_TRIANGLES])]
+    kept = np.sort(np.argpartition(distance_m, _MAX_TRIANGLES)[:_MAX_TRIANGLES])
+    return Occluders(triangles[kept], albedo[kept])

@@ -1,4 +1,4 @@
-"""Where an object must stand to shadow a hand: capsules from the hand towards each lamp, and a ball around it.
+"""Where an object must stand to shadow a hand or to shed light on it: capsules towards each lamp, and a ball around.
 
 The test is conservative: no triangle that casts a shadow within these lengths is lost.
 """
@@ -12,8 +12,8 @@ import numpy as np
 
 from ...backend.records.light import Lamp
 
-# How far from the hand an object is looked for: towards a sun, and under the sky.
-SUN_M, SKY_M = 3.0, 0.5
+# How far from the hand an object is looked for: towards a sun, and all around.
+SUN_M, AROUND_M = 3.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Reach:
     radii: np.ndarray
 
     @classmethod
-    def of(cls, vertices: np.ndarray, lamps: Sequence[Lamp], sky_m: float) -> Reach:
-        """The reach of a hand's vertices [V, 3] in the light of lamps that cast shadows, and `sky_m` all around."""
+    def of(cls, vertices: np.ndarray, lamps: Sequence[Lamp], around_m: float) -> Reach:
+        """The reach of a hand's vertices [V, 3] in the light of lamps that cast shadows, and `around_m` all around."""
         middle = middle_of(vertices)
         radius = float(np.linalg.norm(vertices - middle, axis=1).max())
-        ends, radii = [middle], [radius + sky_m]
+        ends, radii = [middle], [radius + around_m]
         for lamp in lamps:
             if lamp.casts_shadow:
                 is_sun = lamp.kind == "sun"

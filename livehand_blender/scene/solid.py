@@ -22,11 +22,13 @@ class Solid:
         place: of the object.
         local: [T, 3, 3] its triangles in its own space.
         matrix: [4, 4] to the world.
+        albedo: [T, 3] of its triangles, if they were diffuse.
     """
 
     place: Place
     local: np.ndarray
     matrix: np.ndarray
+    albedo: np.ndarray
 
     @cached_property
     def triangles(self) -> np.ndarray:

@@ -64,12 +64,28 @@ def test_what_stands_before_the_sun_and_casts_shadows(sun):
     assert len(light_now().occluders) == 1
 
 
-def test_all_round_the_hand_under_a_sky(sun, hand_scene):
+def test_all_round_the_hand_under_a_sky_or_without(sun, hand_scene):
+    """What does not shadow the hand may shed light on it."""
     add_triangle(off_hand(0, 0, -0.4), "Near below")
     add_triangle(off_hand(0, 0, -1.0), "Far below")
-    assert len(light_now().occluders) == 0
+    assert len(light_now().occluders) == 1
     hand_scene.world = bpy.data.worlds.new("Grey")
     assert len(light_now().occluders) == 1
+
+
+def test_occluders_have_the_albedo_of_their_materials(sun):
+    """A base colour of the material of each face, by its slot; 0.8 without a material."""
+    thing = add_triangle(off_hand(0, 0, 0.3))
+    np.testing.assert_allclose(light_now().occluder_albedo, [[0.8, 0.8, 0.8]])
+    for colour in ((0.1, 0.2, 0.3, 1), (0.7, 0.1, 0, 1)):
+        material = bpy.data.materials.new("Paint")
+        material.use_nodes = True
+        material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = colour
+        thing.data.materials.append(material)
+    np.testing.assert_allclose(light_now().occluder_albedo, [[0.1, 0.2, 0.3]], atol=1e-6)
+    thing.data.polygons[0].material_index = 1
+    thing.data.update()
+    np.testing.assert_allclose(light_now().occluder_albedo, [[0.7, 0.1, 0]], atol=1e-6)
 
 
 def test_instances_and_curves_count(sun):
@@ -121,7 +137,7 @@ def test_hands_shadow_each_other_but_their_own_meshes_are_none_of_their_occluder
     depsgraph, hands = hand_meshes()
     lights = read_scene_light(depsgraph, {Place(name): one for name, one in hands.items()}, is_final=True)
     count = len(load_default_hand().f)
-    low, high = (lights[Place(name)].occluders for name in ("LiveHand Mesh", "Other Mesh"))
+    low, high = (lights[Place(name)].occluders.triangles for name in ("LiveHand Mesh", "Other Mesh"))
     assert 0.5 * count < len(low) <= count
     assert low[..., 2].mean() > 0.2
     assert len(high) == 0  # the sun is above it

@@ -173,7 +173,7 @@ def test_instances_cast_shadows_on_each_other_but_not_on_themselves(instanced):
     depsgraph, hands = seen()
     lights = read_hand_lights(depsgraph, hands, is_final=False)
     count = len(load_default_hand().f)
-    low, high = (lights[hand.name].occluders for hand in hands)
+    low, high = (lights[hand.name].occluders.triangles for hand in hands)
     assert 0.5 * count < len(low) <= count
     assert len(high) == 0
 

@@ -38,7 +38,7 @@ def a_capture(folder):
     full = rng.uniform(0, 1e6, (4, 8, 3)).astype(np.float32)
     half = rng.uniform(0, 9, (32, 64, 3)).astype(np.float16).astype(np.float32)
     lights = (
-        CaptureLight("soft", Light(lamps, Sky(full, "sky"), rng.normal(size=(2, 3, 3))), rng.uniform(size=(2, 3))),
+        CaptureLight("soft", Light(lamps, Sky(full, "sky"), rng.normal(size=(2, 3, 3)), rng.uniform(size=(2, 3)))),
         CaptureLight("key", Light(lamps[:1])),
         CaptureLight("", Light(sky=Sky(half))),
     )
@@ -73,7 +73,7 @@ def test_round_trip_is_exact(capture):
     ]
     for one, other in zip(back.lights, capture.lights, strict=True):
         assert one.kind == other.kind
-        np.testing.assert_array_equal(one.occluder_albedo, other.occluder_albedo)
+        np.testing.assert_array_equal(one.light.occluder_albedo, other.light.occluder_albedo)
         np.testing.assert_array_equal(one.light.occluders, other.light.occluders)
         assert len(one.light.lamps) == len(other.light.lamps)
         for lamp, written in zip(one.light.lamps, other.light.lamps, strict=True):

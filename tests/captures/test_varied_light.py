@@ -91,7 +91,7 @@ def test_the_block_hides_half_of_the_hand_and_touches_it_nowhere(seed):
         assert np.linalg.norm(normal) > 0
         samples = np.random.default_rng(3).dirichlet(np.ones(3), 300) @ part
         assert np.linalg.norm(samples, axis=-1).min() > HAND_M
-    assert np.ptp(block.occluder_albedo[:12]) == 0
+    assert np.ptp(block.light.occluder_albedo[:12]) == 0
 
 
 def meets(origin, direction, triangles):

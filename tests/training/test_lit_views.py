@@ -45,7 +45,7 @@ def lit_capture(painted_capture, tmp_path_factory):
             channels = np.concatenate([colour, pixels[..., 3:]], -1).astype(np.float16)
             write_exr(folder / name, {channel: channels[..., k] for k, channel in enumerate("RGBA")})
             kind, albedo = "hard" if group else "dome", np.full((len(occluders), 3), 0.5)
-            lights.append(CaptureLight(kind, replace(light, occluders=occluders), albedo))
+            lights.append(CaptureLight(kind, replace(light, occluders=occluders, occluder_albedo=albedo)))
             views.append(replace(view, file=name, light=len(lights) - 1))
     known = (painted_capture.hand_sha256, {"made_by": "test"}, painted_capture.poses)
     lit = Capture(folder, *known, tuple(views), tuple(lights))
@@ -120,7 +120,7 @@ def test_occluders_shadow_the_light_but_not_the_coefficients(lit_views):
 
 
 def test_light_groups_among_other_objects_are_refused(lit_capture, hand, small, cpu):
-    lights = (replace(lit_capture.lights[0], light=replace(SKY, occluders=SLAB), occluder_albedo=np.ones((1, 3))),)
+    lights = (replace(lit_capture.lights[0], light=replace(SKY, occluders=SLAB)),)
     odd = replace(lit_capture, lights=lights + lit_capture.lights[1:])
     with pytest.raises(LiveHandError, match="same occluders"):
         LitTrainingViews(odd, odd.of_split("train"), hand, small.sampler, cpu, 0)

@@ -264,6 +264,36 @@ class ProbeArrays(NamedTuple):
     shed: np.ndarray
 
 
+class PatchArrays(NamedTuple):
+    """P patches around a hand, as seen from R points.
+
+    Attributes:
+        position: [3, P] m, world.
+        normal: [3, P].
+        area_m2: [P].
+        shed: [3, P] radiance.
+        open_to: [R, K] share of each of the sky's directions that the hand alone leaves open at each point.
+        sky_cell: [cells * cells] the sky's direction of each cell of directions.
+        cells: along a side.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    area_m2: np.ndarray
+    shed: np.ndarray
+    open_to: np.ndarray
+    sky_cell: np.ndarray
+    cells: int
+
+
+class NearArrays(NamedTuple):
+    """As `nerf.surrounding_light.NearLight` at R points."""
+
+    sky_vectors: np.ndarray
+    sky_gloss: np.ndarray
+    scattered: np.ndarray
+
+
 class Lobes(NamedTuple):
     """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], the angle of a sky cell, others.
 

@@ -1,0 +1,34 @@
+"""`nerf.surrounding_light.near_light` by the kernels, without gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..geometry.shadow_maps import PointShadows
+from ..nerf.lighting import SurfacePoints
+from ..nerf.surrounding_light import CELLS, NearLight, sky_cells
+from ..nerf.surroundings import Patches
+from .arrays import as_arrays
+from .kernels.compiled import in_parallel
+from .kernels.records import NearArrays, PatchArrays, PointArrays
+from .kernels.surroundings import near_light as fill_near_light
+from .lighting import lobes
+
+
+def near_light(
+    patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearLight:
+    """As `nerf.surrounding_light.near_light`."""
+    count = len(points.position)
+    found = NearLight(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
+    out, at = NearArrays(*(values.numpy() for values in found)), PointArrays(*as_arrays(*points[:-1]))
+    shapes = as_arrays(patches.position.T, patches.normal.T, patches.area_m2, shed.T, open_sky.lit.T)
+    cells = sky_cells(shed.device).numpy().astype(np.int32)
+    arrays = PatchArrays(*shapes, sky_cell=cells, cells=CELLS)
+    in_parallel(
+        lambda first, last: fill_near_light(at, arrays, lobes(), first, last, out), count, torch.get_num_threads()
+    )
+    return found

@@ -1,0 +1,112 @@
+"""Light that what stands around a hand sheds on it: a sky that is near.
+
+Lamps and sky shine on the patches (`surroundings`), which shed it once on each other and then on the hand. There it
+is treated as the sky's: it arrives from a direction, which the hand may hide, on diffuse, scattering and glossy skin.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..geometry.shadow_maps import PointShadows
+from .light_samples import LightSamples, SkySamples
+from .lighting import WRAP, LightFeatures, SurfacePoints, glossy
+from .surroundings import Patches
+
+CELLS = 32
+"""Side of the square on which the sphere of directions is laid out (`cell_of`)."""
+_POINTS_AT_ONCE = 512
+
+
+class SurroundingLight(NamedTuple):
+    """What P patches receive from a light whose sky has K directions, and L lamps.
+
+    Attributes:
+        patches: diffuse.
+        of_sky: [K, P] their diffuse light for a flux of 1 from each direction.
+        of_lamps: [L, P] the same for each lamp's rgb.
+    """
+
+    patches: Patches
+    of_sky: Tensor
+    of_lamps: Tensor
+
+    def shed(self, light: LightSamples) -> Float[Tensor, "P 3"]:
+        """Radiance of the patches, after one exchange among them."""
+        received = self.of_sky.T @ light.sky.flux + self.of_lamps.T @ light.lamps.rgb
+        first = self.patches.albedo * received
+        return first + self.patches.albedo * (self.patches.exchanged() @ first)
+
+
+class NearLight(NamedTuple):
+    """What is added to the `LightFeatures` of the same names."""
+
+    sky_vectors: Tensor
+    sky_gloss: Tensor
+    scattered: Tensor
+
+    def added_to(self, features: LightFeatures) -> LightFeatures:
+        """The features with it."""
+        return features._replace(**{name: getattr(features, name) + value for name, value in self._asdict().items()})
+
+
+def near_light(
+    patches: Patches, open_sky: PointShadows, shed: Float[Tensor, "P 3"], points: SurfacePoints
+) -> NearLight:
+    """What R points receive from patches. The factors' sum is at most 1, as in `nerf.bounce`.
+
+    Args:
+        patches: around the hand.
+        open_sky: shadows of the sky by the hand alone, at the points.
+        shed: radiance of the patches.
+        points: on the skin.
+    """
+    parts = []
+    for index in torch.arange(len(points.position), device=shed.device).split(_POINTS_AT_ONCE):
+        some = (values[index].detach() for values in points[:-1])
+        parts.append(_near_light(patches, open_sky.lit[:, index], shed, *some))
+    return NearLight(*(torch.cat(values) for values in zip(*parts, strict=True)))
+
+
+def _near_light(
+    patches: Patches, open_to: Tensor, shed: Tensor, position: Tensor, normal: Tensor, relief: Tensor, view: Tensor
+) -> NearLight:
+    towards, factors, distance = patches.factors(position)
+    factors = factors * open_to.T.gather(1, sky_cells(shed.device)[cell_of(towards)])
+    cosine = (towards * relief[:, None]).sum(-1)
+    factors = factors / (factors * cosine.clamp(min=0)).sum(1, keepdim=True).clamp(min=1)
+    radius_rad = (patches.area_m2 / torch.pi).sqrt() / distance
+    lobes = glossy(relief[:, None], towards, view[:, None], radius_rad)
+    around = [((towards * normal[:, None]).sum(-1) + wrap).clamp(min=0) / (1 + wrap) for wrap in WRAP]
+    return NearLight(
+        sky_vectors=torch.einsum("rp,rpx,pc->rxc", factors * (cosine > 0), towards, shed),
+        sky_gloss=torch.einsum("rpg,rp,pc->rgc", lobes, factors, shed),
+        scattered=torch.stack([(factors * one) @ shed for one in around], 1),
+    )
+
+
+def cell_of(towards: Float[Tensor, "*n 3"]) -> Int[Tensor, "*n"]:
+    """The cell of unit directions on a square of `CELLS` x `CELLS` (octahedral map, Praun and Hoppe 2003)."""
+    x, y, z = (towards / towards.abs().sum(-1, keepdim=True)).unbind(-1)
+    below = z < 0
+    u = torch.where(below, (1 - y.abs()).copysign(x), x)
+    v = torch.where(below, (1 - x.abs()).copysign(y), y)
+    column, row = (((value + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1) for value in (u, v))
+    return row * CELLS + column
+
+
+@cache
+def sky_cells(device: torch.device) -> Int[Tensor, " N"]:
+    """Which of the sky's directions is nearest to the middle of each cell."""
+    middle = (torch.arange(CELLS, device=device) + 0.5) * (2 / CELLS) - 1
+    v, u = torch.meshgrid(middle, middle, indexing="ij")
+    z = 1 - u.abs() - v.abs()
+    below = z < 0
+    x = torch.where(below, (1 - v.abs()).copysign(u), u)
+    y = torch.where(below, (1 - u.abs()).copysign(v), v)
+    return (torch.stack([x, y, z], -1).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).argmax(1)

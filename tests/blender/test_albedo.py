@@ -1,0 +1,58 @@
+"""What materials shed of light: base colour, less metal and glass; a guess where nodes colour them."""
+
+import bpy
+import numpy as np
+import pytest
+from livehand.livehand_blender.scene.albedo import BARE, UNKNOWN, albedo_of
+
+COLOUR = (0.2, 0.5, 0.1)
+
+
+@pytest.fixture
+def material():
+    """Of one colour."""
+    made = bpy.data.materials.new("Paint")
+    made.use_nodes = True
+    made.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*COLOUR, 1)
+    return made
+
+
+def with_shader(material, kind):
+    tree = material.node_tree
+    shader = tree.nodes.new(kind)
+    shader.inputs["Color"].default_value = (*COLOUR, 1)
+    tree.links.new(shader.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    return material
+
+
+def test_a_principled_base_colour(material):
+    np.testing.assert_allclose(albedo_of(material), COLOUR, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["Metallic", "Transmission Weight"])
+def test_metal_and_glass_shed_less(material, name):
+    material.node_tree.nodes["Principled BSDF"].inputs[name].default_value = 0.75
+    np.testing.assert_allclose(albedo_of(material), np.multiply(COLOUR, 0.25), atol=1e-6)
+
+
+def test_other_shaders(material):
+    np.testing.assert_allclose(albedo_of(with_shader(material, "ShaderNodeBsdfDiffuse")), COLOUR, atol=1e-6)
+    np.testing.assert_allclose(albedo_of(with_shader(material, "ShaderNodeBsdfGlass")), 0)
+    np.testing.assert_allclose(albedo_of(with_shader(material, "ShaderNodeEmission")), UNKNOWN)
+
+
+def test_a_colour_from_a_node_and_from_a_texture(material):
+    tree = material.node_tree
+    base = tree.nodes["Principled BSDF"].inputs["Base Color"]
+    rgb = tree.nodes.new("ShaderNodeRGB")
+    rgb.outputs[0].default_value = (0.3, 0.4, 1.5, 1)
+    tree.links.new(rgb.outputs[0], base)
+    np.testing.assert_allclose(albedo_of(material), [0.3, 0.4, 1], atol=1e-6)
+    tree.links.new(tree.nodes.new("ShaderNodeTexNoise").outputs["Color"], base)
+    np.testing.assert_allclose(albedo_of(material), UNKNOWN)
+
+
+def test_without_a_material_or_an_output(material):
+    np.testing.assert_allclose(albedo_of(None), BARE)
+    material.node_tree.nodes.remove(material.node_tree.nodes["Material Output"])
+    np.testing.assert_allclose(albedo_of(material), UNKNOWN)

@@ -1,0 +1,152 @@
+"""Patches of what stands around a hand: their area, their side, what hides them; and the light they shed."""
+
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.captures.varied_light import box_triangles
+from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
+from livehand.backend.nerf.bounce import SkinPlaces
+from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
+from livehand.backend.nerf.lighting import SurfacePoints
+from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.surrounding_light import SurroundingLight, cell_of, sky_cells
+from livehand.backend.nerf.surroundings import MOST_PATCHES, Patches
+from livehand.backend.records.light import Lamp, Light
+from torch.nn.functional import normalize
+
+RED = np.array([[0.8, 0.2, 0.1]])
+SEED = 5
+
+
+def ball(radius_m=0.1, count=200):
+    """Vertices of what stands for a hand, about the origin."""
+    generator = torch.Generator().manual_seed(SEED)
+    return radius_m * normalize(torch.randn(count, 3, generator=generator), dim=-1)
+
+
+def wall(height_m, half_m=0.4, thickness_m=0.01):
+    """A box above or below the origin."""
+    return box_triangles(np.array([0, 0, height_m]), np.eye(3), np.array([half_m, half_m, thickness_m / 2]))
+
+
+def around(*boxes):
+    triangles = np.concatenate(boxes)
+    return Patches.around(Light(occluders=triangles, occluder_albedo=np.repeat(RED, len(triangles), 0)), ball())
+
+
+def test_patches_have_the_area_that_the_hand_sees_and_face_it():
+    """Of a wall, its near side alone: 0.8 x 0.8 m, a little before the surface."""
+    patches = around(wall(-0.3))
+    assert 4 < len(patches.position) <= MOST_PATCHES
+    assert float(patches.area_m2.sum()) == pytest.approx(0.64, rel=0.01)
+    torch.testing.assert_close(patches.normal, torch.tensor([[0.0, 0, 1]]).expand_as(patches.normal))
+    np.testing.assert_allclose(patches.position[:, 2], -0.3 + 0.005 + 0.001, atol=1e-4)
+    np.testing.assert_allclose(patches.albedo, np.repeat(RED, len(patches.albedo), 0), atol=1e-6)
+
+
+def test_what_a_screen_hides_is_left_out():
+    """A larger wall behind: only what looks past the nearer one."""
+    near, far = around(wall(-0.3)), around(wall(-0.3), wall(-0.5))
+    assert float(far.area_m2.sum()) == pytest.approx(float(near.area_m2.sum()), rel=0.15)
+
+
+def test_a_dense_mesh_and_a_great_floor_are_few_patches():
+    grid = np.linspace(-3, 3, 61)
+    x, y = (values.ravel() for values in np.meshgrid(grid[:-1], grid[:-1]))
+    corner = np.stack([x, y, np.full_like(x, -0.4)], -1)
+    right, up = np.array([0.1, 0, 0]), np.array([0, 0.1, 0])
+    dense = np.concatenate(
+        [np.stack([corner, corner + a, corner + b], 1) for a, b in ((right, right + up), (right + up, up))]
+    )
+    square = 3 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) - [0, 0, 0.4]
+    for triangles in (dense, square[[[0, 1, 2], [0, 2, 3]]]):
+        patches = around(triangles)
+        assert 10 < len(patches.position) <= MOST_PATCHES
+        # A floor of 6 m from 0.4 m above: all but the share of the sky beyond its edge.
+        _, factors, _ = patches.factors(torch.zeros(1, 3))
+        cosine = (normalize(patches.position, dim=-1) * torch.tensor([0.0, 0, -1])).sum(-1)
+        assert float((factors[0] * cosine).sum()) == pytest.approx(0.97, abs=0.06)
+
+
+def test_black_things_and_nothing_are_no_patches():
+    assert len(Patches.around(Light(occluders=wall(-0.3)), ball()).position) == 0
+    assert len(Patches.around(Light(), ball()).position) == 0
+
+
+def test_patches_shed_what_they_receive_and_exchange():
+    """Two that face each other: of the light on one, the other sheds back the share of its form factor."""
+    position = torch.tensor([[0.0, 0, 0], [0, 0, 0.2]])
+    normal, albedo = torch.tensor([[0.0, 0, 1], [0, 0, -1]]), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]])
+    patches = Patches(position, normal, torch.full((2,), 0.01), albedo)
+    factor = 0.01 / (pi * 0.04 + 0.01)
+    torch.testing.assert_close(patches.exchanged(), torch.tensor([[0, factor], [factor, 0]]))
+
+
+@pytest.fixture
+def seen():
+    """Points on a ball, patches below them, half of the sky hidden at each at random, and radiance."""
+    generator = torch.Generator().manual_seed(SEED)
+    normal = normalize(torch.randn(300, 3, generator=generator), dim=-1)
+    relief = normalize(normal + 0.2 * torch.randn(300, 3, generator=generator), dim=-1)
+    view = normalize(torch.randn(300, 3, generator=generator) - 2 * normal, dim=-1)
+    places = SkinPlaces(torch.zeros(300, 3, dtype=torch.long), torch.zeros(300, 3))
+    lit = (torch.rand(SKY_DIRECTIONS, 300, generator=generator) > 0.5).float()
+    points = SurfacePoints(0.1 * normal, normal, relief, view, places)
+    patches = around(wall(-0.2))
+    shed = torch.rand(len(patches.position), 3, generator=generator)
+    return patches, PointShadows(lit, torch.zeros_like(lit)), shed, points
+
+
+def test_both_backends_agree(seen):
+    for ours, theirs in zip(
+        *(backend.near_light(*seen) for backend in (NumbaBackend(), ReferenceBackend())), strict=True
+    ):
+        assert theirs.abs().max() > 0
+        torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
+
+
+def test_an_even_wall_is_as_bright_as_its_form_factor(backend, seen):
+    """Below a small surface that faces it, a square of half side a at distance h; nothing on one that faces away."""
+    patches, _, shed, points = seen
+    down = torch.tensor([[0.0, 0, -1], [0, 0, 1]])
+    two = SurfacePoints(
+        torch.zeros(2, 3), down, down, -down, SkinPlaces(points.places.vertex[:2], points.places.weight[:2])
+    )
+    clear = PointShadows(torch.ones(SKY_DIRECTIONS, 2), torch.zeros(SKY_DIRECTIONS, 2))
+    found = backend.near_light(patches, clear, torch.ones_like(shed), two)
+    light = torch.einsum("rxc,rx->rc", found.sky_vectors, down).clamp(min=0)
+    ratio = 0.4 / (0.2 - 0.006)  # of half side and distance
+    expected = 4 / pi * ratio / (1 + ratio**2) ** 0.5 * np.arctan(ratio / (1 + ratio**2) ** 0.5)
+    np.testing.assert_allclose(light[0], expected, rtol=0.05)
+    assert light[1].max() == 0
+    assert found.sky_gloss[0].min() > 0.5 * 0.028 * expected
+    hidden = backend.near_light(patches, PointShadows(0 * clear.lit, clear.depth_in_m), torch.ones_like(shed), two)
+    assert max(float(value.abs().max()) for value in hidden) == 0
+
+
+def test_cells_hold_the_nearest_direction_of_the_sky():
+    """But for those near borders."""
+    directions = normalize(torch.randn(2000, 3, generator=torch.Generator().manual_seed(SEED)), dim=-1)
+    towards = SkySamples.of(None, "cpu").towards
+    found = towards[sky_cells(torch.device("cpu"))[cell_of(directions)]]
+    nearest = (directions @ towards.T).amax(1)
+    assert ((found * directions).sum(-1) > nearest - 0.1).all()
+    assert ((found * directions).sum(-1) > nearest - 1e-6).float().mean() > 0.75
+
+
+def test_light_on_patches_adds_up_in_lamps_and_sky():
+    patches = around(wall(-0.3))
+    count = len(patches.position)
+    bounds = Bounds(torch.zeros(3), torch.tensor(0.1))
+    lamps = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), bounds)
+    sky = SkySamples.of(None, "cpu")._replace(flux=torch.full((SKY_DIRECTIONS, 3), 0.1))
+    light = SurroundingLight(patches, torch.rand(SKY_DIRECTIONS, count), torch.rand(1, count))
+    dark = sky._replace(flux=0 * sky.flux)
+    both, one, other = (
+        light.shed(LightSamples(s, lamp))
+        for s, lamp in ((sky, lamps), (sky, lamps._replace(rgb=0 * lamps.rgb)), (dark, lamps))
+    )
+    torch.testing.assert_close(both, one + other)
