@@ -26,6 +26,7 @@ _MOST_PIECES, _MOST_TRIED, _MOST_SCREENS = 100_000, 1024, 1024
 _MOST_NEAR = 64  # vertices of the hand whose nearest stands for it
 _LIFT_M = 0.001  # patches lie as far before their surface
 _TINY = 1e-12
+_CELLS_ACROSS = 1 << 16  # cells of one size lie much nearer to each other than that
 
 
 class Patches(NamedTuple):
@@ -51,9 +52,9 @@ class Patches(NamedTuple):
         if len(light.occluder_albedo) == 0:
             return cls._of(_Pieces(*(np.zeros((0, 3)) for _ in range(3))), vertices.device)
         triangles = np.asarray(light.occluders, float)
-        cut = _cut(triangles, np.asarray(light.occluder_albedo, float), near)
-        screens = _largest_triangles(triangles, near)
-        seen = (_seen(_largest(_gathered(*cut, near, one), near, _MOST_TRIED), screens, near) for one in _FINENESS)
+        cut = _Cut.of(*_cut(triangles, np.asarray(light.occluder_albedo, float), near), near)
+        screens = _Screens.of(_largest_triangles(triangles, near), near.mean(0))
+        seen = (screens.seen(_largest(_gathered(cut, one), near, _MOST_TRIED), near) for one in _FINENESS)
         pieces = next(seen)
         while len(pieces.area) > MOST_PATCHES and (coarser := next(seen, None)) is not None:
             pieces = coarser
@@ -120,19 +121,47 @@ def _cut(triangles: np.ndarray, albedo: np.ndarray, near: np.ndarray) -> tuple[n
     return corners, colours
 
 
-def _gathered(corners: np.ndarray, albedo: np.ndarray, near: np.ndarray, fineness: float) -> _Pieces:
-    """One piece, lifted from the surface, for all that lie in a cell and face alike; a board's two sides are two."""
-    a, b, c = corners.swapaxes(0, 1)
-    position, area = corners.mean(1), np.cross(b - a, c - a) / 2
-    distance, nearest = _distance(position, near)
-    side = np.where(((nearest - position) * area).sum(-1) < 0, -1, 1)
-    area = area * side[:, None]
-    level = np.floor(np.log2(fineness * np.maximum(distance, _LEAST_M)))
-    axis = np.abs(area).argmax(1)
-    facing = np.sign(np.take_along_axis(area, axis[:, None], 1))[:, 0]
-    cell = np.floor(position / np.exp2(level)[:, None])
-    keys = np.column_stack([level, cell, axis, facing, side])
-    group = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+class _Cut(NamedTuple):
+    """N small triangles, in no cells yet.
+
+    Attributes:
+        corners: [N, 3, 3] m.
+        pieces: the triangles as pieces.
+        distance: [N] from the hand, m.
+        facing: [N] a number from 0 to 11 that tells which of a board's sides this is, and where it faces.
+    """
+
+    corners: np.ndarray
+    pieces: _Pieces
+    distance: np.ndarray
+    facing: np.ndarray
+
+    @classmethod
+    def of(cls, corners: np.ndarray, albedo: np.ndarray, near: np.ndarray) -> _Cut:
+        """The triangles, turned to a hand with these vertices."""
+        a, b, c = corners.swapaxes(0, 1)
+        position, area = corners.mean(1), np.cross(b - a, c - a) / 2
+        distance, nearest = _distance(position, near)
+        is_back = ((nearest - position) * area).sum(-1) < 0
+        area = np.where(is_back[:, None], -area, area)
+        axis = np.abs(area).argmax(1)
+        is_down = np.take_along_axis(area, axis[:, None], 1)[:, 0] < 0
+        return cls(corners, _Pieces(position, area, albedo), distance, 4 * axis + 2 * is_down + is_back)
+
+    def cells(self, fineness: float) -> np.ndarray:
+        """[N] the same whole number for all that lie in one cell of the world and face alike."""
+        level = np.floor(np.log2(fineness * np.maximum(self.distance, _LEAST_M)))
+        numbers = np.floor(self.pieces.position / np.exp2(level)[:, None]).astype(np.int64) % _CELLS_ACROSS
+        keys = level.astype(np.int64)
+        for values, count in ((self.facing, 12), *((column, _CELLS_ACROSS) for column in numbers.T)):
+            keys = keys * count + values
+        return keys
+
+
+def _gathered(cut: _Cut, fineness: float) -> _Pieces:
+    """One piece, lifted from the surface, for all that lie in a cell and face alike."""
+    position, area, albedo = cut.pieces
+    group = np.unique(cut.cells(fineness), return_inverse=True)[1].ravel()
     weight = np.maximum(np.linalg.norm(area, axis=-1), _TINY)
 
     def summed(values: np.ndarray) -> np.ndarray:
@@ -141,7 +170,7 @@ def _gathered(corners: np.ndarray, albedo: np.ndarray, near: np.ndarray, finenes
     total = summed(weight[:, None])
     area, middle = summed(area), summed(weight[:, None] * position) / total
     normal = area / np.maximum(np.linalg.norm(area, axis=-1, keepdims=True), _TINY)
-    height = ((corners - middle[group, None]) * normal[group, None]).sum(-1).max(1)
+    height = np.einsum("nki,ni->nk", cut.corners - middle[group, None], normal[group]).max(1)
     highest = np.full(len(middle), -np.inf)
     np.maximum.at(highest, group, height)
     lifted = middle + (_LIFT_M + highest[:, None]) * normal
@@ -163,19 +192,44 @@ def _largest_triangles(triangles: np.ndarray, near: np.ndarray) -> np.ndarray:
     return triangles[np.argsort(-size, kind="stable")[:_MOST_SCREENS]]
 
 
-def _seen(pieces: _Pieces, triangles: np.ndarray, near: np.ndarray) -> _Pieces:
-    """The pieces that nothing hides from the hand's nearest vertex (Moeller and Trumbore 1997)."""
-    start = pieces.position[:, None]
-    way = _distance(pieces.position, near)[1][:, None] - start
-    a, b, c = triangles.swapaxes(0, 1)
-    across = np.cross(way, c - a)
-    determinant = (across * (b - a)).sum(-1)
-    inverse = 1 / np.where(np.abs(determinant) < _TINY, np.inf, determinant)
-    u = ((start - a) * across).sum(-1) * inverse
-    turned = np.cross(start - a, b - a)
-    v, t = (turned * way).sum(-1) * inverse, (turned * (c - a)).sum(-1) * inverse
-    is_hidden = (np.abs(determinant) >= _TINY) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1)
-    return _Pieces(*(values[~is_hidden.any(1)] for values in pieces))
+class _Screens(NamedTuple):
+    """T triangles that may hide pieces from the hand, in single precision: there are as many tests as both together.
+
+    `values` @ (x - `origin`) - `offsets` tells where a point x lies to each.
+
+    Attributes:
+        values: [3, T, 3] height over the triangle's plane, in units of its own, and shares of two of its edges.
+        offsets: [3, T].
+        origin: [3] m, near.
+    """
+
+    values: np.ndarray
+    offsets: np.ndarray
+    origin: np.ndarray
+
+    @classmethod
+    def of(cls, triangles: np.ndarray, origin: np.ndarray) -> _Screens:
+        """Of triangles [N, 3, 3]; those without area hide nothing."""
+        a, b, c = (triangles - origin).swapaxes(0, 1)
+        first, second = b - a, c - a
+        normal = np.cross(first, second)
+        squared = (normal**2).sum(-1, keepdims=True)
+        has_area = squared[:, 0] > _TINY**2
+        values = np.stack([normal, np.cross(second, normal), np.cross(normal, first)]) / np.maximum(squared, _TINY**2)
+        values = values[:, has_area]
+        return cls(np.float32(values), np.float32((values * a[has_area]).sum(-1)), origin)
+
+    def seen(self, pieces: _Pieces, near: np.ndarray) -> _Pieces:
+        """The pieces that nothing hides from the hand's nearest vertex."""
+        way = np.float32(_distance(pieces.position, near)[1] - pieces.position)
+        start = np.float32(pieces.position - self.origin)
+        height, u, v = start @ self.values.swapaxes(1, 2) - self.offsets[:, None]
+        climb, along_u, along_v = way @ self.values.swapaxes(1, 2)
+        with np.errstate(divide="ignore", invalid="ignore"):  # along a plane nothing is hidden: no comparison holds
+            t = -height / climb
+            u, v = u + t * along_u, v + t * along_v
+            is_hidden = (t > 0) & (t < 1) & (u >= 0) & (v >= 0) & (u + v <= 1)
+        return _Pieces(*(values[~is_hidden.any(1)] for values in pieces))
 
 
 def _distance(points: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
