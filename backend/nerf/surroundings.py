@@ -217,7 +217,7 @@ class _Screens(NamedTuple):
         has_area = squared[:, 0] > _TINY**2
         values = np.stack([normal, np.cross(second, normal), np.cross(normal, first)]) / np.maximum(squared, _TINY**2)
         values = values[:, has_area]
-        return cls(np.float32(values), np.float32((values * a[has_area]).sum(-1)), origin)
+        return cls(values.astype(np.float32), (values * a[has_area]).sum(-1).astype(np.float32), origin)
 
     def seen(self, pieces: _Pieces, near: np.ndarray) -> _Pieces:
         """The pieces that nothing hides from the hand's nearest vertex."""
