@@ -53,6 +53,22 @@ def test_what_a_screen_hides_is_left_out():
     assert float(far.area_m2.sum()) == pytest.approx(float(near.area_m2.sum()), rel=0.15)
 
 
+def test_the_order_of_corners_does_not_matter():
+    """A table seen from below would be lit on the wrong side."""
+    for ours, theirs in zip(around(wall(-0.3)), around(wall(-0.3)[:, ::-1]), strict=True):
+        torch.testing.assert_close(ours, theirs)
+
+
+def test_a_screen_hides_what_lies_behind_its_triangle_alone():
+    """Half of a square between wall and hand; one beyond the hand, or beyond the wall, hides nothing."""
+    half = np.array([[[-0.6, -0.6, 0], [0.6, -0.6, 0], [-0.6, 0.6, 0]]])
+    bare = float(around(wall(-0.5)).area_m2.sum())
+    for height_m, seen in ((-0.4, 0.5), (0.4, 1), (-0.6, 1)):
+        patches = around(wall(-0.5), half + np.array([0, 0, height_m]))
+        is_wall = (patches.position[:, 2] + 0.5).abs() < 0.02
+        assert float(patches.area_m2[is_wall].sum()) == pytest.approx(seen * bare, rel=0.2), height_m
+
+
 def test_a_dense_mesh_and_a_great_floor_are_few_patches():
     grid = np.linspace(-3, 3, 61)
     x, y = (values.ravel() for values in np.meshgrid(grid[:-1], grid[:-1]))
@@ -135,6 +151,20 @@ def test_cells_hold_the_nearest_direction_of_the_sky():
     nearest = (directions @ towards.T).amax(1)
     assert ((found * directions).sum(-1) > nearest - 0.1).all()
     assert ((found * directions).sum(-1) > nearest - 1e-6).float().mean() > 0.75
+
+
+def test_patches_shed_light_a_second_time():
+    """One in a lamp's light; of what it sheds, the other sheds its albedo's share of its form factor's."""
+    position, normal = torch.tensor([[0.0, 0, 0], [0, 0, 0.2]]), torch.tensor([[0.0, 0, 1], [0, 0, -1]])
+    patches = Patches(position, normal, torch.full((2,), 0.01), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]]))
+    lamp = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), Bounds(torch.zeros(3), torch.tensor(0.1)))
+    of_sky = torch.zeros(SKY_DIRECTIONS, 2)
+    shed = SurroundingLight(patches, of_sky, torch.tensor([[1.0, 0]]).expand(len(lamp.rgb), 2)).shed(
+        LightSamples(SkySamples.of(None, "cpu"), lamp)
+    )
+    direct = 0.5 * lamp.rgb.sum(0)
+    torch.testing.assert_close(shed[0], direct)
+    torch.testing.assert_close(shed[1], torch.tensor([0.4, 0.2, 0.1]) * 0.01 / (pi * 0.04 + 0.01) * direct)
 
 
 def test_light_on_patches_adds_up_in_lamps_and_sky():
