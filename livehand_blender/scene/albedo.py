@@ -6,10 +6,11 @@ import bpy
 import numpy as np
 
 from .colour import in_rec709
+from .image_mean import mean_colour
 from .node_values import used_nodes
 
 UNKNOWN = 0.5
-"""Albedo of what a texture or other nodes colour."""
+"""Albedo of what nodes colour, but for an image alone: that has its mean."""
 BARE = 0.8
 """Cycles' own for objects without a material."""
 
@@ -44,7 +45,11 @@ def _colour(shader: bpy.types.Node, name: str) -> np.ndarray:
     if not socket.is_linked:
         return _in_rec709(socket.default_value)
     source = socket.links[0].from_node
-    return _in_rec709(source.outputs[0].default_value) if source.bl_idname == "ShaderNodeRGB" else np.full(3, UNKNOWN)
+    if source.bl_idname == "ShaderNodeRGB":
+        return _in_rec709(source.outputs[0].default_value)
+    image = source.image if source.bl_idname == "ShaderNodeTexImage" else None
+    mean = None if image is None else mean_colour(image)
+    return np.full(3, UNKNOWN) if mean is None else mean.clip(0, 1)
 
 
 def _in_rec709(colour: bpy.types.bpy_prop_array) -> np.ndarray:

@@ -99,7 +99,7 @@ def _value(one: bpy.types.Property, value: Any, depth: int) -> Any:
     if one.type == "COLLECTION":
         return [_values(item, depth + 1) for item in value]
     if isinstance(value, bpy.types.Image):
-        return _image(value)
+        return image_state(value)
     if isinstance(value, bpy.types.NodeTree):
         return tree_values(value)
     if isinstance(value, bpy.types.Object):
@@ -109,7 +109,8 @@ def _value(one: bpy.types.Property, value: Any, depth: int) -> Any:
     return value.name_full if isinstance(value, bpy.types.ID) else _values(value, depth + 1)
 
 
-def _image(image: bpy.types.Image) -> list[Any]:
+def image_state(image: bpy.types.Image) -> list[Any]:
+    """What tells whether an image has changed: its file's size and time, or its pixels where no file holds them."""
     path = bpy.path.abspath(image.filepath, library=image.library)
     try:
         status = os.stat(path)

@@ -52,6 +52,35 @@ def test_a_colour_from_a_node_and_from_a_texture(material):
     np.testing.assert_allclose(albedo_of(material), UNKNOWN)
 
 
+@pytest.mark.parametrize(
+    ("space", "is_float", "expected"),
+    [("sRGB", False, 0.2140), ("Non-Color", False, 0.5), ("sRGB", True, 0.5), ("ACEScg", False, UNKNOWN)],
+)
+def test_an_image_has_its_mean_colour_in_linear_light(material, space, is_float, expected):
+    """Of a picture one half of which is black: half of the colour, whether it is encoded or not."""
+    image = bpy.data.images.new("Half", 8, 4, float_buffer=is_float)
+    image.colorspace_settings.name = space
+    pixels = np.zeros((4, 8, 4), np.float32)
+    pixels[:, :, 3], pixels[:2, :, :3] = 1, (0.5, 1, 0)
+    image.pixels.foreach_set(pixels.ravel())
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    mean = [expected / 2, 0.5, 0] if space != "ACEScg" else [UNKNOWN] * 3
+    np.testing.assert_allclose(albedo_of(material), mean, atol=2e-3)
+    pixels[:2, :, :3] = 0
+    image.pixels.foreach_set(pixels.ravel())
+    np.testing.assert_allclose(albedo_of(material), 0 if space != "ACEScg" else UNKNOWN, atol=2e-3)
+
+
+def test_a_texture_without_an_image(material):
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    np.testing.assert_allclose(albedo_of(material), UNKNOWN)
+
+
 def test_without_a_material_or_an_output(material):
     np.testing.assert_allclose(albedo_of(None), BARE)
     material.node_tree.nodes.remove(material.node_tree.nodes["Material Output"])
