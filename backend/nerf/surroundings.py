@@ -193,7 +193,7 @@ def _largest_triangles(triangles: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 class _Screens(NamedTuple):
-    """T triangles that may hide pieces from the hand, in single precision: there are as many tests as both together.
+    """T triangles that may hide pieces from the hand; in single precision, for each is tried on each piece.
 
     `values` @ (x - `origin`) - `offsets` tells where a point x lies to each.
 

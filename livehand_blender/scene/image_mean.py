@@ -12,6 +12,7 @@ import numpy as np
 from .colour import in_rec709
 from .node_values import image_state
 
+_STILL = ("FILE", "GENERATED")
 _LINEAR = ("Non-Color", "Linear Rec.709", "Linear")
 _KEPT = 256
 _MOST_VALUES = 1 << 20
@@ -26,7 +27,9 @@ class _Image:
 
 
 def mean_colour(image: bpy.types.Image) -> np.ndarray | None:
-    """[3] linear Rec.709; None if the image has no pixels, or its colour space is neither sRGB nor linear."""
+    """[3] linear Rec.709; None of an image without pixels, of films, tiles, and spaces neither sRGB nor linear."""
+    if image.source not in _STILL:  # of others Blender gives the pixels of one frame or tile
+        return None
     return _mean_colour(_Image(str(image_state(image)), image))
 
 

@@ -81,6 +81,18 @@ def test_a_texture_without_an_image(material):
     np.testing.assert_allclose(albedo_of(material), UNKNOWN)
 
 
+@pytest.mark.parametrize("source", ["SEQUENCE", "MOVIE", "TILED"])
+def test_films_and_tiles_are_not_told_by_one_frame(material, source):
+    image = bpy.data.images.new("Film", 8, 4)
+    image.pixels.foreach_set(np.ones(8 * 4 * 4, np.float32))
+    image.source = source
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    np.testing.assert_allclose(albedo_of(material), UNKNOWN)
+
+
 def test_without_a_material_or_an_output(material):
     np.testing.assert_allclose(albedo_of(None), BARE)
     material.node_tree.nodes.remove(material.node_tree.nodes["Material Output"])
