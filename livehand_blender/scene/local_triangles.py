@@ -1,6 +1,7 @@
 """The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change.
 
-Materials are asked every time: they change without a word about the objects that wear them.
+Materials are asked once between two calls of `forget_unasked`: they change without a word about the objects that wear
+them, and a meadow of instances wears a few.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ class LocalTriangles:
         self._kept: dict[_Key, _Read] = {}
         self._asked: set[_Key] = set()
         self._solids: dict[Place, Solid] = {}
+        self._albedos: dict[int, np.ndarray] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
         """[T, 3, 3] of an evaluated object or of an instance's, in its own space."""
@@ -50,7 +52,7 @@ class LocalTriangles:
     def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
         """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
         _, local, slot = self._read(thing)
-        known, albedo = self._solids.get(place), _palette(thing)[slot]
+        known, albedo = self._solids.get(place), self._palette(thing)[slot]
         if (
             known is None
             or known.local is not local
@@ -71,11 +73,17 @@ class LocalTriangles:
         locals_kept = {id(one.triangles) for one in self._kept.values()}
         self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
+        self._albedos.clear()
 
+    def _palette(self, thing: bpy.types.Object) -> np.ndarray:
+        """[S, 3] albedo of an object's material slots; one at least."""
+        return np.array([self._albedo(slot.material) for slot in thing.material_slots] or [self._albedo(None)])
 
-def _palette(thing: bpy.types.Object) -> np.ndarray:
-    """[S, 3] albedo of an object's material slots; one at least."""
-    return np.array([albedo_of(slot.material) for slot in thing.material_slots] or [albedo_of(None)])
+    def _albedo(self, material: bpy.types.Material | None) -> np.ndarray:
+        key = 0 if material is None else material.as_pointer()
+        if key not in self._albedos:
+            self._albedos[key] = albedo_of(material)
+        return self._albedos[key]
 
 
 def _triangles(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,26 @@ def test_what_is_not_asked_for_is_dropped(local):
     assert read(local, other) is not before[1]
 
 
+def test_a_material_that_changes_is_seen_at_the_next_reading(local):
+    material = bpy.data.materials.new("Paint")
+    material.use_nodes = True
+    colour = material.node_tree.nodes["Principled BSDF"].inputs["Base Color"]
+    things = [add_triangle(name) for name in ("One", "Other")]
+    for thing in things:
+        thing.data.materials.append(material)
+
+    def albedo(thing):
+        bpy.context.view_layer.update()
+        evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        return local.solid(Place(thing.name), evaluated, np.eye(4)).albedo
+
+    for grey in (0.25, 0.75):
+        colour.default_value = (grey, grey, grey, 1)
+        local.forget_unasked()
+        for thing in things:
+            np.testing.assert_allclose(albedo(thing), [[grey] * 3], atol=1e-6)
+
+
 def test_an_object_that_rests_stays_the_same_solid(local):
     thing = add_triangle("Thing")
 
