@@ -8,8 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..hand.lbs import SkinMotion
-from ..nerf.depth_steps import SPREAD, STEP_M, STEP_PX, DepthSteps
 from ..nerf.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
+from ..nerf.part_edges import SPREAD, STEP_M, STEP_PX, PartEdges
 from ..nerf.rays import CameraTensors, project
 from .arrays import as_arrays
 from .fronts import find_fronts
@@ -17,15 +17,14 @@ from .kernels.compiled import in_parallel
 from .kernels.fine_mesh import face_normals, fine_vertices, finer_field, vertex_normals
 from .kernels.outline import (
     depth_at_rim,
+    edge_shares,
     mark_outline,
-    mark_steps,
-    nearer_squares,
+    mark_parts,
     pixel_squares,
     sample_faces,
     spread_coverage,
-    spread_steps,
 )
-from .kernels.records import FinerRows, ProjectedMesh
+from .kernels.records import EdgeSamples, FinerRows, PartMarks, ProjectedMesh
 
 _SAMPLES, _SPREAD = np.array(SAMPLES, np.float32), np.array(SPREAD, np.float32)
 
@@ -50,7 +49,7 @@ def fine_mesh(
     start, around = as_arrays(*template.around)
     in_parallel(lambda first, last: vertex_normals(long, start, around, first, last, unit), count, threads)
     bend = torch.as_tensor(values[:, -1])
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale)
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale, template.bones)
 
 
 def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:
@@ -67,30 +66,37 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
     nearest, face_at, rows = find_fronts(projected, camera.size_px)
     on_outline, bits = np.empty(pixels, np.bool_), np.zeros(pixels, np.uint16)
-    covered, coverage, deep, between = np.empty((4, pixels), np.float32)
+    covered, coverage, deep = np.empty((3, pixels), np.float32)
+    bone_of_face, apart = as_arrays(*mesh.bones)
+    marks = PartMarks(np.empty(pixels, np.float32), np.empty(pixels, np.int8), bone_of_face, apart)
     step_m, step_per_m = np.float32(STEP_M * mesh.scale), np.float32(STEP_PX / camera.focal_px)
 
     def mark_rows(first: int, last: int) -> None:
         mark_outline(face_at, width, height, first, last, on_outline)
-        mark_steps(nearest, width, height, step_m, step_per_m, first, last, between)
+        mark_parts(nearest, face_at, width, height, step_m, step_per_m, first, last, marks)
 
     def spread_rows(first: int, last: int) -> None:
         spread_coverage(covered, on_outline, _SPREAD, width, height, first, last, coverage)
         depth_at_rim(nearest, coverage, width, height, first, last, deep)
 
     in_parallel(mark_rows, height, threads)
-    pixel, slot = np.flatnonzero(between), np.full(pixels, -1, np.int32)
+    pixel, slot = np.flatnonzero((marks.between > 0) | (marks.part >= 0)), np.full(pixels, -1, np.int32)
     slot[pixel] = np.arange(len(pixel))
-    depths = np.full((len(pixel), len(SAMPLES)), np.inf, np.float32)
+    shape = len(pixel), len(SAMPLES)
+    samples = EdgeSamples(slot, np.full(shape, np.inf, np.float32), np.full(shape, -1, np.int32))
 
     def sample_rows(first: int, last: int) -> None:
-        sample_faces(projected, rows, _SAMPLES, width, first, last, on_outline, slot, bits, depths)
+        sample_faces(projected, rows, _SAMPLES, width, first, last, on_outline, bits, samples)
         pixel_squares(face_at, on_outline, bits, width * first, width * last, covered)
 
     for run in (sample_rows, spread_rows):
         in_parallel(run, height, threads)
-    square, share = np.empty((2, len(pixel)), np.float32)
-    nearer_squares(depths, between[pixel], 0, len(pixel), square)
-    spread_steps(pixel, between[pixel], square, slot, nearest, _SPREAD, width, height, 0, len(pixel), share)
-    steps = DepthSteps(*(torch.as_tensor(values) for values in (pixel, between[pixel], share)))
-    return PixelSurface(torch.as_tensor(face_at), torch.as_tensor(deep), torch.as_tensor(coverage), steps)
+    share, shows_first = np.empty(len(pixel), np.float32), np.empty((9, len(pixel)), np.bool_)
+    seen = nearest, face_at, width, height
+    in_parallel(
+        lambda first, last: edge_shares(pixel, seen, marks, samples, _SPREAD, first, last, share, shows_first),
+        len(pixel),
+        threads,
+    )
+    edges = PartEdges(*(torch.as_tensor(values) for values in (pixel, shows_first, share)))
+    return PixelSurface(torch.as_tensor(face_at), torch.as_tensor(deep), torch.as_tensor(coverage), edges)

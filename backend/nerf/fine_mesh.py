@@ -21,7 +21,7 @@ from ..geometry.rasterise import NearestFronts, nearest_fronts, rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
-from .depth_steps import SPREAD, DepthSteps
+from .part_edges import SPREAD, SurfaceFragments, PartEdges, SurfaceBones
 from .rays import CameraTensors, project
 
 SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
@@ -74,6 +74,7 @@ class FineTemplate(NamedTuple):
         around: [N + 1] where each vertex's faces begin among these, and [3 M] the faces around all vertices.
         offset_m: [N, 3] from there to the surface at rest.
         normals: [N, 3] unit, at rest; heights lie along them.
+        bones: that its faces follow.
     """
 
     skin: SkinTensors
@@ -84,16 +85,18 @@ class FineTemplate(NamedTuple):
     around: tuple[Tensor, Tensor]
     offset_m: Tensor
     normals: Tensor
+    bones: SurfaceBones
 
     @classmethod
     def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
         """The template of a hand of either side; the surface is that of the right hand."""
         skin, faces, corner_uv, levels = SkinTensors.of(model, device), model.f, model.vt[model.ft], []
-        rest = skin.v_template
+        rest, weights = skin.v_template, skin.lbs_weights
         for _ in range(LEVELS):
             step = loop_step(faces, len(rest))
             levels.append(FinerField.of(step).to(device))
-            faces, rest, corner_uv = step.faces, levels[-1](rest), split_corners(corner_uv)
+            rest, weights = levels[-1](rest), levels[-1](weights)
+            faces, corner_uv = step.faces, split_corners(corner_uv)
         mirror = torch.as_tensor(MIRROR_POINT if model.side == "left" else np.ones(3)).to(rest)
         offset, indices = torch.as_tensor(surface.offset_m).to(rest) * mirror, torch.as_tensor(faces, device=device)
         return cls(
@@ -105,6 +108,7 @@ class FineTemplate(NamedTuple):
             around=_faces_around(indices, len(rest)),
             offset_m=offset,
             normals=vertex_normals(rest + offset, indices),
+            bones=SurfaceBones.of(weights, indices, skin.parents),
         )
 
 
@@ -118,6 +122,7 @@ class FineMesh(NamedTuple):
         corner_uv: [M, 3, 2].
         flex: [N] bend of the skin (`SkinBend.flex`).
         scale: [] against the template.
+        bones: that its faces follow.
     """
 
     vertices: Tensor
@@ -126,6 +131,7 @@ class FineMesh(NamedTuple):
     corner_uv: Tensor
     flex: Tensor
     scale: Tensor
+    bones: SurfaceBones
 
 
 class PixelSurface(NamedTuple):
@@ -135,13 +141,13 @@ class PixelSurface(NamedTuple):
         face: [P] the nearest front face at the pixel's centre, -1 for none.
         depth: [P] of it, m; infinite for none, unless the pixel shows what its centre misses: then the nearest beside.
         coverage: [P] share of the pixel that the surface covers, as Cycles' filter has it.
-        steps: where one part of the surface ends before another.
+        edges: where one part of the surface ends before or against another.
     """
 
     face: Tensor
     depth: Tensor
     coverage: Tensor
-    steps: DepthSteps
+    edges: PartEdges
 
 
 def fine_mesh(
@@ -170,7 +176,7 @@ def fine_mesh(
     transforms = values[:, 3:15].reshape(-1, 3, 4)
     vertices = (transforms[..., :3] * rest[:, None]).sum(-1) + transforms[..., 3]
     normals = vertex_normals(vertices, template.faces)
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale)
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, template.bones)
 
 
 def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:
@@ -191,9 +197,10 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     (width, height), projected = camera.size_px, project(camera, mesh.vertices)
     depth_at, face = _fronts(mesh, *projected, camera)
     is_seen = face >= 0
-    samples = torch.stack([_fronts(mesh, *projected, camera, sample).depth for sample in SAMPLES])
-    covered = samples.isfinite().float().mean(0)
-    steps = DepthSteps.of(depth_at, samples, camera, mesh.scale)
+    depths, faces = zip(*(_fronts(mesh, *projected, camera, sample) for sample in SAMPLES), strict=True)
+    samples = SurfaceFragments(torch.stack(depths), mesh.bones.at(torch.stack(faces)))
+    covered = samples.depth.isfinite().float().mean(0)
+    edges = PartEdges.of(SurfaceFragments(depth_at, mesh.bones.at(face)), samples, mesh.bones, camera, mesh.scale)
     inside = is_seen.float().reshape(1, 1, height, width)
     within = -torch.nn.functional.max_pool2d(-inside, 3, 1, 1)  # beyond the image is as its rim
     around = torch.nn.functional.max_pool2d(inside, 3, 1, 1)
@@ -201,7 +208,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     coverage = spread(torch.where(on_outline, covered, is_seen.float()), camera.size_px)
     beside = -torch.nn.functional.max_pool2d(-depth_at.reshape(1, 1, height, width), 3, 1, 1).flatten()
     depth_at = torch.where(is_seen | (coverage <= 0), depth_at, beside)
-    return PixelSurface(face, depth_at, coverage, steps)
+    return PixelSurface(face, depth_at, coverage, edges)
 
 
 def _fronts(

@@ -19,7 +19,6 @@ from torch.nn.functional import normalize
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.crop import Crop
-from ..nerf.depth_steps import DepthSteps, blended
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
@@ -36,6 +35,7 @@ from ..nerf.lit_rays import (
     surrounding_light,
 )
 from ..nerf.maps import depth_profile
+from ..nerf.part_edges import PartEdges, blended
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size, doubled
 from ..nerf.skin_detail import DetailMaps
@@ -67,7 +67,7 @@ class LitHand:
         points: where the rays meet the skin.
         open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
-        steps: where the image shows one part of a known surface before another; None: it is not known.
+        edges: where one part of a known surface ends before or against another; None: it is not known.
         profile: of the rays; None: the image shows a surface that is known.
         albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
     """
@@ -79,7 +79,7 @@ class LitHand:
     points: SurfacePoints
     open_sky: PointShadows
     image: LitImage
-    steps: DepthSteps | None
+    edges: PartEdges | None
     profile: DepthProfile | None
     albedo: Tensor
 
@@ -132,7 +132,7 @@ class LitHand:
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""
         colours = backend.relit(self.image, self.features(backend, light), self.pixel, self.hand.camera.size_px)
-        return colours if self.steps is None else blended(colours, self.image.alpha, self.image.depth, self.steps)
+        return colours if self.edges is None else blended(colours, self.image.alpha, self.image.depth, self.edges)
 
     def frame(self, backend: RenderBackend, light: Light) -> Frame:
         """The hand in a light."""
@@ -174,12 +174,12 @@ def render_lit_hand(
     if known is None:
         skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
-        profile, steps = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None
+        profile, edges = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None
     else:
         full = doubled(hand.camera)
         seen = backend.seen_surface(known.mesh, full)
         at_pixels = skin._replace(depth=seen.depth)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
-        profile, steps = None, seen.steps
-    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, steps, profile, albedo)
+        profile, edges = None, seen.edges
+    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo)

@@ -13,8 +13,8 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import skin_motion
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.nerf.depth_steps import SPREAD
 from livehand.backend.nerf.fine_mesh import SAMPLES, FineMesh, FineTemplate, fine_mesh, motion_of_mesh, spread
+from livehand.backend.nerf.part_edges import SPREAD, SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera
@@ -132,13 +132,20 @@ def camera():
     )
 
 
+def one_bone(faces):
+    """Of a surface that follows one bone."""
+    return SurfaceBones(torch.zeros(faces, dtype=torch.int8), torch.tensor([[False]]))
+
+
 def square(left_px, right_px, top_px, bottom_px):
     """A square at Z = 0 whose sides lie there in the image."""
     x = (torch.tensor([left_px, right_px, right_px, left_px]) - SIZE[0] / 2) / 100
     y = (SIZE[1] / 2 - torch.tensor([bottom_px, bottom_px, top_px, top_px])) / 100
     vertices = torch.stack([x, y, torch.zeros(4)], 1)
     faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
-    return FineMesh(vertices, torch.tensor([0.0, 0, 1]).expand(4, 3), faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE)
+    return FineMesh(
+        vertices, torch.tensor([0.0, 0, 1]).expand(4, 3), faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE, one_bone(2)
+    )
 
 
 def ball(radius_m):
@@ -146,7 +153,13 @@ def ball(radius_m):
     mesh = trimesh.creation.icosphere(5, radius_m)
     vertices, faces = torch.as_tensor(mesh.vertices, dtype=torch.float32), torch.as_tensor(np.array(mesh.faces))
     return FineMesh(
-        vertices, vertices / radius_m, faces, torch.zeros(len(faces), 3, 2), torch.zeros(len(vertices)), ONE
+        vertices,
+        vertices / radius_m,
+        faces,
+        torch.zeros(len(faces), 3, 2),
+        torch.zeros(len(vertices)),
+        ONE,
+        one_bone(len(faces)),
     )
 
 

@@ -9,6 +9,7 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
 from livehand.backend.nerf.fine_mesh import FineMesh, seen_surface
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
+from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors, view_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
@@ -56,7 +57,10 @@ def patch(depth_m=0.5, focal_px=400.0, scale=1.0, flex=0.0):
     vertices = scale * SIDE_M * (corners - torch.tensor([0.5, 0.5, 0]))
     faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
     normals = torch.tensor([0.0, 0, 1]).expand(4, 3)
-    mesh = FineMesh(vertices, normals, faces, corners[faces][..., :2], torch.full((4,), flex), torch.tensor(scale))
+    bones = SurfaceBones(torch.zeros(len(faces), dtype=torch.int8), torch.tensor([[False]]))
+    mesh = FineMesh(
+        vertices, normals, faces, corners[faces][..., :2], torch.full((4,), flex), torch.tensor(scale), bones
+    )
     cam2world = np.diag([1.0, -1, -1, 1])
     cam2world[2, 3] = depth_m
     K = np.array([[focal_px, 0, SIZE[0] / 2], [0, focal_px, SIZE[1] / 2], [0, 0, 1]])

@@ -6,9 +6,10 @@ import numpy as np
 
 from ...geometry.tolerances import MIN_AREA_PX2
 from .compiled import compiled
+from .compiled import compiled_part as part
 from .raster import covered_centres, fragment_depth, projected_area
 
-_0, _HALF, _INF, _MIN_AREA = np.float32(0), np.float32(0.5), np.float32(np.inf), np.float32(MIN_AREA_PX2)
+_0, _HALF, _1, _INF, _MIN_AREA = (np.float32(value) for value in (0, 0.5, 1, np.inf, MIN_AREA_PX2))
 _BITS = 16
 
 
@@ -64,24 +65,29 @@ def mark_outline(face_at, width, height, first_row, last_row, on_outline):
 
 
 @compiled
-def mark_steps(nearest, width, height, step_m, step_per_m, first_row, last_row, between):
-    """Fill `between` [P] in rows [first_row, last_row): a depth between two parts around a pixel, 0 for one part."""
+def mark_parts(nearest, face_at, width, height, step_m, step_per_m, first_row, last_row, marks):
+    """Fill rows [first_row, last_row) of `marks` (`PartMarks`)."""
     for y in range(first_row, last_row):
         for x in range(width):
-            low, high = _INF, _0
+            at, low, high, other = y * width + x, _INF, _0, -1
+            own = marks.bone_of_face[face_at[at]] if face_at[at] >= 0 else -1
             for below in range(max(y - 1, 0), min(y + 2, height)):
                 for right in range(max(x - 1, 0), min(x + 2, width)):
-                    here = nearest[below * width + right]
-                    low = min(low, here)
-                    high = max(high, here if here < _INF else _0)
-            between[y * width + x] = _HALF * (low + high) if high - low > step_m + step_per_m * low else _0
+                    near = below * width + right
+                    low = min(low, nearest[near])
+                    high = max(high, nearest[near] if nearest[near] < _INF else _0)
+                    if other < 0 and own >= 0 and face_at[near] >= 0:
+                        bone = marks.bone_of_face[face_at[near]]
+                        other = bone if marks.apart[own, bone] else -1
+            marks.between[at] = _HALF * (low + high) if high - low > step_m + step_per_m * low else _0
+            marks.part[at] = min(own, other) if other >= 0 else -1
 
 
 @compiled
-def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, slot, bits, depths):
+def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bits, at_edges):
     """Look for front faces at the samples of pixels in rows [first_row, last_row).
 
-    Of outline pixels, set a bit for every sample in a face; of pixels with a slot (>= 0), lower the depths [S, 16], m.
+    Of outline pixels, set a bit for every sample in a face; of others, lower the depths of `at_edges` (`EdgeSamples`).
     """
     positions_px, faces, depth = mesh.positions_px, mesh.faces, mesh.depth
     for face in range(faces.shape[0]):
@@ -94,7 +100,8 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, sl
         for y in range(max(rows[face, 0], first_row), min(rows[face, 1], last_row)):
             for x in range(x0, x1):
                 at = y * width + x
-                if not on_outline[at] and slot[at] < 0:
+                slot = at_edges.slot[at]
+                if not on_outline[at] and slot < 0:
                     continue
                 found = np.uint16(0)
                 for k in range(_BITS):
@@ -104,9 +111,10 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, sl
                     wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
                     if (wa <= _0) & (wb <= _0) & (wc <= _0):  # front faces are clockwise on screen
                         found |= np.uint16(1 << k)
-                        if slot[at] >= 0:
+                        if slot >= 0:
                             z = (wa + wb + wc) / (wa / depth[a] + wb / depth[b] + wc / depth[c])
-                            depths[slot[at], k] = min(depths[slot[at], k], z)
+                            if z < at_edges.depth[slot, k]:
+                                at_edges.depth[slot, k], at_edges.face[slot, k] = z, face
                 bits[at] |= found
 
 
@@ -157,31 +165,43 @@ def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
                     depth[at] = min(depth[at], nearest[below * width + right])
 
 
-@compiled
-def nearer_squares(depths, between, first, last, share):
-    """Fill the share of samples of slots [first, last) that lie before `between` [S], among those of the surface."""
-    for at in range(first, last):
-        near, shown = _0, _0
-        for k in range(_BITS):
-            near += np.float32(depths[at, k] < between[at])
-            shown += np.float32(depths[at, k] < _INF)
-        share[at] = near / max(shown, np.float32(1))
+@part
+def _is_first(depth, face, between, part, marks):
+    """Whether a fragment is of the first part, as `nerf.part_edges` has it."""
+    if between > _0:
+        return depth < between
+    return face >= 0 and not marks.apart[marks.bone_of_face[face], part]
 
 
 @compiled
-def spread_steps(pixel, between, square, slot, nearest, taps, width, height, first, last, share):
-    """Fill the shares of slots [first, last), spread as `nerf.depth_steps` does."""
-    for at in range(first, last):
-        y, x = pixel[at] // width, pixel[at] % width
+def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_first):
+    """Fill of slots [first, last) what `nerf.part_edges.PartEdges` tells.
+
+    `seen` is the first front faces' depth and index at pixels' centres, and the image's width and height.
+    """
+    nearest, face_at, width, height = seen
+    for slot in range(first, last):
+        at = pixel[slot]
+        y, x, between, own = at // width, at % width, marks.between[at], marks.part[at]
         total, weights = _0, _0
         for row in range(3):
             below = min(max(y + row - 1, 0), height - 1) * width
             for column in range(3):
                 near = below + min(max(x + column - 1, 0), width - 1)
+                is_first = _is_first(nearest[near], face_at[near], between, own, marks)
+                shows_first[3 * row + column, slot] = is_first
                 if not (nearest[near] < _INF or (row == 1 and column == 1)):
                     continue
+                shown, of_near = np.float32(is_first), samples.slot[near]
+                if of_near >= 0:
+                    ours, all_ = _0, _0
+                    for k in range(_BITS):
+                        depth, face = samples.depth[of_near, k], samples.face[of_near, k]
+                        if depth < _INF:
+                            all_ += _1
+                            ours += np.float32(_is_first(depth, face, between, own, marks))
+                    shown = ours / max(all_, _1)
                 weight = taps[row] * taps[column]
-                shown = square[slot[near]] if slot[near] >= 0 else np.float32(nearest[near] < between[at])
                 total += weight * shown
                 weights += weight
-        share[at] = total / weights
+        share[slot] = total / weights

@@ -390,6 +390,36 @@ class FinerRows(NamedTuple):
     weight: np.ndarray
 
 
+class PartMarks(NamedTuple):
+    """Which of P pixels show two parts of a surface of M faces (`nerf.part_edges`).
+
+    Attributes:
+        between: [P] a depth between both parts, m; 0: depths do not tell any apart.
+        part: [P] a bone of one of two parts; -1: bones do not tell any apart.
+        bone_of_face: [M].
+        apart: [B, B] whether two bones are of two parts.
+    """
+
+    between: np.ndarray
+    part: np.ndarray
+    bone_of_face: np.ndarray
+    apart: np.ndarray
+
+
+class EdgeSamples(NamedTuple):
+    """What samples of the S pixels of P that show two parts show.
+
+    Attributes:
+        slot: [P] of each pixel among the S; -1 for none.
+        depth: [S, 16] m; infinite beside the surface.
+        face: [S, 16] -1 beside it.
+    """
+
+    slot: np.ndarray
+    depth: np.ndarray
+    face: np.ndarray
+
+
 class PosedSurface(NamedTuple):
     """A posed fine surface: N vertices, M faces.
 
