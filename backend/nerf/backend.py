@@ -143,6 +143,18 @@ class RenderBackend(Protocol):
         """As `nerf.fine_mesh.seen_surface`."""
         ...
 
+    def ray_normals(
+        self,
+        mesh: FineMesh,
+        seen: PixelSurface,
+        camera: CameraTensors,
+        pixel: Int[Tensor, " R"],
+        position: Float[Tensor, "R 3"],
+        edge_m: Float[Tensor, ""],
+    ) -> Float[Tensor, "R 3"]:
+        """As `nerf.ray_normals.ray_normals`."""
+        ...
+
     def detailed_image(
         self, image: LitImage, seen: PixelSurface, mesh: FineMesh, camera: CameraTensors, maps: DetailMaps
     ) -> LitImage:

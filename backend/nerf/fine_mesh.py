@@ -21,7 +21,7 @@ from ..geometry.rasterise import NearestFronts, nearest_fronts, rasterise
 from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
-from .part_edges import SPREAD, SurfaceFragments, PartEdges, SurfaceBones
+from .part_edges import SPREAD, PartEdges, SurfaceBones, SurfaceFragments
 from .rays import CameraTensors, project
 
 SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
@@ -237,3 +237,25 @@ def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor
     start = torch.zeros(count + 1, dtype=torch.long, device=faces.device)
     start[1:] = torch.cumsum(torch.bincount(corners, minlength=count), 0)
     return start, torch.argsort(corners, stable=True) // 3
+
+
+def barycentric(
+    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], place_px: Float[Tensor, "K 2"]
+) -> Float[Tensor, "K 3"]:
+    """Barycentric coordinates, in space, of the points of faces that are seen at places in the image."""
+    corners, depth = (values[mesh.faces[face]] for values in project(camera, mesh.vertices))
+    a, b, c = corners.unbind(1)
+    of_corners = torch.stack(
+        [_cross(c - b, place_px - b), _cross(a - c, place_px - c), _cross(b - a, place_px - a)], -1
+    )
+    weights = of_corners / depth
+    return weights / weights.sum(-1, keepdim=True)
+
+
+def blend_corners(corners: Float[Tensor, "K 3 C"], weights: Float[Tensor, "K 3"]) -> Float[Tensor, "K C"]:
+    """Values at points of faces, from those at corners and barycentric coordinates."""
+    return (corners * weights[..., None]).sum(1)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

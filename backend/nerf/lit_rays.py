@@ -45,10 +45,23 @@ def surface_points(
     position: Float[Tensor, "R 3"],
     view: Float[Tensor, "R 3"],
     places: SkinPlaces,
+    known_normal: Float[Tensor, "R 3"] | None = None,
 ) -> SurfacePoints:
-    """The points with the normals that were gathered along the rays."""
+    """The points with the normals that were gathered along the rays.
+
+    Args:
+        field: whose rays they are.
+        gathered: along the rays.
+        position: as `ray_positions` gives them.
+        view: unit, of the rays.
+        places: on the mesh.
+        known_normal: as `ray_normals` gives them; None: no surface is known.
+    """
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
-    return SurfacePoints(position, normal.detach(), relief_normal, view, places)
+    normal = normal.detach()
+    if known_normal is not None:
+        normal = torch.where(known_normal.any(1, keepdim=True), known_normal, normal)
+    return SurfacePoints(position, normal, relief_normal, view, places)
 
 
 class SkinLayers(NamedTuple):

@@ -16,6 +16,7 @@ from .field import MlpField, PlaneField
 from .fine_mesh import fine_mesh, seen_surface
 from .lighting import Openness, light_features, openness
 from .lit_field import LitField
+from .ray_normals import ray_normals
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
@@ -42,6 +43,7 @@ class ReferenceBackend:
     lit_image = staticmethod(lit_image)
     fine_mesh = staticmethod(fine_mesh)
     seen_surface = staticmethod(seen_surface)
+    ray_normals = staticmethod(ray_normals)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

@@ -18,9 +18,9 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, conv2d, interpolate, normalize
 
 from ..hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinDetail, SkinMaps
-from .fine_mesh import FineMesh, PixelSurface
+from .fine_mesh import FineMesh, PixelSurface, barycentric, blend_corners
 from .lighting import DIFFUSE, GLOSS, SCATTERED
-from .rays import CameraTensors, project
+from .rays import CameraTensors
 from .relighting import MIN_ALPHA, LitImage
 
 DORSAL_MM, PALMAR_MM = 0.36, 0.55
@@ -174,11 +174,11 @@ def pixel_skin(
     """What these pixels show; `view` as in `LitImage`, others as in `detailed_image`."""
     row = (seen.face[pixel] >= 0).nonzero()[:, 0]
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
-    corners, barycentric = mesh.faces[face], _barycentric(mesh, camera, face, pixel[row])
+    corners, weights = mesh.faces[face], barycentric(mesh, camera, face, _centres(pixel[row], camera))
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
     footprint_m = depth / (camera.focal_px * mesh.scale * _face_cosine(gradients, view[row]))
-    values = maps.sample(_blend(mesh.corner_uv[face], barycentric), torch.log2(footprint_m / maps.texel_m))
-    flex = _blend(mesh.flex[corners][..., None], barycentric)
+    values = maps.sample(blend_corners(mesh.corner_uv[face], weights), torch.log2(footprint_m / maps.texel_m))
+    flex = blend_corners(mesh.flex[corners][..., None], weights)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
     bent = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
@@ -187,7 +187,7 @@ def pixel_skin(
         coverage=seen.coverage[pixel],
         depth=seen.depth[pixel],
         row=row,
-        normal=normalize(normalize(_blend(mesh.normals[corners], barycentric), dim=-1) - bent, dim=-1),
+        normal=normalize(normalize(blend_corners(mesh.normals[corners], weights), dim=-1) - bent, dim=-1),
         albedo=torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO))),
         nail=values[:, -1],
     )
@@ -210,6 +210,11 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )
+
+
+def _centres(pixel: Int[Tensor, " K"], camera: CameraTensors) -> Float[Tensor, "K 2"]:
+    width = camera.size_px[0]
+    return torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
 
 
 def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:
@@ -287,24 +292,3 @@ def _blurred(maps: Float[Tensor, "C N N"], deviation: float) -> Float[Tensor, "C
     weight = weight / weight.sum()
     along_u = conv2d(maps[:, None], weight.reshape(1, 1, 1, -1), padding=(0, reach))
     return conv2d(along_u, weight.reshape(1, 1, -1, 1), padding=(reach, 0))[:, 0]
-
-
-def _barycentric(
-    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
-) -> Float[Tensor, "K 3"]:
-    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres."""
-    corners, depth = (values[mesh.faces[face]] for values in project(camera, mesh.vertices))
-    width = camera.size_px[0]
-    centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
-    a, b, c = corners.unbind(1)
-    of_corners = torch.stack([_cross(c - b, centre - b), _cross(a - c, centre - c), _cross(b - a, centre - a)], -1)
-    weights = of_corners / depth
-    return weights / weights.sum(-1, keepdim=True)
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _blend(corners: Float[Tensor, "K 3 C"], barycentric: Float[Tensor, "K 3"]) -> Float[Tensor, "K C"]:
-    return (corners * barycentric[..., None]).sum(1)

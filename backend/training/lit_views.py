@@ -54,6 +54,18 @@ _LEFT_OUT = 0.2
 """Probability with which a group is left out, if another remains."""
 
 
+class SeenSkin(NamedTuple):
+    """What a view of R rays shows of a known skin.
+
+    Attributes:
+        pixels: of the full-size image.
+        ray_normal: [R, 3] as `nerf.ray_normals.ray_normals` gives them.
+    """
+
+    pixels: PixelSkin
+    ray_normal: Tensor
+
+
 class ViewLight(NamedTuple):
     """The light of one instant, in G groups.
 
@@ -68,7 +80,7 @@ class ViewLight(NamedTuple):
         places: of these on the mesh.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
-        skin: what the pixels show of it, where it is known.
+        skin: what the view shows of it, where it is known.
         around: light from what stands around; None: nothing does.
     """
 
@@ -82,7 +94,7 @@ class ViewLight(NamedTuple):
     places: SkinPlaces
     targets: Tensor
     alpha: Tensor
-    skin: PixelSkin | None
+    skin: SeenSkin | None
     around: SurroundingLight | None
 
 
@@ -96,7 +108,7 @@ class MixedLight(NamedTuple):
         position: [R, 3] of the rays' points, m.
         places: of these on the mesh.
         exposure: [] factor of linear colours before they are encoded.
-        skin: what the pixels show of it, where it is known.
+        skin: what the view shows of it, where it is known.
         around: light from what stands around; None: nothing does.
     """
 
@@ -106,7 +118,7 @@ class MixedLight(NamedTuple):
     position: Tensor
     places: SkinPlaces
     exposure: Tensor
-    skin: PixelSkin | None
+    skin: SeenSkin | None
     around: SurroundingLight | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
@@ -142,7 +154,7 @@ class LitTrainingViews(TrainingViews):
         by_file = {group[0].file: group for group in instants}
         self._groups = [by_file[view.file] for view in self.views]
         self._kept_light: dict[int, tuple] = {}
-        self._kept_skin: dict[int, PixelSkin] = {}
+        self._kept_skin: dict[int, SeenSkin] = {}
         self._hand_poses = list(capture.poses)
 
     def get(self, index: int, jitter: int) -> TrainingView:
@@ -203,7 +215,7 @@ class LitTrainingViews(TrainingViews):
             places=layers.places(hand, layers.first, pixel, position),
             targets=linear[:, :3],
             alpha=linear[0, 3],
-            skin=self._skin_at(index, view),
+            skin=self._skin_at(index, view, position, layers.edge_m),
             around=around,
         )
 
@@ -215,8 +227,8 @@ class LitTrainingViews(TrainingViews):
     def _fine_template(self) -> FineTemplate | None:
         return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
-    def _skin_at(self, index: int, view: TrainingView) -> PixelSkin | None:
-        """What the pixels of an instant show of the known skin, computed once and kept in half precision."""
+    def _skin_at(self, index: int, view: TrainingView, position: Tensor, edge_m: Tensor) -> SeenSkin | None:
+        """What an instant shows of the known skin, computed once and kept in half precision."""
         if self._skin is None or self._fine_template is None:
             return None
         if index not in self._kept_skin:
@@ -226,8 +238,10 @@ class LitTrainingViews(TrainingViews):
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)
             skin = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
-            self._kept_skin[index] = PixelSkin(*(_halved(values) for values in skin))
-        return PixelSkin(*(_whole(values) for values in self._kept_skin[index]))
+            normal = self.backend.ray_normals(mesh, seen, camera, view.rays.pixel, position, edge_m)
+            self._kept_skin[index] = SeenSkin(PixelSkin(*(_halved(values) for values in skin)), normal.half())
+        skin, normal = self._kept_skin[index]
+        return SeenSkin(PixelSkin(*(_whole(values) for values in skin)), normal.float())
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor

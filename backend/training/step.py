@@ -197,7 +197,8 @@ def _render_lit(
     light: MixedLight = view.light
     gathered = gathered._replace(channels=gathered.channels.float())
     directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
-    points = surface_points(field, gathered, light.position, directions, light.places)
+    known_normal = light.skin.ray_normal if light.skin else None
+    points = surface_points(field, gathered, light.position, directions, light.places, known_normal)
     open_to = openness(light.samples.sky, light.open_sky, points.normal)
     with autocast(views.device, precision):
         low = field.decode(gathered, directions, open_to)
@@ -213,7 +214,7 @@ def _render_lit(
     image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
     alpha = image.alpha  # of a known skin, too: else its density would learn nothing
     if light.skin is not None:
-        image = with_skin(image, light.skin)
+        image = with_skin(image, light.skin.pixels)
     colours = light.encoded(relit(image, features, pixel, size_px))
     return Rendered(maps, torch.cat([colours, alpha[None]]))
 

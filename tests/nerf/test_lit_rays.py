@@ -5,8 +5,11 @@ import pytest
 import torch
 from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.geometry.shadow_maps import Bounds
+from livehand.backend.nerf.bounce import SkinPlaces
+from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.light_samples import LampSamples, LightSamples
-from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, SkinLayers, light_shadows, sky_shadows
+from livehand.backend.nerf.lit_field import LitField
+from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, SkinLayers, light_shadows, sky_shadows, surface_points
 from livehand.backend.nerf.rays import HandInView, RenderedRays
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.light import Lamp, Light
@@ -80,3 +83,22 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     assert torch.equal(quick.lamps.lit, whole.lamps.lit)
     assert torch.equal(quick.probes.of_lamps, rough.probes.of_lamps)
     assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()
+
+
+def test_light_falls_on_the_normals_of_a_known_surface_where_rays_meet_it():
+    field = LitField(FieldConfig(planes=((48, 3, 2), (64, 1, 4)), relief=32, light="linear"))
+    of_mesh, relief = torch.tensor([0.0, 0, 2]), torch.tensor([0.0, 3, 0])
+    channels = torch.zeros(2, field.near_channels + 6)
+    channels[:, field.near_channels : field.near_channels + 3] = of_mesh
+    channels[:, field.normal_slice] = relief
+    composite = Composite(channels.requires_grad_(), torch.ones(2), torch.ones(2), torch.ones(2, 1))
+    position, view = torch.zeros(2, 3), torch.tensor([[0.0, 0, -1]] * 2)
+    places = SkinPlaces(torch.zeros(2, 3, dtype=torch.long), torch.zeros(2, 3))
+    known = torch.tensor([[1.0, 0, 0], [0, 0, 0]])
+    points = surface_points(field, composite, position, view, places, known)
+    torch.testing.assert_close(points.normal, torch.tensor([[1.0, 0, 0], [0, 0, 1]]))
+    torch.testing.assert_close(points.relief_normal, torch.tensor([[0.0, 1, 0]] * 2))
+    assert not points.normal.requires_grad
+    assert points.relief_normal.requires_grad  # the field still learns
+    unknown = surface_points(field, composite, position, view, places)
+    torch.testing.assert_close(unknown.normal, torch.tensor([[0.0, 0, 1]] * 2))
