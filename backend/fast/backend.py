@@ -24,7 +24,7 @@ from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import light_features, openness
-from .ray_normals import ray_normals
+from .ray_hits import ray_hits
 from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
 from .shadow_maps import look_up_by_kernel
@@ -72,7 +72,7 @@ class NumbaBackend:
     )
     fine_mesh = staticmethod(fine_mesh)
     seen_surface = staticmethod(seen_surface)
-    ray_normals = staticmethod(ray_normals)
+    ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

@@ -25,6 +25,7 @@ from .fine_mesh import FineMesh, FineTemplate, PixelSurface
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .lit_field import LitField
+from .ray_hits import RayHits
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
@@ -143,16 +144,8 @@ class RenderBackend(Protocol):
         """As `nerf.fine_mesh.seen_surface`."""
         ...
 
-    def ray_normals(
-        self,
-        mesh: FineMesh,
-        seen: PixelSurface,
-        camera: CameraTensors,
-        pixel: Int[Tensor, " R"],
-        position: Float[Tensor, "R 3"],
-        edge_m: Float[Tensor, ""],
-    ) -> Float[Tensor, "R 3"]:
-        """As `nerf.ray_normals.ray_normals`."""
+    def ray_hits(self, mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
+        """As `nerf.ray_hits.ray_hits`."""
         ...
 
     def detailed_image(

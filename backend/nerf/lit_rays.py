@@ -19,6 +19,7 @@ from .light_samples import LampSamples, LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
+from .ray_hits import RayHits
 from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
 from .surrounding_light import SurroundingLight
@@ -45,7 +46,7 @@ def surface_points(
     position: Float[Tensor, "R 3"],
     view: Float[Tensor, "R 3"],
     places: SkinPlaces,
-    known_normal: Float[Tensor, "R 3"] | None = None,
+    hits: RayHits | None = None,
 ) -> SurfacePoints:
     """The points with the normals that were gathered along the rays.
 
@@ -55,12 +56,12 @@ def surface_points(
         position: as `ray_positions` gives them.
         view: unit, of the rays.
         places: on the mesh.
-        known_normal: as `ray_normals` gives them; None: no surface is known.
+        hits: of the rays with a known surface; None: none is known.
     """
     normal, relief_normal = (normalize(values, dim=-1) for values in field.normals(mean_features(gathered)))
     normal = normal.detach()
-    if known_normal is not None:
-        normal = torch.where(known_normal.any(1, keepdim=True), known_normal, normal)
+    if hits is not None:
+        normal = torch.where(hits.depth.isfinite()[:, None], hits.normal, normal)
     return SurfacePoints(position, normal, relief_normal, view, places)
 
 
@@ -88,7 +89,12 @@ class SkinLayers(NamedTuple):
         return self.mesh.depth - self.outer.depth > self.edge_m
 
     def places(
-        self, hand: HandInView, skin: SkinDepth, pixel: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
+        self,
+        hand: HandInView,
+        skin: SkinDepth,
+        pixel: Int[Tensor, " R"],
+        position: Float[Tensor, "R 3"],
+        hits: RayHits | None = None,
     ) -> SkinPlaces:
         """Where rays lie on the mesh that meet the skin there.
 
@@ -97,9 +103,12 @@ class SkinLayers(NamedTuple):
             skin: `first`, or as `seen_by` chose.
             pixel: of the rays.
             position: as `ray_positions` gives them.
+            hits: as there.
         """
         is_of_mesh = skin.depth[pixel] == self.mesh.depth[pixel]
         face = torch.where(is_of_mesh, self.mesh.face[pixel], self.outer.face[pixel])
+        if hits is not None:
+            face = torch.where(hits.is_of_other_part(skin.depth[pixel], self.edge_m), -1, face)
         return SkinPlaces.of(hand.mesh, hand.topology.faces, face, position)
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
@@ -139,8 +148,11 @@ def ray_positions(
     directions: Float[Tensor, "R 3"],
     t: Float[Tensor, "R N"],
     dt: Float[Tensor, " R"],
+    hits: RayHits | None = None,
 ) -> Float[Tensor, "R 3"]:
     """Where rays first meet the skin, world, m; rays that only meet the shell: the middle of their samples.
+
+    That is on the mesh, of which shadows are cast, but where a known surface shows another part, on that surface.
 
     Args:
         hand: posed, in the rays' view.
@@ -149,8 +161,11 @@ def ray_positions(
         directions: of depth 1.
         t: depth of the samples, m; only the first is read.
         dt: their step, m.
+        hits: of the rays with a known surface; None: none is known.
     """
     depth, middle = skin.depth[pixel], t[:, 0] + 0.5 * (t.shape[1] - 1) * dt
+    if hits is not None:
+        depth = torch.where(hits.is_of_other_part(depth, skin.edge_m), hits.depth, depth)
     depth = torch.where(depth.isfinite(), depth, middle)
     return ray_origin(hand.camera) + depth[:, None] * directions
 

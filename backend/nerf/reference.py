@@ -16,7 +16,7 @@ from .field import MlpField, PlaneField
 from .fine_mesh import fine_mesh, seen_surface
 from .lighting import Openness, light_features, openness
 from .lit_field import LitField
-from .ray_normals import ray_normals
+from .ray_hits import ray_hits
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
 from .sampler import SamplerConfig, first_hit
@@ -43,7 +43,7 @@ class ReferenceBackend:
     lit_image = staticmethod(lit_image)
     fine_mesh = staticmethod(fine_mesh)
     seen_surface = staticmethod(seen_surface)
-    ray_normals = staticmethod(ray_normals)
+    ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
     trace = staticmethod(trace)

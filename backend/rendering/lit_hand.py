@@ -163,26 +163,23 @@ def render_lit_hand(
     size_px = hand.camera.size_px
     layers = skin_layers(backend, hand)
     skin = layers.seen_by(rays, size_px)
-    position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt)
-    seen = known_normal = None
-    if known is not None:
-        full = doubled(hand.camera)
-        seen = backend.seen_surface(known.mesh, full)
-        known_normal = backend.ray_normals(known.mesh, seen, full, rays.pixel, position, skin.edge_m)
-    places = layers.places(hand, skin, rays.pixel, position)
-    points = surface_points(field, rays.composite, position, view, places, known_normal)
+    hits = None if known is None else backend.ray_hits(known.mesh, hand.camera, rays.pixel)
+    position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt, hits)
+    places = layers.places(hand, skin, rays.pixel, position, hits)
+    points = surface_points(field, rays.composite, position, view, places, hits)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))
     open_to = backend.openness(SkySamples.of(None, device), at_points, points.normal)
     on_stage("field")
     low = field.decode(rays.composite, view, open_to, decoder, backend.decoder_inputs)
     on_stage("superres")
-    if known is None or seen is None:
+    if known is None:
         skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
         profile, edges = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None
     else:
         full = doubled(hand.camera)
+        seen = backend.seen_surface(known.mesh, full)
         at_pixels = skin._replace(depth=seen.depth)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)

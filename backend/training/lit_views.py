@@ -36,6 +36,7 @@ from ..nerf.lit_rays import (
     split_points,
     surrounding_light,
 )
+from ..nerf.ray_hits import RayHits
 from ..nerf.rays import HandInView, view_directions
 from ..nerf.relighting import covered_pixels, doubled
 from ..nerf.sampler import SamplerConfig
@@ -59,11 +60,11 @@ class SeenSkin(NamedTuple):
 
     Attributes:
         pixels: of the full-size image.
-        ray_normal: [R, 3] as `nerf.ray_normals.ray_normals` gives them.
+        hits: of the rays.
     """
 
     pixels: PixelSkin
-    ray_normal: Tensor
+    hits: RayHits
 
 
 class ViewLight(NamedTuple):
@@ -200,7 +201,9 @@ class LitTrainingViews(TrainingViews):
         sky_flux = torch.stack([sky.flux for sky in skies])
         hand = HandInView(view.mesh, self.topology, view.camera)
         layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
-        position = ray_positions(hand, layers.first, pixel, directions, t, dt)
+        skin = self._skin_at(index, view)
+        hits = None if skin is None else skin.hits
+        position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
         sky = SkySamples(skies[0].towards, sky_flux.sum(0))
         shadows, open_sky, around = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
         linear = self._linear(index)
@@ -212,10 +215,10 @@ class LitTrainingViews(TrainingViews):
             shadows=shadows,
             open_sky=open_sky,
             position=position,
-            places=layers.places(hand, layers.first, pixel, position),
+            places=layers.places(hand, layers.first, pixel, position, hits),
             targets=linear[:, :3],
             alpha=linear[0, 3],
-            skin=self._skin_at(index, view, position, layers.edge_m),
+            skin=skin,
             around=around,
         )
 
@@ -227,8 +230,8 @@ class LitTrainingViews(TrainingViews):
     def _fine_template(self) -> FineTemplate | None:
         return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
-    def _skin_at(self, index: int, view: TrainingView, position: Tensor, edge_m: Tensor) -> SeenSkin | None:
-        """What an instant shows of the known skin, computed once and kept in half precision."""
+    def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
+        """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""
         if self._skin is None or self._fine_template is None:
             return None
         if index not in self._kept_skin:
@@ -238,10 +241,11 @@ class LitTrainingViews(TrainingViews):
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)
             skin = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
-            normal = self.backend.ray_normals(mesh, seen, camera, view.rays.pixel, position, edge_m)
-            self._kept_skin[index] = SeenSkin(PixelSkin(*(_halved(values) for values in skin)), normal.half())
-        skin, normal = self._kept_skin[index]
-        return SeenSkin(PixelSkin(*(_whole(values) for values in skin)), normal.float())
+            depth, normal = self.backend.ray_hits(mesh, view.camera, view.rays.pixel)
+            halved = PixelSkin(*(_halved(values) for values in skin))
+            self._kept_skin[index] = SeenSkin(halved, RayHits(depth, normal.half()))
+        skin, (depth, normal) = self._kept_skin[index]
+        return SeenSkin(PixelSkin(*(_whole(values) for values in skin)), RayHits(depth, normal.float()))
 
     def _shadows(
         self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor

@@ -197,8 +197,8 @@ def _render_lit(
     light: MixedLight = view.light
     gathered = gathered._replace(channels=gathered.channels.float())
     directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
-    known_normal = light.skin.ray_normal if light.skin else None
-    points = surface_points(field, gathered, light.position, directions, light.places, known_normal)
+    hits = light.skin.hits if light.skin else None
+    points = surface_points(field, gathered, light.position, directions, light.places, hits)
     open_to = openness(light.samples.sky, light.open_sky, points.normal)
     with autocast(views.device, precision):
         low = field.decode(gathered, directions, open_to)

@@ -3,15 +3,25 @@
 import numpy as np
 import pytest
 import torch
+from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.light_samples import LampSamples, LightSamples
 from livehand.backend.nerf.lit_field import LitField
-from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, SkinLayers, light_shadows, sky_shadows, surface_points
-from livehand.backend.nerf.rays import HandInView, RenderedRays
+from livehand.backend.nerf.lit_rays import (
+    NO_OCCLUDERS,
+    SkinLayers,
+    light_shadows,
+    ray_positions,
+    sky_shadows,
+    surface_points,
+)
+from livehand.backend.nerf.ray_hits import RayHits
+from livehand.backend.nerf.rays import HandInView, RenderedRays, camera_tensors
 from livehand.backend.nerf.volume import Composite
+from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light
 
 SIZE = (4, 1)
@@ -94,11 +104,31 @@ def test_light_falls_on_the_normals_of_a_known_surface_where_rays_meet_it():
     composite = Composite(channels.requires_grad_(), torch.ones(2), torch.ones(2), torch.ones(2, 1))
     position, view = torch.zeros(2, 3), torch.tensor([[0.0, 0, -1]] * 2)
     places = SkinPlaces(torch.zeros(2, 3, dtype=torch.long), torch.zeros(2, 3))
-    known = torch.tensor([[1.0, 0, 0], [0, 0, 0]])
-    points = surface_points(field, composite, position, view, places, known)
+    hits = RayHits(torch.tensor([0.5, INF]), torch.tensor([[1.0, 0, 0], [0, 0, 0]]))
+    points = surface_points(field, composite, position, view, places, hits)
     torch.testing.assert_close(points.normal, torch.tensor([[1.0, 0, 0], [0, 0, 1]]))
     torch.testing.assert_close(points.relief_normal, torch.tensor([[0.0, 1, 0]] * 2))
     assert not points.normal.requires_grad
     assert points.relief_normal.requires_grad  # the field still learns
     unknown = surface_points(field, composite, position, view, places)
     torch.testing.assert_close(unknown.normal, torch.tensor([[0.0, 0, 1]] * 2))
+
+
+def test_rays_are_on_the_mesh_unless_a_known_surface_shows_another_part(posed):
+    """By 1 mm it is another place of the same part; beside the mesh, or before another part, the surface tells."""
+    camera = camera_tensors(Camera(np.eye(3), np.diag([1.0, -1, -1, 1]), SIZE), "cpu")
+    mesh = PosedMesh(
+        torch.tensor([[-9.0, -9, -0.6], [9, -9, -0.6], [0, 9, -0.6]]), torch.zeros(3, 3), torch.tensor(1.0)
+    )
+    hand = HandInView(mesh, posed("fist").topology._replace(faces=torch.tensor([[0, 1, 2]])), camera)
+    of_mesh = layers([FINGER_M, PALM_M, INF, PALM_M], [INF, INF, INF, INF])
+    of_mesh = of_mesh._replace(mesh=of_mesh.mesh._replace(face=torch.tensor([0, 0, -1, 0])))
+    hits = RayHits(torch.tensor([FINGER_M + 0.001, FINGER_M, FINGER_M, INF]), torch.zeros(4, 3))
+    pixel, directions = torch.arange(4), torch.tensor([[0.0, 0, -1]] * 4)
+    rest = pixel, directions, torch.full((4, 2), 0.7), torch.full((4,), 0.1)
+    position = ray_positions(hand, of_mesh.first, *rest, hits)
+    torch.testing.assert_close(position[:, 2], -torch.tensor([FINGER_M, FINGER_M, FINGER_M, PALM_M]))
+    beside = of_mesh.places(hand, of_mesh.first, pixel, position, hits).is_beside
+    assert beside.tolist() == [False, True, True, False]
+    unknown = ray_positions(hand, of_mesh.first, *rest)
+    torch.testing.assert_close(unknown[:, 2], -torch.tensor([FINGER_M, PALM_M, 0.75, PALM_M]))

@@ -144,7 +144,7 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
     """Colours are the surface's; alpha stays the field's, which would else learn nothing of it."""
     assert lit_views.get(0, 0).light.skin is None
     view = mixed(known_skin_views.get(0, 0), torch.Generator().manual_seed(5))
-    skin, ray_normal = view.light.skin
+    skin, hits = view.light.skin
     avatar = new_avatar("a", hand.name, hand.sha256, lit_config, seed=1)
     even = skin._replace(albedo=torch.ones_like(skin.albedo), nail=0 * skin.nail)
     variants = {
@@ -155,16 +155,16 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
     }
     shown = {}
     for name, of_skin in variants.items():
-        light = view.light._replace(skin=of_skin and SeenSkin(of_skin, ray_normal))
+        light = view.light._replace(skin=of_skin and SeenSkin(of_skin, hits))
         shown[name] = render_view(avatar, known_skin_views, view._replace(light=light)).image.detach()
         torch.testing.assert_close(shown[name][3], shown["none"][3])
     assert shown["dark"][:3].sum() < 0.9 * shown["even"][:3].sum()
     assert shown["outside"][:3].abs().max() == 0
     assert skin.albedo.std() > 0.01
-    lengths = ray_normal.norm(dim=-1)
-    assert (lengths > 0).float().mean() > 0.7
-    torch.testing.assert_close(lengths[lengths > 0], torch.ones(int((lengths > 0).sum())), atol=2e-3, rtol=0)
-    turned = view.light._replace(skin=SeenSkin(even, -ray_normal))
+    lengths = hits.normal.norm(dim=-1)[hits.depth.isfinite()]
+    assert len(lengths) > 0.7 * len(hits.depth)
+    torch.testing.assert_close(lengths, torch.ones(len(lengths)), atol=2e-3, rtol=0)
+    turned = view.light._replace(skin=SeenSkin(even, hits._replace(normal=-hits.normal)))
     dark = render_view(avatar, known_skin_views, view._replace(light=turned)).image.detach()
     assert dark[:3].sum() < 0.9 * shown["even"][:3].sum()
     torch.testing.assert_close(skin.normal.norm(dim=-1), torch.ones(len(skin.row)), atol=2e-3, rtol=0)
@@ -174,12 +174,12 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
 
 def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
     views = known_skin_views
-    before, normal_before = views.get(0, 0).light.skin
+    before, hits_before = views.get(0, 0).light.skin
     theta = torch.as_tensor(views.capture.poses[views.views[0].pose_index].theta, dtype=torch.float32) + 0.3
     mesh = views.get(0, 0).mesh
     views.move_pose(views.views[0].pose_index, theta, mesh.vertices + 0.002)
-    after, normal_after = views.get(0, 0).light.skin
-    assert not torch.equal(normal_before, normal_after)
+    after, hits_after = views.get(0, 0).light.skin
+    assert not torch.equal(hits_before.depth, hits_after.depth)
     assert len(before.row) != len(after.row) or not torch.equal(before.albedo, after.albedo)
 
 

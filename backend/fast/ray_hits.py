@@ -1,0 +1,31 @@
+"""Where rays meet a known surface on the CPU: as `nerf.ray_hits`, by the kernels."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from ..nerf.fine_mesh import FineMesh
+from ..nerf.ray_hits import RayHits
+from ..nerf.rays import CameraTensors, project
+from .arrays import as_arrays
+from .fronts import find_fronts
+from .kernels.compiled import in_parallel
+from .kernels.ray_hits import fill_normals
+from .kernels.records import ProjectedMesh
+
+
+def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
+    """As `nerf.ray_hits.ray_hits`."""
+    projected = ProjectedMesh(*as_arrays(*project(camera, mesh.vertices), mesh.faces))
+    fronts = find_fronts(projected, camera.size_px)
+    at, of_vertices = as_arrays(pixel, mesh.normals)
+    normal = torch.empty(len(pixel), 3)
+    face, width, out = fronts.face[at], camera.size_px[0], normal.numpy()
+    in_parallel(
+        lambda first, last: fill_normals(projected, of_vertices, face, at, width, first, last, out),
+        len(pixel),
+        torch.get_num_threads(),
+    )
+    return RayHits(torch.as_tensor(fronts.depth[at]), normal)
