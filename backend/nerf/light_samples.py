@@ -18,7 +18,7 @@ from ..records.light import Lamp, Light, Sky, sky_directions
 SKY_DIRECTIONS = 64
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
 _SAMPLES_FROM_DEG = ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1))
-_FINE_SAMPLES_FROM_DEG = ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 4), (0.0, 1))
+_FINE_SAMPLES_FROM_DEG = ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1))
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
 _GOLDEN_ANGLE = pi * (3 - 5**0.5)

@@ -125,3 +125,15 @@ def test_frames_that_are_kept_ask_for_more_points():
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(0.3, 0.3))
     counts = [len(LightSamples.of(Light((lamp,), has_fine_shadows=fine), BOUNDS).lamps.lamp) for fine in (False, True)]
     assert counts == [9, 25]
+
+
+def test_in_kept_frames_a_hard_suns_penumbra_has_small_steps():
+    """An edge far before the hand hides the sun's points one after the other, whichever way it runs."""
+    sun = Lamp("sun", np.ones(3), angle_rad=np.deg2rad(2.5))
+    steps = {}
+    for is_fine in (False, True):
+        towards = LampSamples.of((sun,), BOUNDS, is_fine).position[:, :2].double()
+        turns = torch.arange(16) * np.pi / 16
+        hidden_at = (towards @ torch.stack([turns.cos(), turns.sin()]).double()).sort(0).values
+        steps[is_fine] = float(hidden_at.diff(dim=0).max()) / sun.angle_rad
+    assert steps[True] < 0.3 < 0.4 < steps[False]
