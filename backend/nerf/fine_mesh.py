@@ -195,9 +195,9 @@ def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames)
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """What the camera's pixels show of the mesh."""
     (width, height), projected = camera.size_px, project(camera, mesh.vertices)
-    depth_at, face = _fronts(mesh, *projected, camera)
+    depth_at, face = first_fronts(mesh, *projected, camera)
     is_seen = face >= 0
-    depths, faces = zip(*(_fronts(mesh, *projected, camera, sample) for sample in SAMPLES), strict=True)
+    depths, faces = zip(*(first_fronts(mesh, *projected, camera, sample) for sample in SAMPLES), strict=True)
     samples = SurfaceFragments(torch.stack(depths), mesh.bones.at(torch.stack(faces)))
     covered = samples.depth.isfinite().float().mean(0)
     edges = PartEdges.of(SurfaceFragments(depth_at, mesh.bones.at(face)), samples, mesh.bones, camera, mesh.scale)
@@ -211,7 +211,7 @@ def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     return PixelSurface(face, depth_at, coverage, edges)
 
 
-def _fronts(
+def first_fronts(
     mesh: FineMesh,
     positions_px: Float[Tensor, "N 2"],
     depth: Float[Tensor, " N"],
@@ -240,14 +240,14 @@ def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor
 
 
 def barycentric(
-    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], place_px: Float[Tensor, "K 2"]
+    mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
 ) -> Float[Tensor, "K 3"]:
-    """Barycentric coordinates, in space, of the points of faces that are seen at places in the image."""
+    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres."""
     corners, depth = (values[mesh.faces[face]] for values in project(camera, mesh.vertices))
+    width = camera.size_px[0]
+    centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
     a, b, c = corners.unbind(1)
-    of_corners = torch.stack(
-        [_cross(c - b, place_px - b), _cross(a - c, place_px - c), _cross(b - a, place_px - a)], -1
-    )
+    of_corners = torch.stack([_cross(c - b, centre - b), _cross(a - c, centre - c), _cross(b - a, centre - a)], -1)
     weights = of_corners / depth
     return weights / weights.sum(-1, keepdim=True)
 

@@ -84,7 +84,7 @@ class PartEdges(NamedTuple):
         bones: SurfaceBones,
         camera: CameraTensors,
         scale: Tensor,
-    ):
+    ) -> PartEdges:
         """The edges in an image.
 
         Args:

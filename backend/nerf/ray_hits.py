@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..geometry.rasterise import nearest_fronts, rasterise
-from .fine_mesh import FineMesh, barycentric, blend_corners
+from .fine_mesh import FineMesh, barycentric, blend_corners, first_fronts
 from .rays import CameraTensors, project
 
 _SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
@@ -41,11 +39,9 @@ class RayHits(NamedTuple):
 
 def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
     """Where rays through the centres of pixels first meet the front of a posed surface."""
-    fronts = nearest_fronts(rasterise(*project(camera, mesh.vertices), mesh.faces, camera.size_px), camera.size_px)
+    fronts = first_fronts(mesh, *project(camera, mesh.vertices), camera)
     meets = (fronts.face[pixel] >= 0).nonzero()[:, 0]
-    width, at = camera.size_px[0], pixel[meets]
-    face = fronts.face[at].long()
-    centre = torch.stack([at % width, torch.div(at, width, rounding_mode="floor")], 1) + 0.5
-    normal = blend_corners(mesh.normals[mesh.faces[face]], barycentric(mesh, camera, face, centre))
+    face = fronts.face[pixel[meets]].long()
+    normal = blend_corners(mesh.normals[mesh.faces[face]], barycentric(mesh, camera, face, pixel[meets]))
     normals = mesh.normals.new_zeros(len(pixel), 3).index_put((meets,), normalize(normal, dim=-1))
     return RayHits(fronts.depth[pixel], normals)

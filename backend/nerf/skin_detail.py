@@ -174,7 +174,7 @@ def pixel_skin(
     """What these pixels show; `view` as in `LitImage`, others as in `detailed_image`."""
     row = (seen.face[pixel] >= 0).nonzero()[:, 0]
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
-    corners, weights = mesh.faces[face], barycentric(mesh, camera, face, _centres(pixel[row], camera))
+    corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
     footprint_m = depth / (camera.focal_px * mesh.scale * _face_cosine(gradients, view[row]))
     values = maps.sample(blend_corners(mesh.corner_uv[face], weights), torch.log2(footprint_m / maps.texel_m))
@@ -210,11 +210,6 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )
-
-
-def _centres(pixel: Int[Tensor, " K"], camera: CameraTensors) -> Float[Tensor, "K 2"]:
-    width = camera.size_px[0]
-    return torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
 
 
 def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> Float[Tensor, "K 2 3"]:

@@ -87,7 +87,7 @@ def mark_parts(nearest, face_at, width, height, step_m, step_per_m, first_row, l
 def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bits, at_edges):
     """Look for front faces at the samples of pixels in rows [first_row, last_row).
 
-    Of outline pixels, set a bit for every sample in a face; of others, lower the depths of `at_edges` (`EdgeSamples`).
+    Of outline pixels, set a bit for every sample in a face; of those in `at_edges` (`EdgeSamples`), note the nearest.
     """
     positions_px, faces, depth = mesh.positions_px, mesh.faces, mesh.depth
     for face in range(faces.shape[0]):
@@ -166,11 +166,11 @@ def depth_at_rim(nearest, coverage, width, height, first_row, last_row, depth):
 
 
 @part
-def _is_first(depth, face, between, part, marks):
+def _is_first(depth, face, between, bone, marks):
     """Whether a fragment is of the first part, as `nerf.part_edges` has it."""
     if between > _0:
         return depth < between
-    return face >= 0 and not marks.apart[marks.bone_of_face[face], part]
+    return face >= 0 and not marks.apart[marks.bone_of_face[face], bone]
 
 
 @compiled
@@ -182,13 +182,13 @@ def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_fir
     nearest, face_at, width, height = seen
     for slot in range(first, last):
         at = pixel[slot]
-        y, x, between, own = at // width, at % width, marks.between[at], marks.part[at]
+        y, x, between, bone = at // width, at % width, marks.between[at], marks.part[at]
         total, weights = _0, _0
         for row in range(3):
             below = min(max(y + row - 1, 0), height - 1) * width
             for column in range(3):
                 near = below + min(max(x + column - 1, 0), width - 1)
-                is_first = _is_first(nearest[near], face_at[near], between, own, marks)
+                is_first = _is_first(nearest[near], face_at[near], between, bone, marks)
                 shows_first[3 * row + column, slot] = is_first
                 if not (nearest[near] < _INF or (row == 1 and column == 1)):
                     continue
@@ -199,7 +199,7 @@ def edge_shares(pixel, seen, marks, samples, taps, first, last, share, shows_fir
                         depth, face = samples.depth[of_near, k], samples.face[of_near, k]
                         if depth < _INF:
                             all_ += _1
-                            ours += np.float32(_is_first(depth, face, between, own, marks))
+                            ours += np.float32(_is_first(depth, face, between, bone, marks))
                     shown = ours / max(all_, _1)
                 weight = taps[row] * taps[column]
                 total += weight * shown

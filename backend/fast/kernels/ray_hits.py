@@ -6,7 +6,7 @@ import numpy as np
 
 from .compiled import compiled
 
-_0, _HALF, _1 = np.float32(0), np.float32(0.5), np.float32(1)
+_0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
 
 
 @compiled
@@ -32,5 +32,6 @@ def fill_normals(mesh, normals, face, pixel, width, first, last, out):
             value = weight * (wa * normals[a, axis] + wb * normals[b, axis] + wc * normals[c, axis])
             out[ray, axis] = value
             squared += value * value
+        length = max(np.sqrt(squared), _TINY)
         for axis in range(3):
-            out[ray, axis] /= np.sqrt(squared)
+            out[ray, axis] /= length
