@@ -9,12 +9,10 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
+from ..nerf.gloss import F0, NAIL_ROUGHNESS, ROUGHNESS
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
-    F0,
-    NAIL_ROUGHNESS,
-    ROUGHNESS,
     SCATTER_M,
     SKY_CELL_RAD,
     WRAP,
@@ -35,10 +33,14 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
-    buffers = [torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2, 3), (2, 3))]
-    out = FeatureArrays(*(values.numpy() for values in buffers))
+    vectors, of_sky, seen, scattered = (
+        torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2,), (2, 3))
+    )
+    out = FeatureArrays(*as_arrays(vectors, of_sky, seen, scattered))
     arrays = PointArrays(*as_arrays(*points[:-1]))
-    sky_arrays = SkyArrays(*as_arrays(*sky), *(whole_rows(values) for values in shadows.sky))
+    sky_arrays = SkyArrays(
+        *as_arrays(sky.towards, sky.flux, sky.brightness), *(whole_rows(values) for values in shadows.sky)
+    )
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(
         lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out),
@@ -47,8 +49,18 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     )
     probes, shed = shadows.probes.probes, shadows.probes.shed(light)
     reflected = bounced_on_skin(points.places, points.position, points.normal, probes, shed, bounced)
-    ones = torch.ones(count, 3)
-    return LightFeatures._make((buffers[0], lamps.rgb, lamps.radius_rad, *buffers[1:], ones, reflected))
+    return LightFeatures(
+        lamp_vectors=vectors,
+        lamp_rgb=lamps.rgb,
+        lamp_radius_rad=lamps.radius_rad,
+        sky_vectors=of_sky,
+        sky_seen=seen,
+        mirrored=sky.mirrored,
+        near_gloss=torch.zeros(count, 2, 3),
+        scattered=scattered,
+        arriving=torch.ones(count, 3),
+        reflected=reflected,
+    )
 
 
 def bounced(

@@ -8,12 +8,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..nerf.lighting import COEFFICIENTS, LightFeatures
+from ..nerf.mirrored_sky import SIDE
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
 from .arrays import as_arrays, row_of
 from .kernels.compiled import in_parallel
 from .kernels.enlarging import enlarge_rows
-from .kernels.records import EnlargedArrays, RelitImage
+from .kernels.records import EnlargedArrays, MirrorArrays, RelitImage
 from .kernels.relighting import ray_shares, relit_pixels, step_normals
 from .kernels.relighting import view_directions as fill_views
 from .lighting import lobes
@@ -86,7 +87,10 @@ def relit(
     large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
     light = (features.lamp_rgb, features.lamp_radius_rad, image.nail)
     record, flat = RelitImage._make((*as_arrays(*large, maps), width, *as_arrays(*light))), out.numpy()
+    sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE))
     in_parallel(
-        lambda first, last: relit_pixels(record, lobes(), first, last, flat), len(image.pixel), torch.get_num_threads()
+        lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat),
+        len(image.pixel),
+        torch.get_num_threads(),
     )
     return out.T.reshape(3, 2 * height, 2 * width)

@@ -14,6 +14,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import FAR, Bounds, LightViews
 from ..geometry.visibility import direction_frames
 from ..records.light import Lamp, Light, Sky, sky_directions
+from .mirrored_sky import MirroredSky
 
 SKY_DIRECTIONS = 64
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
@@ -21,6 +22,7 @@ _SAMPLES_FROM_DEG = ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1))
 _FINE_SAMPLES_FROM_DEG = ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1))
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
+_LEAST_FLUX = 1e-20
 _GOLDEN_ANGLE = pi * (3 - 5**0.5)
 
 
@@ -30,10 +32,12 @@ class SkySamples(NamedTuple):
     Attributes:
         towards: [K, 3] unit, world.
         flux: [K, 3] radiance times solid angle of each direction's cell, divided by pi.
+        mirrored: its gloss.
     """
 
     towards: Tensor
     flux: Tensor
+    mirrored: MirroredSky
 
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str) -> SkySamples:
@@ -44,7 +48,21 @@ class SkySamples(NamedTuple):
             energy = (sky.radiance * sky.solid_angles[..., None] / pi).reshape(-1, 3)
             cell = torch.as_tensor(_cells(*sky.radiance.shape[:2]), device=device)
             flux = flux.index_add(0, cell, torch.as_tensor(energy, dtype=torch.float32, device=device))
-        return cls(towards, flux)
+        return cls(towards, flux, MirroredSky.of(sky, device))
+
+    @classmethod
+    def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
+        """The weighted sum of skies."""
+        first = skies[0]
+        flux = torch.einsum("gkc,gc->kc", torch.stack([sky.flux for sky in skies]), weights)
+        around = torch.einsum("gnlc,gc->nlc", torch.stack([sky.mirrored.radiance for sky in skies]), weights)
+        return cls(first.towards, flux, first.mirrored._replace(radiance=around))
+
+    @property
+    def brightness(self) -> Float[Tensor, " K"]:
+        """Of the directions against the brightest; 0 if all are black."""
+        grey = self.flux.mean(1)
+        return grey / grey.max().clamp(min=_LEAST_FLUX)
 
     def views(self) -> LightViews:
         """Views for shadow maps."""

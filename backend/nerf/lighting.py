@@ -1,4 +1,4 @@
-"""What a frame's light does at the points of a hand: features that are linear in the light.
+"""What a frame's light does at the points of a hand: features that are linear in its lamps and in its sky.
 
 A relightable field gives every ray coefficients that do not depend on the light; a pixel's colour is the sum of
 coefficients times these features. Shadows and what is spread inside the skin are computed per low-resolution ray; what
@@ -17,22 +17,19 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
+from .gloss import glossy
 from .light_samples import LampSamples, LightSamples, SkySamples
+from .mirrored_sky import MirroredSky
 
 SCATTER_M = (0.004, 0.0012)
 """Depths to which light enters the skin: long and short mean free paths (of red and blue light), template metres."""
 WRAP = (0.7, 0.25)
 """How far light reaches around the surface by these depths: a share of the cosine."""
-ROUGHNESS = (0.3, 0.55)
-"""Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
-NAIL_ROUGHNESS = 0.22
-"""Of the first lobe on nails, in the light of lamps."""
-F0 = 0.028
-"""Reflectance of skin at normal incidence, index of refraction 1.4."""
 BELOW_HORIZON = -0.25
 """Cosine of a ray's normal and a lamp from which on none of its light counts: rays' normals are as coarse as faces."""
 SKY_CELL_RAD = 0.6
-"""Half the angle over which each of the sky's directions is spread in gloss: beyond its cell, so that all are even."""
+"""Half the angle over which each of the sky's directions is spread where its share in a lobe is weighed: beyond its
+cell, so that all are even."""
 # Of the mean light, and how much brighter than ours measured light may be before it counts as another.
 _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
@@ -115,7 +112,9 @@ class LightFeatures(NamedTuple):
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L] half the angle of each lamp.
         sky_vectors: [R, 3, 3] the same of the sky, for each colour.
-        sky_gloss: [R, 2, 3] the sky in the glossy lobes.
+        sky_seen: [R, 2] the share of the sky in each glossy lobe that the hand and its surroundings do not hide.
+        mirrored: the whole sky in these lobes.
+        near_gloss: [R, 2, 3] what stands around, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
         reflected: [R, 3] diffuse light besides: what the hand sheds on itself, or what was measured.
@@ -125,7 +124,9 @@ class LightFeatures(NamedTuple):
     lamp_rgb: Tensor
     lamp_radius_rad: Tensor
     sky_vectors: Tensor
-    sky_gloss: Tensor
+    sky_seen: Tensor
+    mirrored: MirroredSky
+    near_gloss: Tensor
     scattered: Tensor
     arriving: Tensor
     reflected: Tensor
@@ -162,7 +163,9 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
-        sky_gloss=_sky_gloss(sky, shadows.sky.lit, points),
+        sky_seen=_sky_seen(sky, shadows.sky.lit, points),
+        mirrored=sky.mirrored,
+        near_gloss=points.position.new_zeros(len(points.position), 2, 3),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
         arriving=torch.ones_like(points.position),
         reflected=bounced_on_skin(points.places, points.position, points.normal, probes.probes, probes.shed(light)),
@@ -202,55 +205,11 @@ def _scattered(
     return torch.stack(depths, -1)
 
 
-def _sky_gloss(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2 3"]:
+def _sky_seen(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
     lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
-    return torch.einsum("krg,kc->rgc", lobes * lit[..., None], sky.flux)
-
-
-def glossy(
-    normal: Float[Tensor, "*#n 3"],
-    towards: Float[Tensor, "*#n 3"],
-    view: Float[Tensor, "*#n 3"],
-    light_radius_rad: Float[Tensor, "*#n"],
-    nail: Float[Tensor, "*#n"] | None = None,
-) -> Float[Tensor, "... 2"]:
-    """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
-
-    A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
-    over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
-
-    Args:
-        normal: unit.
-        towards: unit, towards the light.
-        view: unit, from the camera.
-        light_radius_rad: half the angle of the light.
-        nail: 1 on nails, 0 on skin, which stands for None.
-    """
-    half = torch.nn.functional.normalize(towards - view, dim=-1)
-    to_light = (normal * towards).sum(-1)
-    to_eye = -(normal * view).sum(-1).clamp(max=-0.05)
-    to_half = (normal * half).sum(-1).clamp(0, 1)
-    fresnel = F0 + (1 - F0) * (1 - (towards * half).sum(-1).clamp(0, 1)) ** 5
-    is_lit = to_light > 0
-    to_light = to_light.clamp(min=1e-4)
-    lobes = []
-    for alpha in _alphas(nail):
-        squared = (alpha**2 + (light_radius_rad / 2) ** 2).clamp(max=1)
-        # pi times the distribution: light is in units of irradiance / pi.
-        distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
-        shadowing = 0.5 / (
-            to_light * (to_eye**2 * (1 - squared) + squared).sqrt()
-            + to_eye * (to_light**2 * (1 - squared) + squared).sqrt()
-        )
-        lobes.append(torch.where(is_lit, distribution * shadowing * fresnel * to_light, torch.zeros_like(to_light)))
-    return torch.stack(lobes, -1)
-
-
-def _alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:
-    """Of the microfacets in both lobes."""
-    tight, broad = (roughness**2 for roughness in ROUGHNESS)
-    return (tight if nail is None else tight + (NAIL_ROUGHNESS**2 - tight) * nail), broad
+    lobes = lobes * sky.brightness[:, None, None]
+    return (lobes * lit[..., None]).sum(0) / lobes.sum(0).clamp(min=_TINY)
 
 
 UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
@@ -282,7 +241,9 @@ def lit_colour(
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
     of_nail = None if nail is None else nail[:, None]
     lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
-    gloss = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb) + features.sky_gloss
+    of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
+    of_sky = features.mirrored.gloss(normal, view, nail) * features.sky_seen[..., None]
+    gloss = of_lamps + of_sky + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     direct = (
         coefficients[:, DIFFUSE] * diffuse_light(features, normal)

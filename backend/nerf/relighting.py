@@ -20,7 +20,7 @@ from .rays import CameraTensors, HandInView, view_directions
 from .superres import enlarge
 from .volume import Composite
 
-_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_gloss", "scattered", "arriving", "reflected")
+_OF_RAYS = ("lamp_vectors", "sky_vectors", "sky_seen", "near_gloss", "scattered", "arriving", "reflected")
 """The fields of `LightFeatures` that differ from ray to ray."""
 MIN_ALPHA = 0.02
 """Keeps what is divided by alpha finite beside the hand, where it does not count."""

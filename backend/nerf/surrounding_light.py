@@ -14,8 +14,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
+from .gloss import glossy
 from .light_samples import LightSamples, SkySamples
-from .lighting import WRAP, LightFeatures, SurfacePoints, glossy
+from .lighting import WRAP, LightFeatures, SurfacePoints
+from .octahedral import from_square, on_square
 from .surroundings import Patches
 
 CELLS = 32
@@ -47,7 +49,7 @@ class NearLight(NamedTuple):
     """What is added to the `LightFeatures` of the same names."""
 
     sky_vectors: Tensor
-    sky_gloss: Tensor
+    near_gloss: Tensor
     scattered: Tensor
 
     def added_to(self, features: LightFeatures) -> LightFeatures:
@@ -85,18 +87,14 @@ def _near_light(
     around = [((towards * normal[:, None]).sum(-1) + wrap).clamp(min=0) / (1 + wrap) for wrap in WRAP]
     return NearLight(
         sky_vectors=torch.einsum("rp,rpx,pc->rxc", factors * (cosine > 0), towards, shed),
-        sky_gloss=torch.einsum("rpg,rp,pc->rgc", lobes, factors, shed),
+        near_gloss=torch.einsum("rpg,rp,pc->rgc", lobes, factors, shed),
         scattered=torch.stack([(factors * one) @ shed for one in around], 1),
     )
 
 
 def cell_of(towards: Float[Tensor, "*n 3"]) -> Int[Tensor, "*n"]:
-    """The cell of unit directions on a square of `CELLS` x `CELLS` (octahedral map, Praun and Hoppe 2003)."""
-    x, y, z = (towards / towards.abs().sum(-1, keepdim=True)).unbind(-1)
-    below = z < 0
-    u = torch.where(below, (1 - y.abs()).copysign(x), x)
-    v = torch.where(below, (1 - x.abs()).copysign(y), y)
-    column, row = (((value + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1) for value in (u, v))
+    """The cell of unit directions on the octahedral map of `CELLS` x `CELLS`."""
+    column, row = (((value + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1) for value in on_square(towards))
     return row * CELLS + column
 
 
@@ -105,8 +103,4 @@ def sky_cells(device: torch.device) -> Int[Tensor, " N"]:
     """Which of the sky's directions is nearest to the middle of each cell."""
     middle = (torch.arange(CELLS, device=device) + 0.5) * (2 / CELLS) - 1
     v, u = torch.meshgrid(middle, middle, indexing="ij")
-    z = 1 - u.abs() - v.abs()
-    below = z < 0
-    x = torch.where(below, (1 - v.abs()).copysign(u), u)
-    y = torch.where(below, (1 - u.abs()).copysign(v), v)
-    return (torch.stack([x, y, z], -1).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).argmax(1)
+    return (from_square(u, v).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).argmax(1)

@@ -71,8 +71,7 @@ class ViewLight(NamedTuple):
     """The light of one instant, in G groups.
 
     Attributes:
-        sky: the directions, and the flux of all groups together.
-        sky_flux: [G, K, 3] of each group.
+        skies: of the groups.
         lamps: of all groups.
         group_of_lamp: [L].
         shadows: of sky and lamps at the rays' points.
@@ -85,8 +84,7 @@ class ViewLight(NamedTuple):
         around: light from what stands around; None: nothing does.
     """
 
-    sky: SkySamples
-    sky_flux: Tensor
+    skies: tuple[SkySamples, ...]
     lamps: LampSamples
     group_of_lamp: Tensor
     shadows: LightShadows
@@ -197,19 +195,17 @@ class LitTrainingViews(TrainingViews):
         bounds = Bounds.of(view.mesh)
         lamps = LampSamples.of(tuple(lamp for light in lights for lamp in light.lamps), bounds)
         group_of_lamp = [group for group, light in enumerate(lights) for _ in light.lamps]
-        skies = [SkySamples.of(light.sky, self.device) for light in lights]
-        sky_flux = torch.stack([sky.flux for sky in skies])
+        skies = tuple(SkySamples.of(light.sky, self.device) for light in lights)
         hand = HandInView(view.mesh, self.topology, view.camera)
         layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
         skin = self._skin_at(index, view)
         hits = None if skin is None else skin.hits
         position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
-        sky = SkySamples(skies[0].towards, sky_flux.sum(0))
-        shadows, open_sky, around = self._shadows(index, hand, LightSamples(sky, lamps), lights, position)
+        together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
+        shadows, open_sky, around = self._shadows(index, hand, together, lights, position)
         linear = self._linear(index)
         return ViewLight(
-            sky=sky,
-            sky_flux=sky_flux,
+            skies=skies,
             lamps=lamps,
             group_of_lamp=torch.tensor(group_of_lamp, dtype=torch.long, device=self.device),
             shadows=shadows,
@@ -281,7 +277,7 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     light = view.light
     weights = group_weights(len(light.targets), generator).to(light.targets.device)
     lamps = light.lamps._replace(rgb=light.lamps.rgb * weights[light.group_of_lamp])
-    sky = light.sky._replace(flux=(light.sky_flux * weights[:, None]).sum(0))
+    sky = SkySamples.mixed(light.skies, weights)
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
     samples = LightSamples(sky, lamps)
     exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))

@@ -8,13 +8,12 @@ import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
-from livehand.backend.nerf.light_samples import LightSamples
+from livehand.backend.nerf.gloss import NAIL_ROUGHNESS, ROUGHNESS, glossy
+from livehand.backend.nerf.light_samples import LightSamples, SkySamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
     GLOSS,
-    NAIL_ROUGHNESS,
-    ROUGHNESS,
     SCATTERED,
     LightFeatures,
     LightShadows,
@@ -22,7 +21,6 @@ from livehand.backend.nerf.lighting import (
     SurfacePoints,
     corrected,
     diffuse_light,
-    glossy,
     light_features,
     lit_colour,
     openness,
@@ -95,7 +93,7 @@ def lit():
 
 def scaled(light, sky, *lamps):
     return LightSamples(
-        light.sky._replace(flux=sky * light.sky.flux),
+        SkySamples.mixed((light.sky,), torch.full((1, 3), sky)),
         light.lamps._replace(rgb=torch.tensor(lamps)[:, None] * light.lamps.rgb),
     )
 

@@ -8,6 +8,7 @@ import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, SMOOTH, LightFeatures, SurfacePoints
+from livehand.backend.nerf.mirrored_sky import MirroredSky
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import (
@@ -26,6 +27,7 @@ from livehand.backend.nerf.relighting import (
 from livehand.backend.nerf.superres import SuperResConfig, build_superres, enlarge
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.light import Sky
 from torch.nn.functional import normalize
 
 SIZE = (9, 7)
@@ -59,10 +61,15 @@ def some_features(count, seed=1):
         return torch.rand(*shape, generator=generator)
 
     vectors = -0.3 * torch.as_tensor(CAM2WORLD[:3, 2], dtype=torch.float32) + 0.1 * rand(1, 2, 3)
-    values = (vectors, rand(1, 3, 3), rand(1, 2, 3), rand(1, 2, 3))
-    vectors, sky, gloss, scattered = (value.expand(count, *value.shape[1:]) for value in values)
+    values = (vectors, rand(1, 3, 3), rand(1, 2), rand(1, 2, 3), rand(1, 2, 3))
+    vectors, sky, seen, gloss, scattered = (value.expand(count, *value.shape[1:]) for value in values)
     arriving, reflected = (rand(1, 3).expand(count, 3) for _ in range(2))
-    return LightFeatures(vectors, rand(2, 3), rand(2) * 0.2, sky, gloss, scattered, arriving, reflected)
+    lamps, mirrored = (rand(2, 3), rand(2) * 0.2), some_sky(seed)
+    return LightFeatures(vectors, *lamps, sky, seen, mirrored, gloss, scattered, arriving, reflected)
+
+
+def some_sky(seed):
+    return MirroredSky.of(Sky(np.random.default_rng(seed).uniform(0, 1, (4, 8, 3))), "cpu")
 
 
 def untrained(seed=0):
@@ -128,7 +135,10 @@ def test_both_backends_agree_on_any_rays(lamps):
         torch.randn(30, lamps, 3, generator=generator) / pi,
         torch.rand(lamps, 3, generator=generator),
         torch.rand(lamps, generator=generator),
-        *(torch.randn(30, size, 3, generator=generator) for size in (3, 2, 2)),
+        torch.randn(30, 3, 3, generator=generator),
+        torch.rand(30, 2, generator=generator),
+        some_sky(lamps),
+        *(torch.randn(30, 2, 3, generator=generator) for _ in range(2)),
         *(torch.rand(30, 3, generator=generator) for _ in range(2)),
     )
     image = image._replace(nail=torch.rand(len(image.pixel), generator=generator))

@@ -138,7 +138,7 @@ def test_an_even_wall_is_as_bright_as_its_form_factor(backend, seen):
     expected = 4 / pi * ratio / (1 + ratio**2) ** 0.5 * np.arctan(ratio / (1 + ratio**2) ** 0.5)
     np.testing.assert_allclose(light[0], expected, rtol=0.05)
     assert light[1].max() == 0
-    assert found.sky_gloss[0].min() > 0.5 * 0.028 * expected
+    assert found.near_gloss[0].min() > 0.5 * 0.028 * expected
     hidden = backend.near_light(patches, PointShadows(0 * clear.lit, clear.depth_in_m), torch.ones_like(shed), two)
     assert max(float(value.abs().max()) for value in hidden) == 0
 

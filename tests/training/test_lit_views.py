@@ -72,7 +72,7 @@ def test_images_of_one_instant_are_one_view(lit_views, lit_capture):
     assert view.light.targets.shape[0] == 2
     assert view.light.lamps.rgb.tolist() == [[3, 3, 3]]
     assert view.light.group_of_lamp.tolist() == [1]
-    assert view.light.sky_flux[1].abs().max() == 0
+    assert view.light.skies[1].flux.abs().max() == 0
     assert view.light.shadows.sky.lit.shape == (64, len(view.rays.pixel))
 
 
@@ -83,7 +83,7 @@ def test_a_mixture_is_the_sum_of_weighted_images_and_lights(lit_views):
     one = mixed(view, generator)
     linear = (view.light.targets * weights[:, :, None, None]).sum(0)
     torch.testing.assert_close(one.target[:3], one.light.encoded(linear))
-    torch.testing.assert_close(one.light.samples.sky.flux, view.light.sky_flux[0] * weights[0])
+    torch.testing.assert_close(one.light.samples.sky.flux, view.light.skies[0].flux * weights[0])
     torch.testing.assert_close(one.light.samples.lamps.rgb, view.light.lamps.rgb * weights[1])
 
 

@@ -19,7 +19,7 @@ BLOCK = 128
 # Rows of a block, and of its sums.
 _NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE = 0, 3, 6, 9, 10, 12, 13, 14
 _POSITION, _TOWARDS, _ROWS = 15, 18, 21
-_SCATTERED, _VECTORS, _GLOSS, _SUMS = 0, 6, 15, 21
+_SCATTERED, _VECTORS, _SEEN, _WHOLE, _SUMS = 0, 6, 15, 17, 19
 
 
 @compiled
@@ -91,17 +91,25 @@ def _add_direction(sky, lobes, k, start, count, work, sums):
     for axis in range(3):
         for c in range(3):
             _add_row(sums[_VECTORS + 3 * axis + c], work[_ARRIVING], sky.towards[k, axis] * sky.flux[k, c], count)
+    if sky.brightness[k] <= _0:
+        return
     for lobe in range(2):
         squared = widened(lobes.alpha[lobe], lobes.sky_cell_rad)
         _lobe_row(sky.towards[k], lobes.f0, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
-        for c in range(3):
-            _add_row(sums[_GLOSS + 3 * lobe + c], work[_VALUE], sky.flux[k, c], count)
+        _add_row(sums[_WHOLE + lobe], work[_VALUE], sky.brightness[k], count)
+        _add_lit_row(sums[_SEEN + lobe], work[_VALUE], lit, sky.brightness[k])
 
 
 @part
 def _add_row(total, values, factor, count):
     for index in range(count):
         total[index] += values[index] * factor
+
+
+@part
+def _add_lit_row(total, values, lit, factor):
+    for index in range(len(lit)):
+        total[index] += values[index] * lit[index] * factor
 
 
 @part
@@ -138,11 +146,11 @@ def _arriving_row(towards, lit, work, out):
 
 @part
 def _lobe_row(towards, f0, squared, count, eye_term, work, out):
-    """What a lobe reflects of the light that arrives; as `gloss.glossy`."""
+    """What a lobe reflects of a direction's light, if nothing hides it; as `gloss.glossy`."""
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
     vx, vy, vz = work[_VIEW], work[_VIEW + 1], work[_VIEW + 2]
-    facing, to_eye, arriving = work[_FACING], work[_TO_EYE], work[_ARRIVING]
+    facing, to_eye = work[_FACING], work[_TO_EYE]
     for index in range(count):
         hx, hy, hz = x - vx[index], y - vy[index], z - vz[index]
         inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
@@ -152,7 +160,8 @@ def _lobe_row(towards, f0, squared, count, eye_term, work, out):
         base = to_half * to_half * (squared - _1) + _1
         light = facing[index]
         shadowing = light * eye_term[index] + to_eye[index] * np.sqrt(light * light * (_1 - squared) + squared)
-        out[index] = arriving[index] * squared * _HALF * fresnel * light / (base * base * shadowing)
+        value = squared * _HALF * fresnel * light / (base * base * shadowing)
+        out[index] = value if light > LEAST_COSINE else _0
 
 
 @part
@@ -163,9 +172,10 @@ def _store(start, count, sums, vectors, out):
                 out.sky_vectors[start + index, axis, c] = sums[_VECTORS + 3 * axis + c, index]
             for layer in range(2):
                 out.scattered[start + index, layer, c] = sums[_SCATTERED + 3 * layer + c, index]
-                out.sky_gloss[start + index, layer, c] = sums[_GLOSS + 3 * layer + c, index]
             for lamp in range(out.lamp_vectors.shape[1]):
                 out.lamp_vectors[start + index, lamp, c] = vectors[3 * lamp + c, index]
+        for lobe in range(2):
+            out.sky_seen[start + index, lobe] = sums[_SEEN + lobe, index] / max(sums[_WHOLE + lobe, index], TINY)
 
 
 @part

@@ -223,6 +223,7 @@ class SkyArrays(NamedTuple):
 
     towards: np.ndarray
     flux: np.ndarray
+    brightness: np.ndarray
     lit: np.ndarray
     depth_in_m: np.ndarray
 
@@ -251,7 +252,7 @@ class FeatureArrays(NamedTuple):
 
     lamp_vectors: np.ndarray
     sky_vectors: np.ndarray
-    sky_gloss: np.ndarray
+    sky_seen: np.ndarray
     scattered: np.ndarray
 
 
@@ -290,7 +291,7 @@ class NearArrays(NamedTuple):
     """As `nerf.surrounding_light.NearLight` at R points."""
 
     sky_vectors: np.ndarray
-    sky_gloss: np.ndarray
+    near_gloss: np.ndarray
     scattered: np.ndarray
 
 
@@ -309,6 +310,14 @@ class Lobes(NamedTuple):
     below_horizon: np.float32
 
 
+class MirrorArrays(NamedTuple):
+    """As `nerf.mirrored_sky.MirroredSky`, and the map's `SIDE`."""
+
+    radiance: np.ndarray
+    reflectance: np.ndarray
+    side: int
+
+
 class RelitImage(NamedTuple):
     """P pixels of a full-size image and the light's features on its low-resolution grid.
 
@@ -318,8 +327,8 @@ class RelitImage(NamedTuple):
         normal: [P, 3].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
-        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, sky gloss, scattered light,
-            `arriving` and `reflected`; zero elsewhere.
+        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, the sky's seen shares, gloss of
+            what is near, scattered light, `arriving` and `reflected`; zero elsewhere.
         width: of the maps.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].

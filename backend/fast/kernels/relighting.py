@@ -7,6 +7,7 @@ import numpy as np
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 from .gloss import TINY, glossy
+from .mirrored_sky import mirror
 
 _0, _QUARTER, _HALF, _3Q, _1 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1))
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
@@ -31,24 +32,27 @@ def view_directions(pixel, width, axes, first, last, out):
 
 
 @compiled
-def relit_pixels(image, lobes, first, last, out):
-    """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`)."""
+def relit_pixels(image, sky, lobes, first, last, out):
+    """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`); `sky`: `MirrorArrays`."""
     lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
-    sky_at, gloss_at, scattered_at, arriving_at = 3 * lamps, 9 + 3 * lamps, 15 + 3 * lamps, 21 + 3 * lamps
+    sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
+    scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
+    mirrored = np.empty((2, 3), np.float32)
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
+        mirror(sky, normal, view, image.nail[index], mirrored)
         for c in range(3):
             of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
             rgb[c] = (
                 weights[DIFFUSE + c] * max(of_sky, _0)
                 + weights[SCATTERED + c] * here[scattered_at + c]
                 + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c]
-                + weights[GLOSS] * here[gloss_at + c]
-                + weights[GLOSS + 1] * here[gloss_at + 3 + c]
+                + weights[GLOSS] * (here[seen_at] * mirrored[0, c] + here[near_at + c])
+                + weights[GLOSS + 1] * (here[seen_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
             )
         for lamp in range(lamps):
             x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]

@@ -32,7 +32,7 @@ def near_light(points, patches, lobes, first, last, out):
             _reflect(
                 points.relief_normal[point], points.view_direction[point], lobes, layer, patches, work, work[_VALUE]
             )
-            _fill_sums(work[_VALUE], patches.shed, out.sky_gloss[point, layer])
+            _fill_sums(work[_VALUE], patches.shed, out.near_gloss[point, layer])
 
 
 @part
