@@ -13,13 +13,16 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import FAR, Bounds, LightViews
 from ..geometry.visibility import direction_frames
-from ..records.light import Lamp, Light, Sky, sky_directions
+from ..records.light import Lamp, Light, Penumbra, Sky, sky_directions
 from .mirrored_sky import MirroredSky
 
 SKY_DIRECTIONS = 64
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
-_SAMPLES_FROM_DEG = ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1))
-_FINE_SAMPLES_FROM_DEG = ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1))
+_SAMPLES_FROM_DEG: dict[Penumbra, tuple[tuple[float, int], ...]] = {
+    "none": ((0.0, 1),),
+    "coarse": ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1)),
+    "fine": ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1)),
+}
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
 _LEAST_FLUX = 1e-20
@@ -103,11 +106,11 @@ class LampSamples(NamedTuple):
     radius_rad: Tensor
 
     @classmethod
-    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, is_fine: bool = False) -> LampSamples:
-        """The samples of lamps around a hand; `is_fine` as `Light.has_fine_shadows`."""
+    def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, penumbra: Penumbra = "coarse") -> LampSamples:
+        """The samples of lamps around a hand; `penumbra` as in `Light`."""
         centre, device = bounds.centre.cpu().double().numpy(), bounds.centre.device
         angles = [_angle_rad(lamp, centre) for lamp in lamps]
-        rows = [_rows_of(index, *one, centre, is_fine) for index, one in enumerate(zip(lamps, angles, strict=True))]
+        rows = [_rows_of(index, *one, centre, penumbra) for index, one in enumerate(zip(lamps, angles, strict=True))]
         none = tuple(column[:0] for column in _rows_of(0, Lamp("sun", np.zeros(3)), 0.0, centre))
         columns = zip(*(rows or [none]), strict=True)
         tensors = [_tensor(np.concatenate(column), device) for column in columns]
@@ -152,9 +155,7 @@ class LightSamples(NamedTuple):
     @classmethod
     def of(cls, light: Light, bounds: Bounds) -> LightSamples:
         """The samples around a hand."""
-        return cls(
-            SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds, light.has_fine_shadows)
-        )
+        return cls(SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds, light.penumbra))
 
     def unblocked(self, point: Float[Tensor, " 3"]) -> Float[Tensor, ""]:
         """What all of the light together would make of a white surface that faced all of it, mean over colours."""
@@ -164,11 +165,10 @@ class LightSamples(NamedTuple):
 
 
 def _rows_of(
-    index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, is_fine: bool = False
+    index: int, lamp: Lamp, angle_rad: float, centre: np.ndarray, penumbra: Penumbra = "coarse"
 ) -> tuple[np.ndarray, ...]:
     """The columns of `LampSamples` for one lamp's samples."""
-    by_angle = _FINE_SAMPLES_FROM_DEG if is_fine else _SAMPLES_FROM_DEG
-    count = next(samples for least_deg, samples in by_angle if np.rad2deg(angle_rad) >= least_deg)
+    count = next(samples for least_deg, samples in _SAMPLES_FROM_DEG[penumbra] if np.rad2deg(angle_rad) >= least_deg)
     positions = _positions(lamp, centre, count)
 
     def column(value: float) -> np.ndarray:

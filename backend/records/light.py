@@ -15,6 +15,7 @@ import numpy as np
 from .errors import LiveHandError
 
 LampKind = Literal["sun", "point", "spot", "area"]
+Penumbra = Literal["none", "coarse", "fine"]
 _LAMP_KINDS = ("sun", "point", "spot", "area")
 _ROTATION_TOLERANCE = 1e-4
 
@@ -157,8 +158,8 @@ class Light:
         occluder_albedo: [T, 3] of these, as if they were diffuse: they shed light on the hand; [0, 3]: they are black.
         measured: what a path tracer found on the bare hand of the same frame, which corrects all of the above; None: it
             was not asked.
-        has_fine_shadows: whether soft shadows have more steps, for frames that are kept: a still shows steps that
-            nobody sees in a preview. They cost time.
+        penumbra: how many steps the edges of soft shadows have. A frame that is kept shows steps that nobody sees in a
+            preview, and steps cost time.
     """
 
     lamps: tuple[Lamp, ...] = ()
@@ -166,7 +167,7 @@ class Light:
     occluders: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     occluder_albedo: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     measured: MeasuredLight | None = None
-    has_fine_shadows: bool = False
+    penumbra: Penumbra = "coarse"
 
     def __post_init__(self):
         if np.ndim(self.occluders) != 3 or np.shape(self.occluders)[1:] != (3, 3):

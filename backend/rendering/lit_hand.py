@@ -106,7 +106,7 @@ class LitHand:
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
         # Light that the hand sheds on itself is soft whatever its shadows.
-        coarse = LampSamples.of(light.lamps, self.bounds) if light.has_fine_shadows else None
+        coarse = LampSamples.of(light.lamps, self.bounds) if light.penumbra == "fine" else None
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         features = backend.light_features(samples, shadows, self.points)

@@ -291,7 +291,7 @@ def test_a_view_that_turns_does_not_read_the_scene_again(drawn, context, shared,
 def test_shadows_are_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
     monkeypatch.setattr(fake_renderer, "is_relightable", True)
     drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
-    assert [shot.light.has_fine_shadows for shot in fake_session.made[0].shots] == [False, True]
+    assert [shot.light.penumbra for shot in fake_session.made[0].shots] == ["none", "fine"]
 
 
 def missing_avatar(context):

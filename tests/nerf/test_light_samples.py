@@ -108,32 +108,36 @@ def test_all_of_a_light_is_what_a_white_surface_that_faced_it_would_reflect():
     assert float(LightSamples.of(Light(sky=even), BOUNDS).unblocked(torch.zeros(3))) == pytest.approx(2.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("is_fine", [False, True])
+@pytest.mark.parametrize("penumbra", ["coarse", "fine"])
 @pytest.mark.parametrize(("size_m", "fewest"), [(0.08, 3), (0.2, 8), (0.9, 15)])
-def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, is_fine):
+def test_an_edge_hides_the_points_of_a_square_lamp_one_after_the_other(size_m, fewest, penumbra):
     """Along both sides; the points lie evenly: the mean is the lamp's centre, without correlation."""
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(size_m, size_m))
-    at = LampSamples.of((lamp,), BOUNDS, is_fine).position[:, :2].double() / size_m
-    assert len(at) > fewest * (1 + is_fine)
+    at = LampSamples.of((lamp,), BOUNDS, penumbra).position[:, :2].double() / size_m
+    assert len(at) > fewest * (1 + (penumbra == "fine"))
     for axis in range(2):
         assert np.diff(np.sort(at[:, axis].numpy())) == pytest.approx(1 / len(at), rel=1e-3)
     assert at.mean(0).abs().max() < 1e-6
     assert abs(float((at[:, 0] * at[:, 1]).mean())) < 1e-6
 
 
-def test_frames_that_are_kept_ask_for_more_points():
+def test_frames_that_are_kept_ask_for_more_points_and_what_moves_for_one():
     lamp = Lamp("area", np.ones(3), np.array([0, 0, 1.0]), DOWN, size_m=(0.3, 0.3))
-    counts = [len(LightSamples.of(Light((lamp,), has_fine_shadows=fine), BOUNDS).lamps.lamp) for fine in (False, True)]
-    assert counts == [9, 25]
+    lights = [Light((lamp,), penumbra=penumbra) for penumbra in ("none", "coarse", "fine")]
+    samples = [LightSamples.of(light, BOUNDS).lamps for light in lights]
+    assert [len(lamps.lamp) for lamps in samples] == [1, 9, 25]
+    assert samples[0].position.tolist() == [[0, 0, 1]]
+    arriving = [float(lamps.arriving(torch.zeros(1, 3))[1].sum()) for lamps in samples]
+    assert arriving == pytest.approx([arriving[-1]] * 3, rel=0.05)
 
 
 def test_in_kept_frames_a_hard_suns_penumbra_has_small_steps():
     """An edge far before the hand hides the sun's points one after the other, whichever way it runs."""
     sun = Lamp("sun", np.ones(3), angle_rad=np.deg2rad(2.5))
     steps = {}
-    for is_fine in (False, True):
-        towards = LampSamples.of((sun,), BOUNDS, is_fine).position[:, :2].double()
+    for penumbra in ("coarse", "fine"):
+        towards = LampSamples.of((sun,), BOUNDS, penumbra).position[:, :2].double()
         turns = torch.arange(16) * np.pi / 16
         hidden_at = (towards @ torch.stack([turns.cos(), turns.sin()]).double()).sort(0).values
-        steps[is_fine] = float(hidden_at.diff(dim=0).max()) / sun.angle_rad
-    assert steps[True] < 0.3 < 0.4 < steps[False]
+        steps[penumbra] = float(hidden_at.diff(dim=0).max()) / sun.angle_rad
+    assert steps["fine"] < 0.3 < 0.4 < steps["coarse"]

@@ -83,7 +83,7 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)))
     lamps = (Lamp("point", np.ones(3), np.array([0.1, -0.25, 0.2]), radius_m=0.04),)
     bounds, position, white = Bounds.of(one.mesh), one.mesh.vertices[::7], torch.ones(3)
-    fine = LightSamples.of(Light(lamps, has_fine_shadows=True), bounds)
+    fine = LightSamples.of(Light(lamps, penumbra="fine"), bounds)
     coarse = LampSamples.of(lamps, bounds)
     of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, position)
     whole, quick, rough = (

@@ -12,6 +12,7 @@ import numpy as np
 from ....backend.avatars.session import Session
 from ....backend.records.camera import Camera
 from ....backend.records.frame import Frame
+from ....backend.records.light import Penumbra
 from ....backend.rendering.composition import joined, visible_parts
 from ....backend.rendering.grade import graded
 from ....backend.runtime.thread_limits import thread_limit
@@ -53,18 +54,18 @@ class ViewportRequest:
     foreground: tuple[Solid, ...] = ()
 
     def render(
-        self, session: Session, scale: float, should_stop: Callable[[], bool], has_fine_shadows: bool = False
+        self, session: Session, scale: float, should_stop: Callable[[], bool], penumbra: Penumbra = "coarse"
     ) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
 
-        Soft shadows are fine where they are to be: that costs time.
+        `penumbra` as in `Light`: steps of soft shadows cost time.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [hand.task(session, camera, has_fine_shadows) for hand in self.hands]
+            tasks = [hand.task(session, camera, penumbra) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:

@@ -28,4 +28,5 @@ class ViewportStep:
 
     def __call__(self, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """Render the image, as `ViewportRequest.render`."""
-        return self.request.render(self.session, self.scale, should_stop, has_fine_shadows=self.moving_px is None)
+        penumbra = "fine" if self.moving_px is None else "none"
+        return self.request.render(self.session, self.scale, should_stop, penumbra)

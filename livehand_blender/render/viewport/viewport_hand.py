@@ -9,6 +9,7 @@ import numpy as np
 
 from ....backend.avatars.session import Device, Session
 from ....backend.records.camera import Camera
+from ....backend.records.light import Penumbra
 from ....backend.records.shot import HandPose, Shot
 from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
@@ -36,12 +37,12 @@ class ViewportHand:
     light: SceneLight | None = None
     wrist_fade_m: float = 0.0
 
-    def task(self, session: Session, camera: Camera, has_fine_shadows: bool = False) -> HandTask:
+    def task(self, session: Session, camera: Camera, penumbra: Penumbra = "coarse") -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
-            light = replace(light, has_fine_shadows=has_fine_shadows)
+            light = replace(light, penumbra=penumbra)
         return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m))
 
 
