@@ -228,6 +228,23 @@ def test_gloss_takes_the_colour_of_the_light(lit):
     torch.testing.assert_close(bright / bright[:, 2:], torch.tensor([1 / 9, 2 / 9, 1]).expand_as(bright))
 
 
+def test_the_sky_is_seen_as_far_as_nothing_hides_what_a_lobe_mirrors(lit, backend):
+    light, shadows, points = lit
+
+    def seen(visible, sky=light.sky):
+        hidden = shadows._replace(sky=PointShadows(visible.contiguous(), shadows.sky.depth_in_m))
+        return backend.light_features(light._replace(sky=sky), hidden, points).sky_seen
+
+    whole = torch.ones(64, POINTS)
+    torch.testing.assert_close(seen(whole), torch.ones(POINTS, 2))
+    torch.testing.assert_close(seen(0.25 * whole), torch.full((POINTS, 2), 0.25))
+    mirrored = points.view - 2 * (points.view * points.relief_normal).sum(-1, keepdim=True) * points.relief_normal
+    at_mirror = (light.sky.towards @ mirrored.T > np.cos(0.7)).float()
+    assert (seen(at_mirror) > seen(1 - at_mirror)).float().mean() > 0.9
+    black = light.sky._replace(flux=torch.zeros_like(light.sky.flux))
+    assert seen(whole, black).abs().max() == 0
+
+
 def test_openness_is_one_in_the_open_and_points_along_the_normal():
     light = LightSamples.of(Light(), BOUNDS)
     normal = normalize(rand(POINTS, 3) - 0.5, dim=-1)
