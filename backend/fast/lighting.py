@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
-from ..nerf.gloss import F0, NAIL_ROUGHNESS, ROUGHNESS
+from ..nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
 from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
@@ -91,5 +91,5 @@ def lobes() -> Lobes:
     """The constants of the glossy lobes and of light in the skin."""
     constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, np.square(ROUGHNESS)))
     return Lobes._make(
-        (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, F0, BELOW_HORIZON)))
+        (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, INDEX**2, BELOW_HORIZON)))
     )

@@ -10,8 +10,8 @@ ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
 NAIL_ROUGHNESS = 0.22
 """Of the first lobe on nails, in the light of lamps."""
-F0 = 0.028
-"""Reflectance of skin at normal incidence, index of refraction 1.4."""
+INDEX = 1.4
+"""Of refraction, of skin: it reflects 2.8 % of light that falls straight on it."""
 LEAST_TO_EYE = 0.05
 """The least cosine between normal and eye: lobes grow without bound at grazing views."""
 
@@ -23,7 +23,7 @@ def glossy(
     light_radius_rad: Float[Tensor, "*#n"],
     nail: Float[Tensor, "*#n"] | None = None,
 ) -> Float[Tensor, "... 2"]:
-    """Reflected light in two lobes per unit of arriving light (GGX, Smith, Schlick; Walter et al. 2007).
+    """Reflected light in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
 
     A light of some size widens the lobe: half vectors fill a disc of half its angle t, and the mean of the distribution
     over that disc is, in its middle, exactly that of a lobe with alpha^2 + t^2.
@@ -39,7 +39,7 @@ def glossy(
     to_light = (normal * towards).sum(-1)
     to_eye = -(normal * view).sum(-1).clamp(max=-LEAST_TO_EYE)
     to_half = (normal * half).sum(-1).clamp(0, 1)
-    fresnel = F0 + (1 - F0) * (1 - (towards * half).sum(-1).clamp(0, 1)) ** 5
+    reflectance = fresnel((towards * half).sum(-1).clamp(0, 1))
     is_lit = to_light > 0
     to_light = to_light.clamp(min=1e-4)
     lobes = []
@@ -51,8 +51,15 @@ def glossy(
             to_light * (to_eye**2 * (1 - squared) + squared).sqrt()
             + to_eye * (to_light**2 * (1 - squared) + squared).sqrt()
         )
-        lobes.append(torch.where(is_lit, distribution * shadowing * fresnel * to_light, torch.zeros_like(to_light)))
+        lobes.append(torch.where(is_lit, distribution * shadowing * reflectance * to_light, torch.zeros_like(to_light)))
     return torch.stack(lobes, -1)
+
+
+def fresnel(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+    """The share of light that a smooth surface reflects, by the cosine; Schlick's is a fifth less at 60 degrees."""
+    inside = (INDEX**2 - 1 + cosine**2).sqrt()
+    less, more = inside - cosine, inside + cosine
+    return 0.5 * (less / more) ** 2 * (1 + ((cosine * more - 1) / (cosine * less + 1)) ** 2)
 
 
 def alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:

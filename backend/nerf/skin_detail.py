@@ -194,13 +194,15 @@ def pixel_skin(
 
 
 def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
-    """The image with this skin, with gradients to its coefficients; normals beside the surface stay."""
+    """The image with this skin, with gradients to its colours; normals beside the surface stay.
+
+    Its gloss is known as its shape is: all of the broad lobe on skin, all of the tight one on nails.
+    """
     row, before = skin.row, image.alpha.flatten()[image.pixel].clamp(MIN_ALPHA, 1)
     coefficients = image.coefficients * (skin.coverage / before)[:, None]
-    gloss = coefficients[:, GLOSS.start + 1]
     coefficients[row, SCATTERED.start : DIFFUSE.stop] *= skin.albedo.repeat(1, 3)
     nail = image.nail.index_put((row,), skin.nail)
-    coefficients[:, GLOSS] += torch.stack([nail * gloss, -nail * gloss], 1)
+    coefficients[:, GLOSS] = torch.stack([nail, 1 - nail], 1) * skin.coverage[:, None]
     alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
     depth = torch.full_like(image.depth, torch.inf).flatten().index_put((image.pixel,), skin.depth)
     return image._replace(

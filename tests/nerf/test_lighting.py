@@ -8,7 +8,7 @@ import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
-from livehand.backend.nerf.gloss import NAIL_ROUGHNESS, ROUGHNESS, glossy
+from livehand.backend.nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
 from livehand.backend.nerf.light_samples import LightSamples, SkySamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
@@ -181,6 +181,17 @@ def test_what_a_lobe_reflects_is_less_than_what_arrives():
             assert albedo[0] == pytest.approx(0.028, rel=0.1)
             on_nails = glossy(normal, towards, view.expand_as(towards), torch.zeros(len(towards)), torch.tensor(1.0))
             assert on_nails[:, 0].mean() * 2 == pytest.approx(0.028, rel=0.1)
+
+
+def test_fresnel_is_that_of_both_polarisations():
+    """Snell's and Fresnel's laws, one by one; none is left at grazing light."""
+    angle = torch.linspace(0, 1.57, 60, dtype=torch.float64)
+    inside = torch.asin(angle.sin() / INDEX)
+    across = (torch.sin(angle - inside) / torch.sin(angle + inside)) ** 2
+    along = (torch.tan(angle - inside) / torch.tan(angle + inside)) ** 2
+    torch.testing.assert_close(fresnel(angle.cos())[1:], ((across + along) / 2)[1:], rtol=1e-6, atol=0)
+    assert float(fresnel(torch.tensor(1.0))) == pytest.approx((0.4 / 2.4) ** 2, rel=1e-5)
+    assert float(fresnel(torch.tensor(0.0))) == pytest.approx(1.0)
 
 
 def test_a_mirror_like_lobe_is_brightest_in_the_mirror_direction():

@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.gloss import F0, glossy
+from livehand.backend.nerf.gloss import fresnel, glossy
 from livehand.backend.nerf.light_samples import SkySamples
 from livehand.backend.nerf.mirrored_sky import MirroredSky
 from livehand.backend.records.light import Sky, sky_directions
@@ -51,7 +51,7 @@ def test_an_even_sky_is_reflected_as_the_integral_says(cosine, nail):
 def test_straight_on_it_reflects_what_fresnel_says_and_far_more_from_the_side():
     sky = MirroredSky.of(Sky(np.ones((1, 1, 3))), "cpu")
     straight, side = (sky.gloss(UP, view_at(cosine))[0, :, 0] for cosine in (1.0, 0.1))
-    assert float(straight[0]) == pytest.approx(F0, rel=0.03)
+    assert float(straight[0]) == pytest.approx(float(fresnel(torch.tensor(1.0))), rel=0.03)
     assert (side > 5 * straight).all()
 
 

@@ -27,6 +27,8 @@ def add_skin(seen, surface, maps, constants, first, last, image):
         image.alpha[at] = coverage
         for k in range(len(coefficients)):
             coefficients[k] *= share
+        nail = image.nail[index]
+        coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
         face = seen.face[at]
         if face < 0:
             continue
@@ -47,8 +49,7 @@ def add_skin(seen, surface, maps, constants, first, last, image):
         _bend(surface, face, shape, weights, along_u, along_v, image.normal[index])
         nail = values[_NAIL] * constants.nail
         image.nail[index] = nail
-        coefficients[_GLOSS] += nail * coefficients[_GLOSS + 1]
-        coefficients[_GLOSS + 1] *= _1 - nail
+        coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
         folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
         for k in range(3):
             factor = np.exp(values[_SLOPES] * constants.shade + folded * constants.fold_log_albedo[k])

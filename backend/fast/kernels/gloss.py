@@ -18,6 +18,16 @@ def widened(alpha, light_radius_rad):
 
 
 @part
+def fresnel(cosine, squared_index):
+    """As `nerf.gloss.fresnel`."""
+    cosine = min(max(cosine, _0), _1)
+    inside = np.sqrt(squared_index - _1 + cosine * cosine)
+    less, more = inside - cosine, inside + cosine
+    straight, across = less / more, (cosine * more - _1) / (cosine * less + _1)
+    return _HALF * straight * straight * (_1 + across * across)
+
+
+@part
 def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
@@ -25,8 +35,7 @@ def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both)
     hx, hy, hz = hx / length, hy / length, hz / length
     to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), GRAZING)
     to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
-    away = _1 - min(max(x * hx + y * hy + z * hz, _0), _1)
-    fresnel = lobes.f0 + (_1 - lobes.f0) * away * away * away * away * away
+    reflectance = fresnel(x * hx + y * hy + z * hz, lobes.squared_index)
     to_light = max(to_light, LEAST_COSINE)
     for lobe in range(2):
         alpha = lobes.alpha[lobe]
@@ -37,4 +46,4 @@ def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both)
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             to_light * to_light * (_1 - squared) + squared
         )
-        both[lobe] = squared / (base * base) * _HALF / shadowing * fresnel * to_light
+        both[lobe] = squared / (base * base) * _HALF / shadowing * reflectance * to_light

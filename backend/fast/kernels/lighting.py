@@ -8,7 +8,7 @@ import numpy as np
 
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
-from .gloss import GRAZING, LEAST_COSINE, TINY, widened
+from .gloss import GRAZING, LEAST_COSINE, TINY, fresnel, widened
 
 _0, _HALF, _1, _2, _3, _4 = (np.float32(value) for value in (0, 0.5, 1, 2, 3, 4))
 _16, _SIXTH, _24TH = (np.float32(value) for value in (16, 1 / 6, 1 / 24))
@@ -95,7 +95,7 @@ def _add_direction(sky, lobes, k, start, count, work, sums):
         return
     for lobe in range(2):
         squared = widened(lobes.alpha[lobe], lobes.sky_cell_rad)
-        _lobe_row(sky.towards[k], lobes.f0, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
+        _lobe_row(sky.towards[k], lobes.squared_index, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
         _add_row(sums[_WHOLE + lobe], work[_VALUE], sky.brightness[k], count)
         _add_lit_row(sums[_SEEN + lobe], work[_VALUE], lit, sky.brightness[k])
 
@@ -145,7 +145,7 @@ def _arriving_row(towards, lit, work, out):
 
 
 @part
-def _lobe_row(towards, f0, squared, count, eye_term, work, out):
+def _lobe_row(towards, squared_index, squared, count, eye_term, work, out):
     """What a lobe reflects of a direction's light, if nothing hides it; as `gloss.glossy`."""
     x, y, z = towards[0], towards[1], towards[2]
     rx, ry, rz = work[_RELIEF], work[_RELIEF + 1], work[_RELIEF + 2]
@@ -155,12 +155,11 @@ def _lobe_row(towards, f0, squared, count, eye_term, work, out):
         hx, hy, hz = x - vx[index], y - vy[index], z - vz[index]
         inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
         to_half = min(max((rx[index] * hx + ry[index] * hy + rz[index] * hz) * inverse, _0), _1)
-        away = _1 - min(max((x * hx + y * hy + z * hz) * inverse, _0), _1)
-        fresnel = f0 + (_1 - f0) * away * away * away * away * away
+        reflectance = fresnel((x * hx + y * hy + z * hz) * inverse, squared_index)
         base = to_half * to_half * (squared - _1) + _1
         light = facing[index]
         shadowing = light * eye_term[index] + to_eye[index] * np.sqrt(light * light * (_1 - squared) + squared)
-        value = squared * _HALF * fresnel * light / (base * base * shadowing)
+        value = squared * _HALF * reflectance * light / (base * base * shadowing)
         out[index] = value if light > LEAST_COSINE else _0
 
 

@@ -306,7 +306,7 @@ class Lobes(NamedTuple):
     alpha: np.ndarray
     nail_alpha: np.float32
     sky_cell_rad: np.float32
-    f0: np.float32
+    squared_index: np.float32
     below_horizon: np.float32
 
 

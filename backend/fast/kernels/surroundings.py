@@ -8,7 +8,7 @@ import numpy as np
 
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
-from .gloss import GRAZING, LEAST_COSINE, TINY, widened
+from .gloss import GRAZING, LEAST_COSINE, TINY, fresnel, widened
 
 _0, _HALF, _1, _PI, _LEAST_M = (np.float32(value) for value in (0, 0.5, 1, pi, 0.001))
 # Rows of what is known of a point and all patches.
@@ -107,8 +107,7 @@ def _reflect(relief, view, lobes, lobe, patches, work, out):
         hx, hy, hz = x[k] - view[0], y[k] - view[1], z[k] - view[2]
         inverse = _1 / max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
         to_half = min(max((relief[0] * hx + relief[1] * hy + relief[2] * hz) * inverse, _0), _1)
-        away = _1 - min(max((x[k] * hx + y[k] * hy + z[k] * hz) * inverse, _0), _1)
-        fresnel = lobes.f0 + (_1 - lobes.f0) * away * away * away * away * away
+        reflectance = fresnel((x[k] * hx + y[k] * hy + z[k] * hz) * inverse, lobes.squared_index)
         squared = widened(alpha, np.sqrt(patches.area_m2[k] / _PI) / distance[k])
         base = to_half * to_half * (squared - _1) + _1
         cosine = x[k] * relief[0] + y[k] * relief[1] + z[k] * relief[2]
@@ -116,7 +115,7 @@ def _reflect(relief, view, lobes, lobe, patches, work, out):
         shadowing = light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             light * light * (_1 - squared) + squared
         )
-        out[k] = work[_COSINE, k] * factor[k] * squared * _HALF * fresnel * light / (base * base * shadowing)
+        out[k] = work[_COSINE, k] * factor[k] * squared * _HALF * reflectance * light / (base * base * shadowing)
 
 
 @part
