@@ -31,9 +31,9 @@ FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.95, 0.75, 0.5
 """What bending a joint takes from the folds on its back, and what it makes of the creases below."""
 FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
-BUMP = 0.6
+BUMP = 0.9
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
-FOLDS = 1.7
+FOLDS = 1.2
 """How much more shows of folds, which are wider than the way of light in the skin."""
 TINT, COARSE_TINT = 0.5, 1.0
 """Shares of the pigment and of the colour of folds, fine and coarse: the rest is in an avatar's own planes."""

@@ -173,7 +173,7 @@ def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32))
     near, far = (detailed(backend, waves, of=patch(focal_px=0.5 / (k * TEXEL_MM / 1000))) for k in (1, 16))
     assert near.normal[:, 0].abs().max() > 0.01
-    assert far.normal[:, 0].abs().max() < 1e-3
+    assert far.normal[:, 0].abs().max() < 2e-3 * BUMP
 
 
 def seen_tint(texels_a_pixel, wave_texels):
