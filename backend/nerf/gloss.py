@@ -9,7 +9,7 @@ from torch import Tensor
 ROUGHNESS = (0.3, 0.55)
 """Of the two glossy lobes; Blender's, the square root of the microfacets' alpha."""
 NAIL_ROUGHNESS = 0.22
-"""Of the first lobe on nails, in the light of lamps."""
+"""Of the first lobe on nails."""
 INDEX = 1.4
 """Of refraction, of skin: it reflects 2.8 % of light that falls straight on it."""
 LEAST_TO_EYE = 0.05

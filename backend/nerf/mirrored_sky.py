@@ -44,12 +44,12 @@ class MirroredSky(NamedTuple):
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str) -> MirroredSky:
         """Of a sky; None is black."""
+        reflectance = torch.as_tensor(_reflectance(), device=device)
         if sky is None:
-            radiance = np.zeros(((SIDE + 2) ** 2, 3, 3), np.float32)
-        else:
-            coarse = _coarse(sky)
-            radiance = _around_directions(coarse.tobytes(), coarse.shape[:2])
-        return cls(torch.tensor(radiance, device=device), torch.tensor(_reflectance(), device=device))
+            return cls(torch.zeros((SIDE + 2) ** 2, 3, 3, device=device), reflectance)
+        coarse = _coarse(sky)
+        radiance = _around_directions(coarse.tobytes(), coarse.shape[:2])
+        return cls(torch.as_tensor(radiance, device=device), reflectance)
 
     def gloss(
         self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], nail: Float[Tensor, " P"] | None = None
@@ -90,6 +90,8 @@ def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
     """The sky's radiance, averaged over whole cells where it is finer than is told apart."""
     height, width = sky.radiance.shape[:2]
     rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
+    if (rows, columns) == (height, width):
+        return sky.radiance.astype(np.float32)
     angles = sky.solid_angles[..., None]
     energy = np.concatenate([sky.radiance * angles, angles], 2)
     for axis, count in enumerate((rows, columns)):

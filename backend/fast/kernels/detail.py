@@ -27,8 +27,7 @@ def add_skin(seen, surface, maps, constants, first, last, image):
         image.alpha[at] = coverage
         for k in range(len(coefficients)):
             coefficients[k] *= share
-        nail = image.nail[index]
-        coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
+        _fill_gloss(image.nail[index], coverage, coefficients)
         face = seen.face[at]
         if face < 0:
             continue
@@ -49,12 +48,18 @@ def add_skin(seen, surface, maps, constants, first, last, image):
         _bend(surface, face, shape, weights, along_u, along_v, image.normal[index])
         nail = values[_NAIL] * constants.nail
         image.nail[index] = nail
-        coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
+        _fill_gloss(nail, coverage, coefficients)
         folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
         for k in range(3):
             factor = np.exp(values[_SLOPES] * constants.shade + folded * constants.fold_log_albedo[k])
             for group in range(_COLOURED):
                 coefficients[_COLOURS + 3 * group + k] *= factor
+
+
+@compiled
+def _fill_gloss(nail, coverage, coefficients):
+    """Fill the coefficients of gloss, which is known: the tight lobe's on nails, the broad one's on skin."""
+    coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
 
 
 @compiled

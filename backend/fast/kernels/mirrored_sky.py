@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import compiled_part_loosely as part
+from .octahedral import on_square
 
 _0, _HALF, _1, _2 = (np.float32(value) for value in (0, 0.5, 1, 2))
 
@@ -15,10 +16,7 @@ def mirror(sky, normal, view, nail, gloss):
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     twice = _2 * along
     x, y, z = view[0] - twice * normal[0], view[1] - twice * normal[1], view[2] - twice * normal[2]
-    total = abs(x) + abs(y) + abs(z)
-    u, v = x / total, y / total
-    if z < _0:
-        u, v = np.copysign(_1 - abs(v), u), np.copysign(_1 - abs(u), v)
+    u, v = on_square(x, y, z)
     half = np.float32(sky.side // 2)
     column, row = (u + _1) * half + _HALF, (v + _1) * half + _HALF
     left, top = min(max(np.int64(column), 0), sky.side), min(max(np.int64(row), 0), sky.side)

@@ -219,7 +219,7 @@ class PointArrays(NamedTuple):
 
 
 class SkyArrays(NamedTuple):
-    """K directions of the sky, unit [K, 3], their flux [K, 3], and the shadows [K, R] of each at R points."""
+    """K directions of the sky, unit [K, 3], their flux [K, 3], brightness [K], and shadows [K, R] at R points."""
 
     towards: np.ndarray
     flux: np.ndarray
@@ -296,8 +296,9 @@ class NearArrays(NamedTuple):
 
 
 class Lobes(NamedTuple):
-    """Constants of `nerf.lighting`: SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], the angle of a sky cell, others.
+    """Constants of `nerf.lighting` and `nerf.gloss`.
 
+    SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and BELOW_HORIZON;
     `nail_alpha` is the first lobe's on nails.
     """
 

@@ -9,6 +9,7 @@ import numpy as np
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 from .gloss import GRAZING, LEAST_COSINE, TINY, fresnel, widened
+from .octahedral import on_square
 
 _0, _HALF, _1, _PI, _LEAST_M = (np.float32(value) for value in (0, 0.5, 1, pi, 0.001))
 # Rows of what is known of a point and all patches.
@@ -51,10 +52,7 @@ def _fill_factors(position, patches, work, cells):
         x[k], y[k], z[k], distance[k] = dx, dy, dz, length
         factor[k] = there * area_m2 / (_PI * length * length + area_m2)
     for k in range(np.uintp(len(cells))):
-        total = abs(x[k]) + abs(y[k]) + abs(z[k])
-        u, v = x[k] / total, y[k] / total
-        if z[k] < _0:
-            u, v = np.copysign(_1 - abs(v), u), np.copysign(_1 - abs(u), v)
+        u, v = on_square(x[k], y[k], z[k])
         column = min(max(np.int32((u + _1) * half), 0), patches.cells - 1)
         row = min(max(np.int32((v + _1) * half), 0), patches.cells - 1)
         cells[k] = row * patches.cells + column

@@ -18,7 +18,7 @@ class ViewportStep:
         session: of the avatars.
         scale: of the image, times the view's resolution.
         moving_px: the longer side that the view's pace chose for an image of what moves, of which the scale came; None:
-            the image is of what rests, with fine shadows.
+            the image is of what rests, with fine penumbras.
     """
 
     request: ViewportRequest
