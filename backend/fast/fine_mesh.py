@@ -49,7 +49,8 @@ def fine_mesh(
     start, around = as_arrays(*template.around)
     in_parallel(lambda first, last: vertex_normals(long, start, around, first, last, unit), count, threads)
     bend = torch.as_tensor(values[:, -1])
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale, template.bones)
+    shared = template.bones, template.coarse_faces
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, bend, scale, *shared)
 
 
 def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:

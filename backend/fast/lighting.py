@@ -14,6 +14,7 @@ from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
+    SCATTERED_SCALE,
     SKY_CELL_RAD,
     WRAP,
     LightFeatures,
@@ -89,7 +90,7 @@ def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"
 
 def lobes() -> Lobes:
     """The constants of the glossy lobes and of light in the skin."""
-    constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, np.square(ROUGHNESS)))
+    constants = (np.array(values, np.float32) for values in (SCATTER_M, WRAP, SCATTERED_SCALE, np.square(ROUGHNESS)))
     return Lobes._make(
         (*constants, *(np.float32(value) for value in (NAIL_ROUGHNESS**2, SKY_CELL_RAD, INDEX**2, BELOW_HORIZON)))
     )

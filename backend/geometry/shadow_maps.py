@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from .mesh import PosedMesh, Topology
+from .mesh import PosedMesh
 from .rasterise import Fragments, rasterise
 from .tolerances import LEAST_SQUARED, LEAST_WINDOW
 
@@ -143,7 +143,7 @@ ShadowLookup = Callable[[ShadowScene, Tensor], PointShadows]
 
 def point_shadows(
     mesh: PosedMesh,
-    topology: Topology,
+    faces: Int[Tensor, "F 3"],
     occluders: Float[Tensor, "T 3 3"],
     views: LightViews,
     points: Float[Tensor, "P 3"],
@@ -155,7 +155,7 @@ def point_shadows(
 
     Args:
         mesh: a closed surface.
-        topology: of the mesh.
+        faces: of the mesh.
         occluders: corners of other triangles that cast shadows on it, world, m.
         views: from the light.
         points: world, m.
@@ -169,7 +169,7 @@ def point_shadows(
     scene = ShadowScene(
         views=views,
         vertices=vertices,
-        faces=topology.faces,
+        faces=faces,
         others=others.reshape(-1, 3),
         map_px=map_px,
         tolerance=_GRAZING_M * in_template,

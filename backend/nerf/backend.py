@@ -71,7 +71,7 @@ class RenderBackend(Protocol):
     def point_shadows(
         self,
         mesh: PosedMesh,
-        topology: Topology,
+        faces: Int[Tensor, "F 3"],
         occluders: Float[Tensor, "T 3 3"],
         views: LightViews,
         points: Float[Tensor, "P 3"],

@@ -75,6 +75,7 @@ class FineTemplate(NamedTuple):
         offset_m: [N, 3] from there to the surface at rest.
         normals: [N, 3] unit, at rest; heights lie along them.
         bones: that its faces follow.
+        coarse_faces: [M / 4, 3] of one level less, whose vertices are the first.
     """
 
     skin: SkinTensors
@@ -86,17 +87,18 @@ class FineTemplate(NamedTuple):
     offset_m: Tensor
     normals: Tensor
     bones: SurfaceBones
+    coarse_faces: Tensor
 
     @classmethod
     def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
         """The template of a hand of either side; the surface is that of the right hand."""
         skin, faces, corner_uv, levels = SkinTensors.of(model, device), model.f, model.vt[model.ft], []
-        rest, weights = skin.v_template, skin.lbs_weights
+        rest, weights, coarse_faces = skin.v_template, skin.lbs_weights, faces
         for _ in range(LEVELS):
             step = loop_step(faces, len(rest))
             levels.append(FinerField.of(step).to(device))
             rest, weights = levels[-1](rest), levels[-1](weights)
-            faces, corner_uv = step.faces, split_corners(corner_uv)
+            coarse_faces, faces, corner_uv = faces, step.faces, split_corners(corner_uv)
         mirror = torch.as_tensor(MIRROR_POINT if model.side == "left" else np.ones(3)).to(rest)
         offset, indices = torch.as_tensor(surface.offset_m).to(rest) * mirror, torch.as_tensor(faces, device=device)
         return cls(
@@ -109,6 +111,7 @@ class FineTemplate(NamedTuple):
             offset_m=offset,
             normals=vertex_normals(rest + offset, indices),
             bones=SurfaceBones.of(weights, indices, skin.parents),
+            coarse_faces=torch.as_tensor(coarse_faces, device=device),
         )
 
 
@@ -123,6 +126,7 @@ class FineMesh(NamedTuple):
         flex: [N] bend of the skin (`SkinBend.flex`).
         scale: [] against the template.
         bones: that its faces follow.
+        coarse_faces: as in `FineTemplate`.
     """
 
     vertices: Tensor
@@ -132,6 +136,7 @@ class FineMesh(NamedTuple):
     flex: Tensor
     scale: Tensor
     bones: SurfaceBones
+    coarse_faces: Tensor
 
 
 class PixelSurface(NamedTuple):
@@ -176,7 +181,8 @@ def fine_mesh(
     transforms = values[:, 3:15].reshape(-1, 3, 4)
     vertices = (transforms[..., :3] * rest[:, None]).sum(-1) + transforms[..., 3]
     normals = vertex_normals(vertices, template.faces)
-    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, template.bones)
+    shared = template.bones, template.coarse_faces
+    return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, *shared)
 
 
 def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:

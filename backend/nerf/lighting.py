@@ -23,8 +23,12 @@ from .mirrored_sky import MirroredSky
 
 SCATTER_M = (0.004, 0.0012)
 """Depths to which light enters the skin: long and short mean free paths (of red and blue light), template metres."""
-WRAP = (0.7, 0.25)
+WRAP = (0.7, 0.0)
 """How far light reaches around the surface by these depths: a share of the cosine."""
+EVEN_LIGHT = (1.7, 1.25)
+"""What light of radiance 1 from everywhere comes to at these depths: the scale of the coefficients."""
+SCATTERED_SCALE = tuple(even / (1 + wrap) ** 2 for wrap, even in zip(WRAP, EVEN_LIGHT, strict=True))
+"""Factors of the cosine plus `WRAP`: its integral over all directions is pi times its square at a cosine of 1."""
 BELOW_HORIZON = -0.25
 """Cosine of a ray's normal and a lamp from which on none of its light counts: rays' normals are as coarse as faces."""
 SKY_CELL_RAD = 0.6
@@ -197,12 +201,15 @@ def _scattered(
     normal: Float[Tensor, "R 3"],
 ) -> Float[Tensor, "K R 2"]:
     """Light from each sample that arrives inside the skin: around the terminator, and through thin parts."""
-    cosine = (towards * normal).sum(-1)
-    depths = []
-    for scatter_m, wrap in zip(SCATTER_M, WRAP, strict=True):
-        around = ((cosine + wrap) / (1 + wrap)).clamp(min=0)
-        depths.append(strength * around * torch.exp(-depth_in_m / scatter_m))
-    return torch.stack(depths, -1)
+    around = around_surface((towards * normal).sum(-1))
+    decayed = torch.stack([torch.exp(-depth_in_m / scatter_m) for scatter_m in SCATTER_M], -1)
+    return strength[..., None] * around * decayed
+
+
+def around_surface(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
+    """What arrives at both depths of a light of strength 1, by the cosine of its direction and the normal."""
+    scales = zip(WRAP, SCATTERED_SCALE, strict=True)
+    return torch.stack([scale * (cosine + wrap).clamp(min=0) for wrap, scale in scales], -1)
 
 
 def _sky_seen(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:

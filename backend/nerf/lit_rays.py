@@ -9,12 +9,14 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..geometry.mesh import PosedMesh
 from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
 from .bounce import Probes, SkinPlaces, probe_vertices
 from .field import mean_features
+from .fine_mesh import FineMesh
 from .light_samples import LampSamples, LightSamples, SkySamples
 from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
@@ -176,7 +178,38 @@ def sky_shadows(
     """The shadows of the sky's directions at points and then at the probes, whatever light comes from there."""
     views = SkySamples.of(None, position.device).views()
     points = torch.cat([position, hand.mesh.vertices[probe_vertices(len(hand.mesh.vertices))]])
-    return backend.point_shadows(hand.mesh, hand.topology, occluders, views, points, SKY_MAP_PX)
+    return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
+
+
+class LampSkin(NamedTuple):
+    """The skin that casts the shadows of lamps, on itself.
+
+    Attributes:
+        mesh: a closed surface.
+        faces: [F, 3] of it.
+        position: [R, 3] where the rays meet it, m, world.
+    """
+
+    mesh: PosedMesh
+    faces: Tensor
+    position: Tensor
+
+
+class HitSurface(NamedTuple):
+    """A known surface, and where R rays meet it.
+
+    Attributes:
+        mesh: posed.
+        position: [R, 3] m, world; of rays that miss it, somewhere beside.
+    """
+
+    mesh: FineMesh
+    position: Tensor
+
+    def lamp_skin(self, is_finest: bool) -> LampSkin:
+        """All of the surface, or a quarter of its faces with the corners where they are."""
+        mesh, faces = self.mesh, self.mesh.faces if is_finest else self.mesh.coarse_faces
+        return LampSkin(PosedMesh(mesh.vertices, mesh.normals, mesh.scale), faces, self.position)
 
 
 def light_shadows(
@@ -188,6 +221,7 @@ def light_shadows(
     of_sky: PointShadows,
     albedo: Tensor,
     shining_on_probes: LampSamples | None = None,
+    lamp_skin: LampSkin | None = None,
 ) -> LightShadows:
     """The shadows of a light at points, by the hand itself and by occluders.
 
@@ -200,16 +234,19 @@ def light_shadows(
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin that sheds light on itself, [P, 3] or [3].
         shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
+        lamp_skin: casts and takes their shadows; None: the mesh does, at the points.
     """
     probes, bounds = Probes.of(hand.mesh, hand.topology), Bounds.of(hand.mesh)
+    coarse_skin = LampSkin(hand.mesh, hand.topology.faces, probes.position)
 
-    def of_lamps(lamps: LampSamples, points: Tensor, map_px: int) -> PointShadows:
-        return backend.point_shadows(hand.mesh, hand.topology, occluders, lamps.views(bounds), points, map_px)
+    def of_lamps(lamps: LampSamples, skin: LampSkin, map_px: int) -> PointShadows:
+        views = lamps.views(bounds)
+        return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
 
     # Apart, for a map is as fine as its points are near.
-    lamps = of_lamps(light.lamps, position, LAMP_MAP_PX)
+    lamps = of_lamps(light.lamps, lamp_skin or coarse_skin._replace(position=position), LAMP_MAP_PX)
     probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
-    probe_lamps = of_lamps(probe_light.lamps, probes.position, PROBE_MAP_PX)
+    probe_lamps = of_lamps(probe_light.lamps, coarse_skin, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
     return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))
@@ -237,7 +274,7 @@ def surrounding_light(
     lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / PATCH_MAP_PX, 0.5 * patches.area_m2.sqrt())
     lifted = position + lift_m[:, None] * patches.normal
     sky, lamps = (
-        backend.point_shadows(hand.mesh, hand.topology, occluders, views, lifted, PATCH_MAP_PX, bounds)
+        backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, lifted, PATCH_MAP_PX, bounds)
         for views in (samples.sky.views(), samples.lamps.views(bounds))
     )
     return SurroundingLight(patches, *light_at_probes(samples, sky, lamps, patches.probes))

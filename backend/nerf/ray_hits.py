@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
 from .fine_mesh import FineMesh, barycentric, blend_corners, first_fronts
-from .rays import CameraTensors, project
+from .rays import CameraTensors, project, ray_origin
 
 _SAME_PART = 0.5  # of the depth by which two surfaces differ; held-out views like 1 and 0.25 less
 
@@ -35,6 +36,19 @@ class RayHits(NamedTuple):
             edge_m: as in `SkinDepth`.
         """
         return self.depth.isfinite() & ((self.depth - depth).abs() > _SAME_PART * edge_m)
+
+    def positions(
+        self, camera: CameraTensors, directions: Float[Tensor, "R 3"], beside: Float[Tensor, "R 3"]
+    ) -> Float[Tensor, "R 3"]:
+        """Where the rays meet the surface, m, world.
+
+        Args:
+            camera: of the rays.
+            directions: of depth 1.
+            beside: taken for rays that miss it.
+        """
+        meets = self.depth.isfinite()[:, None]
+        return torch.where(meets, ray_origin(camera) + self.depth[:, None] * directions, beside)
 
 
 def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:

@@ -16,7 +16,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from .gloss import glossy
 from .light_samples import LightSamples, SkySamples
-from .lighting import WRAP, LightFeatures, SurfacePoints
+from .lighting import LightFeatures, SurfacePoints, around_surface
 from .octahedral import from_square, on_square
 from .surroundings import Patches
 
@@ -84,11 +84,11 @@ def _near_light(
     factors = factors / (factors * cosine.clamp(min=0)).sum(1, keepdim=True).clamp(min=1)
     radius_rad = (patches.area_m2 / torch.pi).sqrt() / distance
     lobes = glossy(relief[:, None], towards, view[:, None], radius_rad)
-    around = [((towards * normal[:, None]).sum(-1) + wrap).clamp(min=0) / (1 + wrap) for wrap in WRAP]
+    around = around_surface((towards * normal[:, None]).sum(-1))
     return NearLight(
         sky_vectors=torch.einsum("rp,rpx,pc->rxc", factors * (cosine > 0), towards, shed),
         near_gloss=torch.einsum("rpg,rp,pc->rgc", lobes, factors, shed),
-        scattered=torch.stack([(factors * one) @ shed for one in around], 1),
+        scattered=torch.einsum("rp,rps,pc->rsc", factors, around, shed),
     )
 
 

@@ -25,6 +25,7 @@ from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
+    HitSurface,
     light_shadows,
     occluding_triangles,
     ray_positions,
@@ -70,6 +71,7 @@ class LitHand:
         edges: where one part of a known surface ends before or against another; None: it is not known.
         profile: of the rays; None: the image shows a surface that is known.
         albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
+        surface: that the rays meet; None: it is not known.
     """
 
     shot: Shot
@@ -82,6 +84,7 @@ class LitHand:
     edges: PartEdges | None
     profile: DepthProfile | None
     albedo: Tensor
+    surface: HitSurface | None
 
     def shows(self, shot: Shot) -> bool:
         """Whether a shot differs by its light at most."""
@@ -105,9 +108,11 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
+        is_fine = light.penumbra == "fine"
         # Light that the hand sheds on itself is soft whatever its shadows.
-        coarse = LampSamples.of(light.lamps, self.bounds) if light.penumbra == "fine" else None
-        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse)
+        coarse = LampSamples.of(light.lamps, self.bounds) if is_fine else None
+        skin = None if self.surface is None else self.surface.lamp_skin(is_fine)
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse, skin)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
@@ -173,10 +178,10 @@ def render_lit_hand(
     on_stage("field")
     low = field.decode(rays.composite, view, open_to, decoder, backend.decoder_inputs)
     on_stage("superres")
-    if known is None:
+    if known is None or hits is None:
         skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
-        profile, edges = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None
+        profile, edges, surface = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None, None
     else:
         full = doubled(hand.camera)
         seen = backend.seen_surface(known.mesh, full)
@@ -184,4 +189,5 @@ def render_lit_hand(
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
         profile, edges = None, seen.edges
-    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo)
+        surface = HitSurface(known.mesh, hits.positions(hand.camera, directions, position))
+    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo, surface)

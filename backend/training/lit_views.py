@@ -6,7 +6,7 @@ mixture of the images of one instant shows the hand in the same mixture of their
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
@@ -23,11 +23,12 @@ from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.bounce import SkinPlaces
-from ..nerf.fine_mesh import FineTemplate
+from ..nerf.fine_mesh import FineMesh, FineTemplate
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
+    HitSurface,
     light_shadows,
     occluding_triangles,
     ray_positions,
@@ -202,7 +203,14 @@ class LitTrainingViews(TrainingViews):
         hits = None if skin is None else skin.hits
         position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
         together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
-        shadows, open_sky, around = self._shadows(index, hand, together, lights, position)
+
+        def surface() -> HitSurface | None:
+            mesh = self._fine_mesh(index, view)
+            if mesh is None or hits is None:
+                return None
+            return HitSurface(mesh, hits.positions(view.camera, directions, position))
+
+        shadows, open_sky, around = self._shadows(index, hand, together, lights, position, surface)
         linear = self._linear(index)
         return ViewLight(
             skies=skies,
@@ -226,13 +234,20 @@ class LitTrainingViews(TrainingViews):
     def _fine_template(self) -> FineTemplate | None:
         return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
-    def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
-        """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""
+    def _fine_mesh(self, index: int, view: TrainingView) -> FineMesh | None:
+        """The known surface in the pose of an instant."""
         if self._skin is None or self._fine_template is None:
             return None
+        pose = self._hand_poses[self.views[index].pose_index]
+        return self._skin.posed(self._fine_template, pose, view.mesh, self.topology.frames)
+
+    def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
+        """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""
+        if self._skin is None:
+            return None
         if index not in self._kept_skin:
-            pose, camera = self._hand_poses[self.views[index].pose_index], doubled(view.camera)
-            mesh = self._skin.posed(self._fine_template, pose, view.mesh, self.topology.frames)
+            mesh, camera = self._fine_mesh(index, view), doubled(view.camera)
+            assert mesh is not None
             seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
             views = view_directions(camera, pixel)
@@ -244,14 +259,22 @@ class LitTrainingViews(TrainingViews):
         return SeenSkin(PixelSkin(*(_whole(values) for values in skin)), RayHits(depth, normal.float()))
 
     def _shadows(
-        self, index: int, hand: HandInView, samples: LightSamples, lights: list[Light], position: Tensor
+        self,
+        index: int,
+        hand: HandInView,
+        samples: LightSamples,
+        lights: list[Light],
+        position: Tensor,
+        surface: Callable[[], HitSurface | None],
     ) -> tuple[LightShadows, PointShadows, SurroundingLight | None]:
         """The shadows of an instant, computed once and kept in a byte each; and the light of what stands around."""
         if index not in self._kept_light:
             occluders = occluding_triangles(lights[0], self.device)
             of_sky = sky_shadows(self.backend, hand, occluders, position)
             white = torch.ones(3, device=self.device)  # `step.render_view` knows better
-            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white)
+            known = surface()
+            skin = None if known is None else known.lamp_skin(is_finest=True)
+            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white, lamp_skin=skin)
             open_sky, around = shadows.sky, None
             if len(occluders):
                 alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)

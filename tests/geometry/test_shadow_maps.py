@@ -15,7 +15,7 @@ FROM_AFAR = LightViews.along(TOWARDS, torch.full((4,), FAR))
 
 def shadows_of(backend, mesh, topology, views=FROM_AFAR, occluders=NO_OCCLUDERS, points=None):
     points = mesh.vertices if points is None else points
-    return backend.point_shadows(mesh, topology, occluders, views, points, MAP_PX)
+    return backend.point_shadows(mesh, topology.faces, occluders, views, points, MAP_PX)
 
 
 @pytest.mark.slow

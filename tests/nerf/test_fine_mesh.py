@@ -57,6 +57,17 @@ def test_at_rest_it_is_the_subdivided_template_moved_by_the_offsets(backend, han
     torch.testing.assert_close(found.normals, right.normals, atol=1e-4, rtol=0)
 
 
+def test_the_coarse_faces_have_their_corners_on_the_surface(templates):
+    """Of the four that a face is cut into, each of the first three keeps one of its corners."""
+    template = templates["right"]
+    coarse, fine = template.coarse_faces, template.faces
+    assert 4 * len(coarse) == len(fine)
+    assert coarse.max() + 1 == len(template.levels[0].start) - 1
+    for corner in range(3):
+        of_corner = fine[corner * len(coarse) : (corner + 1) * len(coarse)]
+        assert (of_corner == coarse[:, corner, None]).any(1).all()
+
+
 def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):
     right = templates["right"]
     motion = skin_motion(right.skin, AT_REST)
@@ -143,9 +154,8 @@ def square(left_px, right_px, top_px, bottom_px):
     y = (SIZE[1] / 2 - torch.tensor([bottom_px, bottom_px, top_px, top_px])) / 100
     vertices = torch.stack([x, y, torch.zeros(4)], 1)
     faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
-    return FineMesh(
-        vertices, torch.tensor([0.0, 0, 1]).expand(4, 3), faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE, one_bone(2)
-    )
+    up = torch.tensor([0.0, 0, 1]).expand(4, 3)
+    return FineMesh(vertices, up, faces, torch.zeros(2, 3, 2), torch.zeros(4), ONE, one_bone(2), faces)
 
 
 def ball(radius_m):
@@ -160,6 +170,7 @@ def ball(radius_m):
         torch.zeros(len(vertices)),
         ONE,
         one_bone(len(faces)),
+        faces,
     )
 
 

@@ -13,12 +13,14 @@ from livehand.backend.nerf.light_samples import LightSamples, SkySamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
+    EVEN_LIGHT,
     GLOSS,
     SCATTERED,
     LightFeatures,
     LightShadows,
     ProbeLight,
     SurfacePoints,
+    around_surface,
     corrected,
     diffuse_light,
     light_features,
@@ -142,7 +144,13 @@ def test_shadow_takes_the_lamps_light_away_unless_it_casts_none(lit):
     assert vectors[:, 2].abs().max() > 0
 
 
-def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
+def test_even_light_arrives_inside_the_skin_as_much_however_far_it_reaches_around():
+    """The mean over the sphere, which is a fourth of the integral over pi; the cosines of even light are even."""
+    cosines = (torch.arange(200_000, dtype=torch.float64) + 0.5) / 100_000 - 1
+    assert (4 * around_surface(cosines).mean(0)).tolist() == pytest.approx(EVEN_LIGHT, rel=1e-6)
+
+
+def test_light_inside_the_skin_decays_with_depth_and_the_deep_one_reaches_round_the_edge():
     light = LightSamples.of(Light((Lamp("sun", np.ones(3)),)), BOUNDS)
     depth = torch.tensor([[0.0, 0.002, 0.01, 0.0, 0.0]])
     normal = torch.tensor([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, -1]])
@@ -150,13 +158,13 @@ def test_light_inside_the_skin_decays_with_depth_and_reaches_round_the_edge():
     sky = PointShadows(torch.zeros(64, 5), torch.zeros(64, 5))
     shadows = LightShadows(sky, PointShadows(torch.zeros(1, 5), depth), no_probes(1))
     long, short = light_features(light, shadows, points).scattered[..., 0].T * pi
-    assert short[0] == pytest.approx(1)
+    assert short[0] == pytest.approx(1.25)
     assert long[0] == pytest.approx(1)
-    assert short[1] == pytest.approx(np.exp(-0.002 / 0.0012), rel=1e-4)
+    assert short[1] == pytest.approx(1.25 * np.exp(-0.002 / 0.0012), rel=1e-4)
     assert long[1] == pytest.approx(np.exp(-0.5), rel=1e-4)
     assert long[2] > 10 * short[2]
-    assert 0 < short[3] < long[3] < 0.5
-    assert short[4] == 0
+    assert short[3] == short[4] == 0
+    assert long[3] == pytest.approx(0.7 / 1.7)
     assert long[4] == 0
 
 

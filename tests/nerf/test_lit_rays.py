@@ -8,16 +8,19 @@ from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.fine_mesh import FineMesh
 from livehand.backend.nerf.light_samples import LampSamples, LightSamples
 from livehand.backend.nerf.lit_field import LitField
 from livehand.backend.nerf.lit_rays import (
     NO_OCCLUDERS,
+    HitSurface,
     SkinLayers,
     light_shadows,
     ray_positions,
     sky_shadows,
     surface_points,
 )
+from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.ray_hits import RayHits
 from livehand.backend.nerf.rays import HandInView, RenderedRays, camera_tensors
 from livehand.backend.nerf.volume import Composite
@@ -93,6 +96,27 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     assert torch.equal(quick.lamps.lit, whole.lamps.lit)
     assert torch.equal(quick.probes.of_lamps, rough.probes.of_lamps)
     assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()
+
+
+@pytest.mark.parametrize("is_finest", [False, True])
+def test_a_known_surface_casts_the_shadows_of_lamps_and_takes_them(backend, posed, seen_from, is_finest):
+    """A square between the sun and two points, of which the coarse faces have one half; the hand is not in the way."""
+    one = posed("fist")
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)))
+    centre, radius = Bounds.of(one.mesh)
+    corners = centre + radius * torch.tensor([[-0.9, -0.9, 0.5], [0.9, -0.9, 0.5], [0.9, 0.9, 0.5], [-0.9, 0.9, 0.5]])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+    bones = SurfaceBones(torch.zeros(2, dtype=torch.int8), torch.tensor([[False]]))
+    unused = torch.zeros(2, 3, 2), torch.zeros(4), torch.tensor(1.0)
+    square = FineMesh(corners, torch.zeros(4, 3), faces, *unused, bones, faces[:1])
+    sun = LightSamples.of(Light((Lamp("sun", np.ones(3)),)), Bounds.of(one.mesh))
+    below = centre + radius * torch.tensor([[0.5, -0.5, -0.5], [-0.5, 0.5, -0.5], [0.8, 0.8, 0.9]])
+    skin, elsewhere = HitSurface(square, below).lamp_skin(is_finest), torch.zeros(3, 3)
+    of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, elsewhere)
+    rest = NO_OCCLUDERS, elsewhere, of_sky, torch.ones(3)
+    shadows = light_shadows(backend, hand, sun, *rest, lamp_skin=skin)
+    assert shadows.lamps.lit.tolist() == [[0, 0 if is_finest else 1, 1]]
+    torch.testing.assert_close(shadows.probes.of_lamps, light_shadows(backend, hand, sun, *rest).probes.of_lamps)
 
 
 def test_light_falls_on_the_normals_of_a_known_surface_where_rays_meet_it():

@@ -42,7 +42,7 @@ def mesh_of(*rectangles, bones=None):
     weights = torch.eye(len(CHAIN))[torch.tensor(bones or [0] * count).repeat_interleave(4)]
     of_faces = SurfaceBones.of(weights, faces, CHAIN)
     corner_uv, flex = torch.zeros(2 * count, 3, 2), torch.zeros(4 * count)
-    return FineMesh(vertices, up, faces, corner_uv, flex, torch.tensor(1.0), of_faces)
+    return FineMesh(vertices, up, faces, corner_uv, flex, torch.tensor(1.0), of_faces, faces)
 
 
 def before_a_wall(edge_px):

@@ -33,7 +33,7 @@ def camera():
 def mesh_of(vertices, normals, faces):
     bones = SurfaceBones(torch.zeros(len(faces), dtype=torch.int8), torch.tensor([[False]]))
     corner_uv, flex = torch.zeros(len(faces), 3, 2), torch.zeros(len(vertices))
-    return FineMesh(vertices, normals, faces, corner_uv, flex, torch.tensor(1.0), bones)
+    return FineMesh(vertices, normals, faces, corner_uv, flex, torch.tensor(1.0), bones, faces)
 
 
 def ball(radius_m):
@@ -58,6 +58,10 @@ def test_rays_meet_a_ball_where_it_is_and_have_its_normals(backend):
     inner = meets & (position[:, 2] > 0.05)
     torch.testing.assert_close(hits.depth[inner], depth[inner], atol=2e-4, rtol=0)
     torch.testing.assert_close(hits.normal[inner], position[inner] / 0.15, atol=2e-3, rtol=0)
+    beside = torch.full((len(PIXEL), 3), 7.0)
+    found = hits.positions(camera(), ray_directions(camera(), PIXEL), beside)
+    torch.testing.assert_close(found[inner], position[inner], atol=2e-4, rtol=0)
+    assert torch.equal(found[hits.depth == torch.inf], beside[hits.depth == torch.inf])
     assert (~meets).sum() > 4000
     assert hits.depth[~meets].isinf().all()
     assert hits.normal[~meets].eq(0).all()

@@ -59,7 +59,7 @@ def patch(depth_m=0.5, focal_px=400.0, scale=1.0, flex=0.0):
     normals = torch.tensor([0.0, 0, 1]).expand(4, 3)
     bones = SurfaceBones(torch.zeros(len(faces), dtype=torch.int8), torch.tensor([[False]]))
     mesh = FineMesh(
-        vertices, normals, faces, corners[faces][..., :2], torch.full((4,), flex), torch.tensor(scale), bones
+        vertices, normals, faces, corners[faces][..., :2], torch.full((4,), flex), torch.tensor(scale), bones, faces
     )
     cam2world = np.diag([1.0, -1, -1, 1])
     cam2world[2, 3] = depth_m

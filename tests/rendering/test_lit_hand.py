@@ -10,6 +10,7 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.nerf.lit_rays import HitSurface
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
@@ -133,6 +134,22 @@ def test_a_slab_before_the_lamp_darkens_the_hand(renderer, shot):
     blocked = renderer.render(replace(shot, light=Light((KEY,), occluders=slab)))
     free = renderer.render(replace(shot, light=Light((KEY,))))
     assert blocked.rgb.sum() < 0.02 * free.rgb.sum()
+
+
+def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_are_kept(renderer, shot, monkeypatch):
+    asked, lamp_skin = [], HitSurface.lamp_skin
+
+    def watched(surface, is_finest):
+        asked.append(is_finest)
+        return lamp_skin(surface, is_finest)
+
+    monkeypatch.setattr(HitSurface, "lamp_skin", watched)
+    frames = [renderer.render(replace(shot, light=Light((KEY,), penumbra=each))) for each in ("none", "fine")]
+    assert asked == [False, True]
+    monkeypatch.setattr(HitSurface, "lamp_skin", lambda surface, is_finest: None)
+    by_mesh = renderer.render(replace(shot, light=Light((KEY,), penumbra="none")))
+    change = np.abs(frames[0].rgb - by_mesh.rgb).mean() / by_mesh.rgb.mean()
+    assert 0 < change < 0.1
 
 
 def test_a_mirrored_hand_in_mirrored_light_is_the_mirror_image(hand, renderer, shot):

@@ -84,7 +84,7 @@ def _add_direction(sky, lobes, k, start, count, work, sums):
     depth = sky.depth_in_m[k, start : start + count]
     lit = sky.lit[k, start : start + count]
     for layer in range(2):
-        _scatter_row(sky.towards[k], lobes.wrap[layer], lobes.scatter_m[layer], depth, work, work[_VALUE])
+        _scatter_row(sky.towards[k], lobes, layer, depth, work, work[_VALUE])
         for c in range(3):
             _add_row(sums[_SCATTERED + 3 * layer + c], work[_VALUE], sky.flux[k, c], count)
     _arriving_row(sky.towards[k], lit, work, work[_ARRIVING])
@@ -113,11 +113,11 @@ def _add_lit_row(total, values, lit, factor):
 
 
 @part
-def _scatter_row(towards, wrap, scatter_m, depth_in_m, work, out):
+def _scatter_row(towards, lobes, layer, depth_in_m, work, out):
     """What arrives inside the skin from a direction."""
     x, y, z = towards[0], towards[1], towards[2]
     nx, ny, nz = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2]
-    scale, rate = _1 / (_1 + wrap), _1 / (_16 * scatter_m)
+    wrap, scale, rate = lobes.wrap[layer], lobes.scattered_scale[layer], _1 / (_16 * lobes.scatter_m[layer])
     for index in range(len(depth_in_m)):
         around = max((x * nx[index] + y * ny[index] + z * nz[index] + wrap) * scale, _0)
         out[index] = around * _decayed(depth_in_m[index] * rate)
@@ -185,7 +185,7 @@ def _add_lamp(lamps, lobes, k, start, count, work, sums, vectors):
     _strength_rows(lamps, k, count, work, work[_ARRIVING])
     for layer in range(2):
         rate = shadow / (_16 * lobes.scatter_m[layer])
-        _scatter_lamp_row(lobes.wrap[layer], rate, depth, work, work[_ARRIVING], work[_VALUE])
+        _scatter_lamp_row(lobes, layer, rate, depth, work, work[_ARRIVING], work[_VALUE])
         for c in range(3):
             _add_row(sums[_SCATTERED + 3 * layer + c], work[_VALUE], lamps.rgb[lamp, c], count)
     x, y, z, strength = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2], work[_ARRIVING]
@@ -204,10 +204,11 @@ def _add_product(total, a, b, count):
 
 
 @part
-def _scatter_lamp_row(wrap, rate, depth_in_m, work, strength, out):
+def _scatter_lamp_row(lobes, layer, rate, depth_in_m, work, strength, out):
     """What arrives inside the skin from a sample, whose direction is another at every point."""
     x, y, z = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2]
-    nx, ny, nz, scale = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2], _1 / (_1 + wrap)
+    nx, ny, nz = work[_NORMAL], work[_NORMAL + 1], work[_NORMAL + 2]
+    wrap, scale = lobes.wrap[layer], lobes.scattered_scale[layer]
     for index in range(len(depth_in_m)):
         cosine = x[index] * nx[index] + y[index] * ny[index] + z[index] * nz[index]
         out[index] = max((cosine + wrap) * scale, _0) * _decayed(depth_in_m[index] * rate) * strength[index]

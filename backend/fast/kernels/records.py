@@ -298,12 +298,13 @@ class NearArrays(NamedTuple):
 class Lobes(NamedTuple):
     """Constants of `nerf.lighting` and `nerf.gloss`.
 
-    SCATTER_M, WRAP and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and BELOW_HORIZON;
-    `nail_alpha` is the first lobe's on nails.
+    SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
+    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
     """
 
     scatter_m: np.ndarray
     wrap: np.ndarray
+    scattered_scale: np.ndarray
     alpha: np.ndarray
     nail_alpha: np.float32
     sky_cell_rad: np.float32

@@ -28,7 +28,7 @@ def near_light(points, patches, lobes, first, last, out):
             _multiply(work[_FACTOR], work[_TOWARDS + axis], work[_COSINE], work[_VALUE])
             _fill_sums(work[_VALUE], patches.shed, out.sky_vectors[point, axis])
         for layer in range(2):
-            _scatter(points.normal[point], lobes.wrap[layer], work, work[_VALUE])
+            _scatter(points.normal[point], lobes, layer, work, work[_VALUE])
             _fill_sums(work[_VALUE], patches.shed, out.scattered[point, layer])
             _reflect(
                 points.relief_normal[point], points.view_direction[point], lobes, layer, patches, work, work[_VALUE]
@@ -87,9 +87,9 @@ def _multiply(a, b, c, out):
 
 
 @part
-def _scatter(normal, wrap, work, out):
+def _scatter(normal, lobes, layer, work, out):
     x, y, z, factor = work[_TOWARDS], work[_TOWARDS + 1], work[_TOWARDS + 2], work[_FACTOR]
-    scale = _1 / (_1 + wrap)
+    wrap, scale = lobes.wrap[layer], lobes.scattered_scale[layer]
     for k in range(np.uintp(len(out))):
         cosine = x[k] * normal[0] + y[k] * normal[1] + z[k] * normal[2]
         out[k] = factor[k] * max(cosine + wrap, _0) * scale
