@@ -12,12 +12,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
+from ..nerf.clear_rays import completed, filled
 from ..nerf.crop import Crop
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
@@ -163,12 +165,13 @@ def render_lit_hand(
     """Decode and enlarge the gathered rays of a relightable field; `albedo` as in `LitHand`; `known`, if it is."""
     device = rays.t.device
     on_stage("light")
+    size_px = hand.camera.size_px
+    every = torch.arange(size_px[0] * size_px[1], device=device)
+    rays, hits = (rays, None) if known is None else completed(rays, backend.ray_hits(known.mesh, hand.camera, every))
     directions = ray_directions(hand.camera, rays.pixel)
     view = normalize(directions, dim=-1)
-    size_px = hand.camera.size_px
     layers = skin_layers(backend, hand)
     skin = layers.seen_by(rays, size_px)
-    hits = None if known is None else backend.ray_hits(known.mesh, hand.camera, rays.pixel)
     position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt, hits)
     places = layers.places(hand, skin, rays.pixel, position, hits)
     points = surface_points(field, rays.composite, position, view, places, hits)
@@ -183,6 +186,7 @@ def render_lit_hand(
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
         profile, edges, surface = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None, None
     else:
+        low = filled(low, rays.pixel, size_px, hits, skin.edge_m)
         full = doubled(hand.camera)
         seen = backend.seen_surface(known.mesh, full)
         at_pixels = skin._replace(depth=seen.depth)

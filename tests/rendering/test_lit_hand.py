@@ -136,6 +136,19 @@ def test_a_slab_before_the_lamp_darkens_the_hand(renderer, shot):
     assert blocked.rgb.sum() < 0.02 * free.rgb.sum()
 
 
+def test_clear_rays_of_a_known_surface_are_filled(hand, renderer, shot, monkeypatch):
+    """Each pixel that shows the surface has a ray, and the picture is of what `filled` makes of them."""
+
+    def half_as_bright(low, pixel, size_px, hits, edge_m):
+        assert len(pixel) == len(hits.depth) == len(low.alpha)
+        return low._replace(channels=low.channels / 2, alpha=low.alpha)
+
+    before = renderer.render(shot)
+    monkeypatch.setattr("livehand.backend.rendering.lit_hand.filled", half_as_bright)
+    after = Renderer(renderer.avatar, hand, "cpu").render(shot)
+    assert after.rgb.mean() < 0.9 * before.rgb.mean()
+
+
 def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_are_kept(renderer, shot, monkeypatch):
     asked, lamp_skin = [], HitSurface.lamp_skin
 
