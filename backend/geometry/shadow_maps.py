@@ -64,6 +64,10 @@ class LightViews(NamedTuple):
         right = torch.nn.functional.normalize(torch.linalg.cross(least, towards), dim=-1)
         return cls(torch.stack([right, torch.linalg.cross(right, towards), towards], 1), distance)
 
+    def chosen(self, which: Int[Tensor, " N"]) -> LightViews:
+        """Some of the views."""
+        return LightViews(self.frames[which], self.distance[which])
+
 
 class PointShadows(NamedTuple):
     """What P points receive from K views.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from math import cos, pi, tan
+from math import cos, pi, radians, tan
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import FAR, Bounds, LightViews
@@ -23,6 +23,8 @@ _SAMPLES_FROM_DEG: dict[Penumbra, tuple[tuple[float, int], ...]] = {
     "coarse": ((25.0, 16), (8.0, 9), (1.5, 4), (0.0, 1)),
     "fine": ((20.0, 36), (8.0, 25), (3.0, 16), (1.0, 9), (0.0, 1)),
 }
+HARD_RAD = radians(3)
+"""The angle of the lamps whose shadows are too soft to show what casts them."""
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
 _LEAST_FLUX = 1e-20
@@ -104,6 +106,11 @@ class LampSamples(NamedTuple):
     shadow: Tensor
     rgb: Tensor
     radius_rad: Tensor
+
+    @property
+    def is_hard(self) -> Bool[Tensor, " K"]:
+        """Which samples are of lamps whose shadows have edges."""
+        return (2 * self.radius_rad < HARD_RAD)[self.lamp]
 
     @classmethod
     def of(cls, lamps: tuple[Lamp, ...], bounds: Bounds, penumbra: Penumbra = "coarse") -> LampSamples:

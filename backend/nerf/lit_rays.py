@@ -11,7 +11,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.mesh import PosedMesh
 from ..geometry.rasterise import NearestFronts
-from ..geometry.shadow_maps import Bounds, PointShadows
+from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
 from .bounce import Probes, SkinPlaces, probe_vertices
@@ -195,6 +195,13 @@ class LampSkin(NamedTuple):
     position: Tensor
 
 
+class LampSkins(NamedTuple):
+    """The skin that casts the shadows of hard lamps, and of soft ones."""
+
+    hard: LampSkin
+    soft: LampSkin
+
+
 class HitSurface(NamedTuple):
     """A known surface, and where R rays meet it.
 
@@ -206,10 +213,11 @@ class HitSurface(NamedTuple):
     mesh: FineMesh
     position: Tensor
 
-    def lamp_skin(self, is_finest: bool) -> LampSkin:
-        """All of the surface, or a quarter of its faces with the corners where they are."""
-        mesh, faces = self.mesh, self.mesh.faces if is_finest else self.mesh.coarse_faces
-        return LampSkin(PosedMesh(mesh.vertices, mesh.normals, mesh.scale), faces, self.position)
+    def lamp_skins(self, is_finest: bool) -> LampSkins:
+        """A quarter of its faces with the corners where they are; for hard lamps all of them, if it is to be finest."""
+        posed = PosedMesh(self.mesh.vertices, self.mesh.normals, self.mesh.scale)
+        soft = LampSkin(posed, self.mesh.coarse_faces, self.position)
+        return LampSkins(soft._replace(faces=self.mesh.faces) if is_finest else soft, soft)
 
 
 def light_shadows(
@@ -221,7 +229,7 @@ def light_shadows(
     of_sky: PointShadows,
     albedo: Tensor,
     shining_on_probes: LampSamples | None = None,
-    lamp_skin: LampSkin | None = None,
+    lamp_skins: LampSkins | None = None,
 ) -> LightShadows:
     """The shadows of a light at points, by the hand itself and by occluders.
 
@@ -234,19 +242,27 @@ def light_shadows(
         of_sky: as `sky_shadows` gives them.
         albedo: of the skin that sheds light on itself, [P, 3] or [3].
         shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
-        lamp_skin: casts and takes their shadows; None: the mesh does, at the points.
+        lamp_skins: cast and take their shadows; None: the mesh does, at the points.
     """
     probes, bounds = Probes.of(hand.mesh, hand.topology), Bounds.of(hand.mesh)
-    coarse_skin = LampSkin(hand.mesh, hand.topology.faces, probes.position)
 
-    def of_lamps(lamps: LampSamples, skin: LampSkin, map_px: int) -> PointShadows:
-        views = lamps.views(bounds)
+    def cast(views: LightViews, skin: LampSkin, map_px: int) -> PointShadows:
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
 
+    def of_lamps(lamps: LampSamples, skins: LampSkins, map_px: int) -> PointShadows:
+        views, order = lamps.views(bounds), lamps.is_hard.int().argsort(stable=True)
+        soft, hard = order.split([int((~lamps.is_hard).sum()), int(lamps.is_hard.sum())])
+        if len(hard) == 0 or skins.hard is skins.soft:
+            return cast(views, skins.soft, map_px)
+        parts = (cast(views.chosen(soft), skins.soft, map_px), cast(views.chosen(hard), skins.hard, map_px))
+        return PointShadows(*(torch.cat(values)[order.argsort()] for values in zip(*parts, strict=True)))
+
+    on_mesh = LampSkin(hand.mesh, hand.topology.faces, position)
+    at_probes = on_mesh._replace(position=probes.position)
     # Apart, for a map is as fine as its points are near.
-    lamps = of_lamps(light.lamps, lamp_skin or coarse_skin._replace(position=position), LAMP_MAP_PX)
+    lamps = of_lamps(light.lamps, lamp_skins or LampSkins(on_mesh, on_mesh), LAMP_MAP_PX)
     probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
-    probe_lamps = of_lamps(probe_light.lamps, coarse_skin, PROBE_MAP_PX)
+    probe_lamps = of_lamps(probe_light.lamps, LampSkins(at_probes, at_probes), PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
     return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))

@@ -113,8 +113,8 @@ class LitHand:
         is_fine = light.penumbra == "fine"
         # Light that the hand sheds on itself is soft whatever its shadows.
         coarse = LampSamples.of(light.lamps, self.bounds) if is_fine else None
-        skin = None if self.surface is None else self.surface.lamp_skin(is_fine)
-        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse, skin)
+        skins = None if self.surface is None else self.surface.lamp_skins(is_fine)
+        shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse, skins)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:

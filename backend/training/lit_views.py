@@ -273,8 +273,8 @@ class LitTrainingViews(TrainingViews):
             of_sky = sky_shadows(self.backend, hand, occluders, position)
             white = torch.ones(3, device=self.device)  # `step.render_view` knows better
             known = surface()
-            skin = None if known is None else known.lamp_skin(is_finest=True)
-            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white, lamp_skin=skin)
+            skins = None if known is None else known.lamp_skins(is_finest=True)
+            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white, lamp_skins=skins)
             open_sky, around = shadows.sky, None
             if len(occluders):
                 alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)

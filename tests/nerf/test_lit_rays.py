@@ -98,9 +98,9 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()
 
 
-@pytest.mark.parametrize("is_finest", [False, True])
-def test_a_known_surface_casts_the_shadows_of_lamps_and_takes_them(backend, posed, seen_from, is_finest):
-    """A square between the sun and two points, of which the coarse faces have one half; the hand is not in the way."""
+@pytest.mark.parametrize(("is_finest", "angle_rad"), [(False, 0.0), (True, 0.0), (True, 0.1)])
+def test_a_known_surface_casts_the_shadows_of_lamps_and_takes_them(backend, posed, seen_from, is_finest, angle_rad):
+    """A square between the sun and two points, of which the coarse faces have one half."""
     one = posed("fist")
     hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)))
     centre, radius = Bounds.of(one.mesh)
@@ -109,13 +109,16 @@ def test_a_known_surface_casts_the_shadows_of_lamps_and_takes_them(backend, pose
     bones = SurfaceBones(torch.zeros(2, dtype=torch.int8), torch.tensor([[False]]))
     unused = torch.zeros(2, 3, 2), torch.zeros(4), torch.tensor(1.0)
     square = FineMesh(corners, torch.zeros(4, 3), faces, *unused, bones, faces[:1])
-    sun = LightSamples.of(Light((Lamp("sun", np.ones(3)),)), Bounds.of(one.mesh))
-    below = centre + radius * torch.tensor([[0.5, -0.5, -0.5], [-0.5, 0.5, -0.5], [0.8, 0.8, 0.9]])
-    skin, elsewhere = HitSurface(square, below).lamp_skin(is_finest), torch.zeros(3, 3)
+    suns = Lamp("sun", np.ones(3), angle_rad=angle_rad), Lamp("sun", np.ones(3), angle_rad=0.2)
+    sun = LightSamples.of(Light(suns), Bounds.of(one.mesh))
+    below = centre + radius * torch.tensor([[0.5, -0.5, -0.5], [-0.5, 0.5, -0.5], [0.6, 0.8, 0.9]])
+    skin, elsewhere = HitSurface(square, below).lamp_skins(is_finest), torch.zeros(3, 3)
     of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, elsewhere)
     rest = NO_OCCLUDERS, elsewhere, of_sky, torch.ones(3)
-    shadows = light_shadows(backend, hand, sun, *rest, lamp_skin=skin)
-    assert shadows.lamps.lit.tolist() == [[0, 0 if is_finest else 1, 1]]
+    shadows = light_shadows(backend, hand, sun, *rest, lamp_skins=skin)
+    lit = [shadows.lamps.lit[sun.lamps.lamp == index].mean(0).tolist() for index in range(2)]
+    is_finest_there = is_finest and angle_rad == 0
+    assert lit == [[0, 0 if is_finest_there else 1, 1], [0, 1, 1]]
     torch.testing.assert_close(shadows.probes.of_lamps, light_shadows(backend, hand, sun, *rest).probes.of_lamps)
 
 

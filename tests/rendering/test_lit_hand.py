@@ -150,16 +150,16 @@ def test_clear_rays_of_a_known_surface_are_filled(hand, renderer, shot, monkeypa
 
 
 def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_are_kept(renderer, shot, monkeypatch):
-    asked, lamp_skin = [], HitSurface.lamp_skin
+    asked, lamp_skins = [], HitSurface.lamp_skins
 
     def watched(surface, is_finest):
         asked.append(is_finest)
-        return lamp_skin(surface, is_finest)
+        return lamp_skins(surface, is_finest)
 
-    monkeypatch.setattr(HitSurface, "lamp_skin", watched)
+    monkeypatch.setattr(HitSurface, "lamp_skins", watched)
     frames = [renderer.render(replace(shot, light=Light((KEY,), penumbra=each))) for each in ("none", "fine")]
     assert asked == [False, True]
-    monkeypatch.setattr(HitSurface, "lamp_skin", lambda surface, is_finest: None)
+    monkeypatch.setattr(HitSurface, "lamp_skins", lambda surface, is_finest: None)
     by_mesh = renderer.render(replace(shot, light=Light((KEY,), penumbra="none")))
     change = np.abs(frames[0].rgb - by_mesh.rgb).mean() / by_mesh.rgb.mean()
     assert 0 < change < 0.1
