@@ -21,6 +21,7 @@ from ..nerf.lighting import (
     LightShadows,
     Openness,
     SurfacePoints,
+    sky_seen_from_side,
 )
 from .arrays import as_arrays, whole_rows
 from .kernels.bounce import bounce
@@ -34,10 +35,10 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
-    vectors, of_sky, seen, scattered = (
-        torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2,), (2, 3))
+    vectors, of_sky, seen, arriving, scattered = (
+        torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2,), (), (2, 3))
     )
-    out = FeatureArrays(*as_arrays(vectors, of_sky, seen, scattered))
+    out = FeatureArrays(*as_arrays(vectors, of_sky, seen, arriving, scattered))
     arrays = PointArrays(*as_arrays(*points[:-1]))
     sky_arrays = SkyArrays(
         *as_arrays(sky.towards, sky.flux, sky.brightness), *(whole_rows(values) for values in shadows.sky)
@@ -55,7 +56,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=of_sky,
-        sky_seen=seen,
+        sky_seen=sky_seen_from_side(seen, arriving, sky, points),
         mirrored=sky.mirrored,
         near_gloss=torch.zeros(count, 2, 3),
         scattered=scattered,

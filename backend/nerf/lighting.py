@@ -34,6 +34,10 @@ BELOW_HORIZON = -0.25
 SKY_CELL_RAD = 0.6
 """Half the angle over which each of the sky's directions is spread where its share in a lobe is weighed: beyond its
 cell, so that all are even."""
+FROM_SIDE, ALONG_SKIN = 0.5, 0.2
+"""Cosines of the view between which the sky's gloss passes from the mirrored view to what arrives at the ray."""
+MOST_FROM_SIDE = 4.0
+"""Times the sky's gloss in the mirrored view: where it is next to nothing, the quotient tells nothing."""
 # Of the mean light, and how much brighter than ours measured light may be before it counts as another.
 _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
@@ -116,7 +120,8 @@ class LightFeatures(NamedTuple):
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L] half the angle of each lamp.
         sky_vectors: [R, 3, 3] the same of the sky, for each colour.
-        sky_seen: [R, 2] the share of the sky in each glossy lobe that the hand and its surroundings do not hide.
+        sky_seen: [R, 2] how much of the sky's gloss arrives in each lobe: what the hand and its surroundings do not
+            hide; from the side more or less than all of it (`sky_seen_from_side`).
         mirrored: the whole sky in these lobes.
         near_gloss: [R, 2, 3] what stands around, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
@@ -167,7 +172,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
-        sky_seen=_sky_seen(sky, shadows.sky.lit, points),
+        sky_seen=sky_seen_from_side(*_sky_seen(sky, shadows.sky.lit, points), sky, points),
         mirrored=sky.mirrored,
         near_gloss=points.position.new_zeros(len(points.position), 2, 3),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
@@ -212,11 +217,42 @@ def around_surface(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
     return torch.stack([scale * (cosine + wrap).clamp(min=0) for wrap, scale in scales], -1)
 
 
-def _sky_seen(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
+def _sky_seen(
+    sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints
+) -> tuple[Float[Tensor, "R 2"], Float[Tensor, " R"]]:
+    """The share of the sky in each lobe that nothing hides, and the brightness that arrives in the broad one."""
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
     lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
-    lobes = lobes * sky.brightness[:, None, None]
-    return (lobes * lit[..., None]).sum(0) / lobes.sum(0).clamp(min=_TINY)
+    bright = lobes * sky.brightness[:, None, None]
+    seen = (bright * lit[..., None]).sum(0)
+    return seen / bright.sum(0).clamp(min=_TINY), seen[:, 1] / lobes[..., 1].sum(0).clamp(min=_TINY)
+
+
+def sky_seen_from_side(
+    seen: Float[Tensor, "R 2"], arriving: Float[Tensor, " R"], sky: SkySamples, points: SurfacePoints
+) -> Float[Tensor, "R 2"]:
+    """The shares of the sky, but the broad lobe's by what arrives in it where one looks along the skin.
+
+    There Fresnel's law weighs light from straight ahead ten times as much as the light around the mirrored view, which
+    is all that `MirroredSky` knows: a window behind a hand shines on its whole flank.
+
+    Args:
+        seen: the share of the sky in each lobe that nothing hides.
+        arriving: mean brightness (`SkySamples.brightness`) of what arrives in the broad lobe.
+        sky: sampled.
+        points: of the rays.
+    """
+    brightest = sky.flux.mean(1).max() * (len(sky.towards) / 4)  # radiance
+    to_eye = -(points.relief_normal * points.view).sum(-1)
+    along = ((FROM_SIDE - to_eye) / (FROM_SIDE - ALONG_SKIN)).clamp(0, 1)
+    at = (along > 0).nonzero()[:, 0]
+    if brightest <= 0 or len(at) == 0:
+        return seen
+    mirrored = sky.mirrored.gloss(points.relief_normal[at], points.view[at])[:, 1].mean(-1) / brightest
+    found = arriving[at] * sky.mirrored.reflected(to_eye[at])[:, 1]
+    share = (found / mirrored.clamp(min=_TINY)).clamp(max=MOST_FROM_SIDE)
+    broad = torch.lerp(seen[at, 1], share, along[at])
+    return torch.stack([seen[:, 0], seen[:, 1].index_put((at,), broad)], 1)
 
 
 UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)

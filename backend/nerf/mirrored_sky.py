@@ -64,7 +64,7 @@ class MirroredSky(NamedTuple):
         normal, view = normal.detach(), view.detach()
         along = (normal * view).sum(-1, keepdim=True)
         around = self._around(view - 2 * along * normal)
-        lobes = around * self._reflected(-along[:, 0])[..., None]
+        lobes = around * self.reflected(-along[:, 0])[..., None]
         share = normal.new_zeros(len(normal)) if nail is None else nail
         tight = torch.lerp(lobes[:, 0], lobes[:, 2], share[:, None])
         return torch.stack([tight, lobes[:, 1]], 1)
@@ -79,7 +79,8 @@ class MirroredSky(NamedTuple):
         lower = torch.lerp(self.radiance[at + SIDE + 2], self.radiance[at + SIDE + 3], right)
         return torch.lerp(upper, lower, below)
 
-    def _reflected(self, to_eye: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+    def reflected(self, to_eye: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+        """What the lobes reflect of even light, by the cosine of the view."""
         place = to_eye.clamp(0, 1) * (COSINES - 1)
         lower = place.floor().clamp(max=COSINES - 2)
         at = lower.long()

@@ -248,11 +248,12 @@ class LampArrays(NamedTuple):
 
 
 class FeatureArrays(NamedTuple):
-    """As `nerf.lighting.LightFeatures` at R points; zero at the start."""
+    """As `nerf.lighting.LightFeatures` at R points, and `arriving` of `sky_seen_from_side` [R]; zero at the start."""
 
     lamp_vectors: np.ndarray
     sky_vectors: np.ndarray
     sky_seen: np.ndarray
+    sky_arriving: np.ndarray
     scattered: np.ndarray
 
 
