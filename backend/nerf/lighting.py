@@ -28,7 +28,7 @@ WRAP = (0.7, 0.0)
 EVEN_LIGHT = (1.7, 1.25)
 """What light of radiance 1 from everywhere comes to at these depths: the scale of the coefficients."""
 SCATTERED_SCALE = tuple(even / (1 + wrap) ** 2 for wrap, even in zip(WRAP, EVEN_LIGHT, strict=True))
-"""Factors of the cosine plus `WRAP`: its integral over all directions is pi times its square at a cosine of 1."""
+"""Factors of the cosine plus `WRAP`, by which light from everywhere comes to `EVEN_LIGHT`."""
 BELOW_HORIZON = -0.25
 """Cosine of a ray's normal and a lamp from which on none of its light counts: rays' normals are as coarse as faces."""
 SKY_CELL_RAD = 0.6

@@ -250,12 +250,13 @@ def light_shadows(
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
 
     def of_lamps(lamps: LampSamples, skins: LampSkins, map_px: int) -> PointShadows:
-        views, order = lamps.views(bounds), lamps.is_hard.int().argsort(stable=True)
-        soft, hard = order.split([int((~lamps.is_hard).sum()), int(lamps.is_hard.sum())])
-        if len(hard) == 0 or skins.hard is skins.soft:
+        views, is_hard = lamps.views(bounds), lamps.is_hard
+        if skins.hard is skins.soft or not is_hard.any():
             return cast(views, skins.soft, map_px)
+        soft, hard = ((~is_hard).nonzero()[:, 0], is_hard.nonzero()[:, 0])
         parts = (cast(views.chosen(soft), skins.soft, map_px), cast(views.chosen(hard), skins.hard, map_px))
-        return PointShadows(*(torch.cat(values)[order.argsort()] for values in zip(*parts, strict=True)))
+        order = torch.cat([soft, hard]).argsort()
+        return PointShadows(*(torch.cat(values)[order] for values in zip(*parts, strict=True)))
 
     on_mesh = LampSkin(hand.mesh, hand.topology.faces, position)
     at_probes = on_mesh._replace(position=probes.position)

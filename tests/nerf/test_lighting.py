@@ -250,6 +250,9 @@ def test_gloss_takes_the_colour_of_the_light(lit):
 
 def test_the_sky_is_seen_as_far_as_nothing_hides_what_a_lobe_mirrors(lit, backend):
     light, shadows, points = lit
+    across = normalize(torch.linalg.cross(points.relief_normal, torch.tensor([1.0, 0, 0]).expand(POINTS, 3)), dim=-1)
+    to_eye = torch.tensor([0.9, 0.4]).repeat(POINTS // 2)[:, None]
+    points = points._replace(view=-(to_eye * points.relief_normal + (1 - to_eye**2).sqrt() * across))
 
     def seen(visible, sky=light.sky):
         hidden = shadows._replace(sky=PointShadows(visible.contiguous(), shadows.sky.depth_in_m))
