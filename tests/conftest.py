@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,8 @@ import pytest
 import torch
 import trimesh
 from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.captures.exr import write_exr
+from livehand.backend.captures.lights import CaptureLight
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
@@ -26,6 +29,7 @@ from livehand.backend.nerf.fine_mesh import FineTemplate, fine_mesh
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
 from livehand.backend.runtime.process_end import end_process
 from PIL import Image
@@ -51,6 +55,9 @@ def pytest_unconfigure(config):
 
 
 SIZE = (24, 32)
+SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
+SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),))  # along +Y
+SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
 EXIT_STATUS = pytest.StashKey[int]()
 
 
@@ -222,6 +229,28 @@ def painted_capture(tmp_path_factory):
     for view in views:
         _draw(hand, poses[view.pose_index], view.camera, folder / view.file)
     return capture
+
+
+@pytest.fixture(scope="session")
+def lit_capture(painted_capture, tmp_path_factory):
+    """The painted capture, its colours shown as half a sky's and half a sun's light."""
+    folder = tmp_path_factory.mktemp("lit")
+    views, lights = [], []
+    for view in painted_capture.views:
+        pixels = painted_capture.read_image(view)
+        occluders = SLAB if view.camera_index == 1 else np.zeros((0, 3, 3))
+        for group, light in enumerate((SKY, SUN)):
+            name = f"{view.file[:-4]}_g{group}.exr"
+            colour = pixels[..., :3] * (0.5 if group else (0.2, 0.3, 0.4))
+            channels = np.concatenate([colour, pixels[..., 3:]], -1).astype(np.float16)
+            write_exr(folder / name, {channel: channels[..., k] for k, channel in enumerate("RGBA")})
+            kind, albedo = "hard" if group else "dome", np.full((len(occluders), 3), 0.5)
+            lights.append(CaptureLight(kind, replace(light, occluders=occluders, occluder_albedo=albedo)))
+            views.append(replace(view, file=name, light=len(lights) - 1))
+    known = (painted_capture.hand_sha256, {"made_by": "test"}, painted_capture.poses)
+    lit = Capture(folder, *known, tuple(views), tuple(lights))
+    save_capture_index(lit)
+    return lit
 
 
 def _pose(hand, gesture):

@@ -49,7 +49,7 @@ def run(
 ) -> dict[str, Any]:
     """Measure and return the figures; `make_cycles` makes the renderer that needs Blender (None: without Cycles)."""
     from ..hand.model_file import load_default_hand
-    from ..rendering.device import torch_device
+    from ..rendering.device import rendering_device
     from .cases import load_configurations
     from .machine import describe, set_threads
     from .measure import Bench
@@ -57,11 +57,11 @@ def run(
 
     plan = plan_of(args)
     set_threads(args.threads)
-    machine = describe(torch_device(args.device))  # its load is that of before
+    machine = describe(rendering_device(args.device))  # its load is that of before
     figure = (
         growth_figure() if args.plot else None
     )  # before minutes of measurements: growth_figure raises where matplotlib is missing
-    device, hand = torch_device(args.device), load_default_hand()
+    device, hand = rendering_device(args.device), load_default_hand()
     configurations = load_configurations(hand, device, args.avatar, args.paper_avatar)
     bench = Bench(configurations, hand, device, make_cycles(args) if make_cycles else None)
     sizes, peaks = bench.run(plan, lambda part: say(f"measuring {part}"))

@@ -201,6 +201,8 @@ def _across(points: Float[Tensor, "P 3"], views: LightViews) -> tuple[Float[Tens
 
 def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> PointShadows:
     """Compare each point with the four nearest pixels of each map, bilinearly; points outside a map are lit."""
+    if not len(scene.views.distance):
+        return PointShadows(places.new_zeros(0, len(places)), places.new_zeros(0, len(places)))
     windows = MapWindows.around(places, scene.views, scene.map_px)
     entry, blocker = _maps(scene, windows)
     points = projected(places, scene, windows)

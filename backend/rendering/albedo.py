@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import torch
 
@@ -29,9 +31,9 @@ def vertex_albedo(avatar: Avatar, hand: HandModel) -> np.ndarray:
     Raises:
         LiveHandError: the avatar is not relightable.
     """
-    field = avatar.field
-    if not isinstance(field, LitField):
+    if not isinstance(avatar.field, LitField):
         raise LiveHandError(f"an albedo needs a relightable avatar, '{avatar.name}' is lit by its capture")
+    field = deepcopy(avatar.field).cpu()  # the avatar may be in training on another device
     topology = topology_of(hand)
     mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
     rays, open_sky = _rays_at_vertices(mesh, topology), Openness(torch.ones(len(mesh.vertices)), mesh.normals)

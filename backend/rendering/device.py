@@ -5,6 +5,16 @@ from __future__ import annotations
 import torch
 
 from ..records.errors import LiveHandError
+from .backends import has_numba
+
+
+def rendering_device(name: str) -> torch.device:
+    """As `torch_device`, but `auto` is the CPU where its kernels work: two cores are faster than torch on a large GPU.
+
+    Raises:
+        LiveHandError: a GPU is requested and not available.
+    """
+    return torch.device("cpu") if name == "auto" and has_numba() else torch_device(name)
 
 
 def torch_device(name: str) -> torch.device:

@@ -39,7 +39,7 @@ from ..records.side import Side
 from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
-from .device import torch_device
+from .device import rendering_device
 from .known_skin import KnownSkin, skin_of
 from .lit_hand import LitHand, PosedSkin, render_lit_hand
 from .rough_light import baked_light, roughly_relit
@@ -59,7 +59,7 @@ class Renderer:
     Attributes:
         avatar: the trained appearance.
         hand: the model of the meshes to render, of either side.
-        device: `auto` takes CUDA if it is available.
+        device: as `rendering_device` takes it.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
         has_rough_light: whether an avatar with baked light is relit roughly, if its own light is known (`rough_light`).
@@ -84,7 +84,7 @@ class Renderer:
                 f"(sha256 {self.avatar.hand_sha256[:12]}...), got '{self.hand.name}' ({self.hand.sha256[:12]}...); "
                 "choose that hand, or an avatar of this one"
             )
-        torch_device(self.device)
+        rendering_device(self.device)
 
     @torch.inference_mode()
     def render(
@@ -163,7 +163,7 @@ class Renderer:
     @cached_property
     def torch_device(self) -> torch.device:
         """The device in use."""
-        return torch_device(self.device)
+        return rendering_device(self.device)
 
     @cached_property
     def _backend(self) -> RenderBackend:

@@ -28,7 +28,7 @@ _SKINS = (
 )
 _SIDES = (("right", "Right", "A right hand"), ("left", "Left", "A left hand"))
 _DEVICES = (
-    ("auto", "Automatic", "The GPU if torch can use one, otherwise the CPU"),
+    ("auto", "Automatic", "The fastest: the CPU with its compiled kernels, or without them a GPU if torch can use one"),
     ("cpu", "CPU", "The processor"),
     ("cuda", "CUDA", "An NVIDIA GPU"),
     ("mps", "Metal", "The GPU of a Mac with Apple silicon; what torch lacks for it, the CPU does"),

@@ -29,6 +29,13 @@ def test_a_lone_sphere_is_lit_on_one_half_up_to_its_edge(spheres, backend):
     torch.testing.assert_close(irradiance, cosine.clamp(min=0).mean(1), atol=0, rtol=0.005)
 
 
+def test_of_no_lamps_there_are_no_shadows(spheres, backend):
+    mesh, topology = spheres(((0, 0, 0), 0.01), subdivisions=2)
+    none = torch.zeros(0, dtype=torch.long)
+    shadows = shadows_of(backend, mesh, topology, FROM_AFAR.chosen(none))
+    assert shadows.lit.shape == shadows.depth_in_m.shape == (0, len(mesh.vertices))
+
+
 def test_the_depth_behind_the_surface_is_the_way_of_the_light(spheres, backend):
     radius = 0.01
     mesh, topology = spheres(((0, 0, 0), radius), subdivisions=4)

@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.rendering.device import torch_device
+from livehand.backend.rendering.device import rendering_device, torch_device
 
 
 def test_a_missing_gpu_is_told():
@@ -17,6 +17,15 @@ def test_a_missing_gpu_is_told():
         assert torch_device("auto") == torch.device("cpu")
         with pytest.raises(LiveHandError, match="needs a CUDA GPU"):
             torch_device("cuda")
+
+
+def test_a_frame_is_the_kernels_even_beside_a_gpu(monkeypatch):
+    """Which are faster than torch is there; training takes the GPU."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert rendering_device("auto") == torch.device("cpu")
+    assert rendering_device("cuda") == torch_device("auto") == torch.device("cuda")
+    monkeypatch.setattr("livehand.backend.rendering.device.has_numba", lambda: False)
+    assert rendering_device("auto") == torch.device("cuda")
 
 
 def test_the_gpu_of_a_mac_is_taken_on_request_only(monkeypatch):

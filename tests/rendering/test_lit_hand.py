@@ -108,7 +108,9 @@ def test_a_kept_hand_gives_the_frame_of_a_fresh_one(hand, renderer, shot):
     assert np.array_equal(renderer.render(shot).rgb, fresh.rgb)
 
 
-def test_both_backends_render_the_same(hand, renderer, shot):
+@pytest.mark.parametrize("light", [LIGHT, None], ids=["lamps and sky", "the capture's sky"])
+def test_both_backends_render_the_same(hand, renderer, shot, light):
+    shot = replace(shot, light=light)
     slow = Renderer(renderer.avatar, hand, "cpu", backend=ReferenceBackend()).render(shot)
     fast = renderer.render(shot)
     assert np.abs(slow.rgb - fast.rgb).mean() < 0.01 * slow.rgb.mean()

@@ -1,6 +1,7 @@
 """What the tests of training share: a small configuration that trains in seconds."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
@@ -29,6 +30,13 @@ def small():
     """An avatar configuration with few weights."""
     return AvatarConfig(
         FieldConfig(width=16, planes=((32, 2, 4),), relief=8), SuperResConfig(width=8, depth=2), SamplerConfig(4, 0.003)
+    )
+
+
+@pytest.fixture(scope="session")
+def lit_config(small):
+    return replace(
+        small, field=replace(small.field, light="linear"), superres=SuperResConfig(kind="lit", width=8, depth=2)
     )
 
 

@@ -13,9 +13,8 @@ from livehand.backend.evaluation.summary import summary
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.nerf.avatar import new_avatar
 from livehand.backend.nerf.lighting import COEFFICIENTS
-from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.light import Lamp, Light, Sky
+from livehand.backend.records.light import Light
 from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.training.config import LossConfig, TrainConfig
@@ -24,40 +23,7 @@ from livehand.backend.training.loop import Training, train
 from livehand.backend.training.setup import TrainingSetup, sky_of
 from livehand.backend.training.step import render_view
 
-ROTATION = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # shines along +Y
-SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=ROTATION),))
-SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
-SUNSET = replace(SUN.lamps[0], rgb=np.array([2.0, 1.0, 0.5]))
-SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
-
-
-@pytest.fixture(scope="module")
-def lit_capture(painted_capture, tmp_path_factory):
-    """The painted capture, its colours shown as half a sky's and half a sun's light."""
-    folder = tmp_path_factory.mktemp("lit")
-    views, lights = [], []
-    for view in painted_capture.views:
-        pixels = painted_capture.read_image(view)
-        occluders = SLAB if view.camera_index == 1 else np.zeros((0, 3, 3))
-        for group, light in enumerate((SKY, SUN)):
-            name = f"{view.file[:-4]}_g{group}.exr"
-            colour = pixels[..., :3] * (0.5 if group else (0.2, 0.3, 0.4))
-            channels = np.concatenate([colour, pixels[..., 3:]], -1).astype(np.float16)
-            write_exr(folder / name, {channel: channels[..., k] for k, channel in enumerate("RGBA")})
-            kind, albedo = "hard" if group else "dome", np.full((len(occluders), 3), 0.5)
-            lights.append(CaptureLight(kind, replace(light, occluders=occluders, occluder_albedo=albedo)))
-            views.append(replace(view, file=name, light=len(lights) - 1))
-    known = (painted_capture.hand_sha256, {"made_by": "test"}, painted_capture.poses)
-    lit = Capture(folder, *known, tuple(views), tuple(lights))
-    save_capture_index(lit)
-    return lit
-
-
-@pytest.fixture(scope="session")
-def lit_config(small):
-    return replace(
-        small, field=replace(small.field, light="linear"), superres=SuperResConfig(kind="lit", width=8, depth=2)
-    )
+SUNSET_RGB = np.array([2.0, 1.0, 0.5])
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +86,8 @@ def test_occluders_shadow_the_light_but_not_the_coefficients(lit_views):
 
 
 def test_light_groups_among_other_objects_are_refused(lit_capture, hand, small, cpu):
-    lights = (replace(lit_capture.lights[0], light=replace(SKY, occluders=SLAB)),)
+    other = replace(lit_capture.lights[0].light, occluders=np.eye(3)[None], occluder_albedo=np.full((1, 3), 0.5))
+    lights = (replace(lit_capture.lights[0], light=other),)
     odd = replace(lit_capture, lights=lights + lit_capture.lights[1:])
     with pytest.raises(LiveHandError, match="same occluders"):
         LitTrainingViews(odd, odd.of_split("train"), hand, small.sampler, cpu, 0)
@@ -184,12 +151,12 @@ def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
 
 
 def test_the_avatar_keeps_the_sky_of_the_capture(lit_capture, painted_capture):
-    assert np.array_equal(sky_of(lit_capture).radiance, SKY.sky.radiance)
+    assert np.array_equal(sky_of(lit_capture).radiance, np.full((4, 8, 3), 0.3))
     assert sky_of(painted_capture) is None
 
 
 @pytest.fixture(scope="module")
-def taught_capture(painted_capture, hand, lit_config, tmp_path_factory):
+def taught_capture(painted_capture, lit_capture, hand, lit_config, tmp_path_factory):
     """What another avatar shows in the sky and in the sun; held out: in coloured light of both."""
     folder = tmp_path_factory.mktemp("taught")
     teacher = new_avatar("teacher", hand.name, hand.sha256, lit_config, seed=1)
@@ -198,7 +165,9 @@ def taught_capture(painted_capture, hand, lit_config, tmp_path_factory):
         for values in (teacher.field.channels.bias, teacher.field.channels.weight):
             values[:COEFFICIENTS] += 0.5 * torch.randn(values[:COEFFICIENTS].shape, generator=generator)
     renderer, views = Renderer(teacher, hand, "cpu"), []
-    lights = tuple(CaptureLight("key", light) for light in (SKY, SUN, Light((SUNSET,), SKY.sky)))
+    sky, sun = (one.light for one in lit_capture.lights[:2])
+    sunset = Light((replace(sun.lamps[0], rgb=SUNSET_RGB),), sky.sky)
+    lights = tuple(CaptureLight("key", light) for light in (sky, sun, sunset))
     for view in painted_capture.views:
         pose = painted_capture.poses[view.pose_index]
         for index in (0, 1) if view.split == "train" else (2,):
