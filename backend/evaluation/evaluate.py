@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
+from ..records.light import Light
 from ..records.shot import Shot
 from ..rendering.decode import straight_srgb
 from ..rendering.renderer import Renderer
@@ -86,7 +87,9 @@ def scored_views(
     chosen = [(view, angle) for view, angle in zip(views, angles, strict=True) if not angle > limit_deg]
     for view, angle in tqdm(chosen, unit="image", desc="evaluate"):
         truth = read_truth(capture, view)
-        shot = Shot(capture.poses[view.pose_index], vertices[view.pose_index], view.camera, capture.light_of(view))
+        shot = Shot(
+            capture.poses[view.pose_index], vertices[view.pose_index], view.camera, _kept(capture.light_of(view))
+        )
         if _shows_the_hand(truth, shot):
             truth, image = rendered_pair(renderer, shot, truth, capture.is_lit)
             surface = hands.seen_by(view)
@@ -173,3 +176,8 @@ def encoded_on_black(frame: Frame) -> np.ndarray:
     """[H, W, 4] of a frame: its straight colour, sRGB-encoded, times alpha; and alpha."""
     picture = straight_srgb(frame)
     return np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], -1)
+
+
+def _kept(light: Light | None) -> Light | None:
+    """The light as frames that are kept show it."""
+    return None if light is None else replace(light, penumbra="fine")

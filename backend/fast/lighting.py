@@ -10,7 +10,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
 from ..nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ..nerf.light_samples import LightSamples, SkySamples
+from ..nerf.light_samples import SKY_DIRECTIONS, LightSamples, SkySamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
@@ -40,9 +40,8 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     )
     out = FeatureArrays(*as_arrays(vectors, of_sky, seen, arriving, scattered))
     arrays = PointArrays(*as_arrays(*points[:-1]))
-    sky_arrays = SkyArrays(
-        *as_arrays(sky.towards, sky.flux, sky.brightness), *(whole_rows(values) for values in shadows.sky)
-    )
+    of_sky_cells = as_arrays(sky.towards, sky.flux, sky.brightness, SKY_DIRECTIONS * sky.share)
+    sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(
         lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache, lru_cache
 from math import cos, pi, radians, tan
 from typing import NamedTuple
@@ -17,6 +18,16 @@ from ..records.light import Lamp, Light, Penumbra, Sky, sky_directions
 from .mirrored_sky import MirroredSky
 
 SKY_DIRECTIONS = 64
+# As many directions on the whole sphere as bright cells of a sky are divided by, from a brightness against the mean on:
+# a window in one of them would cast shadows as hard as a lamp's.
+_DIVIDED_FROM: dict[Penumbra, tuple[tuple[float, int], ...]] = {
+    "none": (),
+    "coarse": ((4.0, 256),),
+    "fine": ((5.0, 1024), (2.0, 256)),
+}
+Division = tuple[int, ...]
+"""Of how many directions on the whole sphere each cell of the sky takes its share; `SKY_DIRECTIONS`: itself."""
+UNDIVIDED: Division = (SKY_DIRECTIONS,) * SKY_DIRECTIONS
 # Samples of a lamp by the angle under which the hand sees it: more where its shadows are softer, deg.
 _SAMPLES_FROM_DEG: dict[Penumbra, tuple[tuple[float, int], ...]] = {
     "none": ((0.0, 1),),
@@ -27,33 +38,45 @@ HARD_RAD = radians(3)
 """The angle of the lamps whose shadows are too soft to show what casts them."""
 # Nearest distance of a lamp at which its light is computed, m: closer, it would grow without bound.
 _LEAST_DISTANCE_M = 0.005
-_LEAST_FLUX = 1e-20
+_LEAST_FLUX, _LEAST_SHARE = 1e-20, 1e-6
+_LEAST_ROWS = 32  # of a sky's map
+_SHARES_PX = (128, 256)  # of the map by which the parts' shares are found
 _GOLDEN_ANGLE = pi * (3 - 5**0.5)
 
 
 class SkySamples(NamedTuple):
-    """The sky as K directions.
+    """The sky as K directions: those of the `SKY_DIRECTIONS` cells, and then the parts of divided cells.
 
     Attributes:
         towards: [K, 3] unit, world.
         flux: [K, 3] radiance times solid angle of each direction's cell, divided by pi.
+        share: [K] of the sphere; 0 for divided cells.
         mirrored: its gloss.
     """
 
     towards: Tensor
     flux: Tensor
+    share: Tensor
     mirrored: MirroredSky
 
     @classmethod
-    def of(cls, sky: Sky | None, device: torch.device | str) -> SkySamples:
+    def of(cls, sky: Sky | None, device: torch.device | str, division: Division = UNDIVIDED) -> SkySamples:
         """The samples of a sky; None is black."""
-        towards = torch.tensor(_towards(), device=device)
-        flux = torch.zeros(SKY_DIRECTIONS, 3, device=device)
+        towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
+        flux = torch.zeros(len(towards), 3, device=device)
         if sky is not None:
-            energy = (sky.radiance * sky.solid_angles[..., None] / pi).reshape(-1, 3)
-            cell = torch.as_tensor(_cells(*sky.radiance.shape[:2]), device=device)
+            finely = _in_small_texels(sky)
+            energy = (finely.radiance * finely.solid_angles[..., None] / pi).reshape(-1, 3)
+            cell = torch.as_tensor(_cells(*finely.radiance.shape[:2], division), device=device)
             flux = flux.index_add(0, cell, torch.as_tensor(energy, dtype=torch.float32, device=device))
-        return cls(towards, flux, MirroredSky.of(sky, device))
+        return cls(towards, flux, share, MirroredSky.of(sky, device))
+
+    def division(self, penumbra: Penumbra) -> Division:
+        """By which its cells are divided for shadows of this fineness; `self` is not divided."""
+        grey = self.flux[:SKY_DIRECTIONS].mean(1)
+        brightness = (grey / grey.mean().clamp(min=_LEAST_FLUX)).tolist()
+        levels = (*_DIVIDED_FROM[penumbra], (0.0, SKY_DIRECTIONS))
+        return tuple(next(count for least, count in levels if value >= least) for value in brightness)
 
     @classmethod
     def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
@@ -61,13 +84,17 @@ class SkySamples(NamedTuple):
         first = skies[0]
         flux = torch.einsum("gkc,gc->kc", torch.stack([sky.flux for sky in skies]), weights)
         around = torch.einsum("gnlc,gc->nlc", torch.stack([sky.mirrored.radiance for sky in skies]), weights)
-        return cls(first.towards, flux, first.mirrored._replace(radiance=around))
+        return first._replace(flux=flux, mirrored=first.mirrored._replace(radiance=around))
 
     @property
     def brightness(self) -> Float[Tensor, " K"]:
-        """Of the directions against the brightest; 0 if all are black."""
-        grey = self.flux.mean(1)
-        return grey / grey.max().clamp(min=_LEAST_FLUX)
+        """Light of the directions against that of a whole cell as bright as the brightest; 0 if all are black."""
+        return self.flux.mean(1) / (self.brightest * (4 / SKY_DIRECTIONS)).clamp(min=_LEAST_FLUX)
+
+    @property
+    def brightest(self) -> Float[Tensor, ""]:
+        """Radiance of the brightest cell, mean over colours."""
+        return (self.flux.mean(1) / self.share.clamp(min=_LEAST_SHARE)).max() / 4
 
     def views(self) -> LightViews:
         """Views for shadow maps."""
@@ -162,7 +189,11 @@ class LightSamples(NamedTuple):
     @classmethod
     def of(cls, light: Light, bounds: Bounds) -> LightSamples:
         """The samples around a hand."""
-        return cls(SkySamples.of(light.sky, bounds.centre.device), LampSamples.of(light.lamps, bounds, light.penumbra))
+        sky = SkySamples.of(light.sky, bounds.centre.device)
+        division = sky.division(light.penumbra)
+        if division != UNDIVIDED:
+            sky = SkySamples.of(light.sky, bounds.centre.device, division)
+        return cls(sky, LampSamples.of(light.lamps, bounds, light.penumbra))
 
     def unblocked(self, point: Float[Tensor, " 3"]) -> Float[Tensor, ""]:
         """What all of the light together would make of a white surface that faced all of it, mean over colours."""
@@ -248,13 +279,52 @@ def _tensor(values: np.ndarray, device: torch.device) -> Tensor:
     return torch.as_tensor(values, dtype=kind, device=device)
 
 
+def _in_small_texels(sky: Sky) -> Sky:
+    """The same sky in texels that are smaller than its cells."""
+    times = -(-_LEAST_ROWS // len(sky.radiance))
+    return sky if times == 1 else replace(sky, radiance=sky.radiance.repeat(times, 0).repeat(times, 1))
+
+
 @cache
-def _towards() -> np.ndarray:
-    """[K, 3] the sky's directions."""
-    return direction_frames(SKY_DIRECTIONS, "cpu")[:, 2].numpy()
+def _sphere(count: int) -> np.ndarray:
+    """[count, 3] directions."""
+    return direction_frames(count, "cpu")[:, 2].numpy().astype(np.float64)
 
 
-@lru_cache(maxsize=8)
-def _cells(height: int, width: int) -> np.ndarray:
-    """[H * W] the sky direction nearest to each texel of an equirectangular map."""
-    return (sky_directions(height, width).reshape(-1, 3) @ _towards().T.astype(np.float64)).argmax(1)
+@lru_cache(maxsize=32)
+def _parts(division: Division) -> tuple[np.ndarray, np.ndarray]:
+    """[M, 3] directions of the parts of divided cells, and [M] the cell of each."""
+    found = [(np.zeros((0, 3)), np.zeros(0, np.int64))]
+    for count in sorted({*division} - {SKY_DIRECTIONS}):
+        towards = _sphere(count)
+        cell = (towards @ _sphere(SKY_DIRECTIONS).T).argmax(1)
+        is_part = np.array(division)[cell] == count
+        found.append((towards[is_part], cell[is_part]))
+    towards, cells = zip(*found, strict=True)
+    return np.concatenate(towards), np.concatenate(cells)
+
+
+@lru_cache(maxsize=32)
+def _layout(division: Division) -> tuple[np.ndarray, np.ndarray]:
+    """[K, 3] directions of the cells and of the parts, and the share [K] of the sphere that each stands for."""
+    whole, (towards, of_cell) = _sphere(SKY_DIRECTIONS), _parts(division)
+    share = np.where(np.array(division) == SKY_DIRECTIONS, 1 / SKY_DIRECTIONS, 0.0)
+    if not len(towards):
+        return whole, share
+    even = Sky(np.ones((*_SHARES_PX, 3)))
+    area = np.bincount(_cells(*_SHARES_PX, division), even.solid_angles.ravel(), SKY_DIRECTIONS + len(towards))
+    area = area[SKY_DIRECTIONS:]
+    in_cell = np.bincount(of_cell, area, SKY_DIRECTIONS)[of_cell]
+    return np.concatenate([whole, towards]), np.concatenate([share, area / in_cell / SKY_DIRECTIONS])
+
+
+@lru_cache(maxsize=32)
+def _cells(height: int, width: int, division: Division) -> np.ndarray:
+    """[H * W] the sky direction that stands for each texel of an equirectangular map: the nearest of its cell."""
+    directions = sky_directions(height, width).reshape(-1, 3)
+    nearest = (directions @ _sphere(SKY_DIRECTIONS).T).argmax(1)
+    found, (towards, of_cell) = nearest.copy(), _parts(division)
+    for cell in np.unique(of_cell):
+        texels, parts = np.flatnonzero(nearest == cell), np.flatnonzero(of_cell == cell)
+        found[texels] = SKY_DIRECTIONS + parts[(directions[texels] @ towards[parts].T).argmax(1)]
+    return found

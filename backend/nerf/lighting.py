@@ -18,7 +18,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
 from .gloss import glossy
-from .light_samples import LampSamples, LightSamples, SkySamples
+from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
 from .mirrored_sky import MirroredSky
 
 SCATTER_M = (0.004, 0.0012)
@@ -51,17 +51,20 @@ class ProbeLight(NamedTuple):
         albedo: [P, 3], or [3] of all.
         of_sky: [K, P] their diffuse light for a flux of 1 from each direction.
         of_lamps: [L, P] the same for each lamp's rgb.
+        besides: [P, 3] what they receive of what stands around; None: nothing.
     """
 
     probes: Probes
     albedo: Tensor
     of_sky: Tensor
     of_lamps: Tensor
+    besides: Tensor | None = None
 
     def received(self, light: LightSamples) -> Float[Tensor, "P 3"]:
         """Diffuse light, as the radiance of a white surface."""
         of_sky = (self.of_sky[..., None] * light.sky.flux[:, None]).sum(0)  # a product of matrices may differ by a bit
-        return of_sky + (self.of_lamps[..., None] * light.lamps.rgb[:, None]).sum(0)
+        received = of_sky + (self.of_lamps[..., None] * light.lamps.rgb[:, None]).sum(0)
+        return received if self.besides is None else received + self.besides
 
     def mean_received(self, light: LightSamples) -> Float[Tensor, " C"]:
         """The mean of that over the skin."""
@@ -103,6 +106,14 @@ class SurfacePoints(NamedTuple):
     relief_normal: Tensor
     view: Tensor
     places: SkinPlaces
+
+    @classmethod
+    def of(cls, probes: Probes) -> SurfacePoints:
+        """Probes of the skin, seen straight on."""
+        position, normal = probes.position, probes.normal
+        first = torch.zeros(len(position), 3, device=position.device)
+        first[:, 0] = 1
+        return cls(position, normal, normal, -normal, SkinPlaces(probes.chosen[:, None].expand(-1, 3), first))
 
 
 class Openness(NamedTuple):
@@ -225,7 +236,8 @@ def _sky_seen(
     lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
     bright = lobes * sky.brightness[:, None, None]
     seen = (bright * lit[..., None]).sum(0)
-    return seen / bright.sum(0).clamp(min=_TINY), seen[:, 1] / lobes[..., 1].sum(0).clamp(min=_TINY)
+    even = lobes[..., 1] * (SKY_DIRECTIONS * sky.share)[:, None]
+    return seen / bright.sum(0).clamp(min=_TINY), seen[:, 1] / even.sum(0).clamp(min=_TINY)
 
 
 def sky_seen_from_side(
@@ -242,7 +254,7 @@ def sky_seen_from_side(
         sky: sampled.
         points: of the rays.
     """
-    brightest = sky.flux.mean(1).max() * (len(sky.towards) / 4)  # radiance
+    brightest = sky.brightest
     to_eye = -(points.relief_normal * points.view).sum(-1)
     along = ((FROM_SIDE - to_eye) / (FROM_SIDE - ALONG_SKIN)).clamp(0, 1)
     at = (along > 0).nonzero()[:, 0]

@@ -17,8 +17,8 @@ from .backend import RenderBackend
 from .bounce import Probes, SkinPlaces, probe_vertices
 from .field import mean_features
 from .fine_mesh import FineMesh
-from .light_samples import LampSamples, LightSamples, SkySamples
-from .lighting import LightShadows, ProbeLight, SurfacePoints, light_at_probes
+from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
+from .lighting import LightFeatures, LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
 from .ray_hits import RayHits
@@ -175,8 +175,30 @@ def ray_positions(
 def sky_shadows(
     backend: RenderBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
-    """The shadows of the sky's directions at points and then at the probes, whatever light comes from there."""
-    views = SkySamples.of(None, position.device).views()
+    """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
+    return _shadows_from_afar(backend, hand, occluders, position, SkySamples.of(None, position.device).views())
+
+
+def with_parts(
+    of_cells: PointShadows,
+    sky: SkySamples,
+    backend: RenderBackend,
+    hand: HandInView,
+    occluders: Float[Tensor, "T 3 3"],
+    position: Float[Tensor, "R 3"],
+) -> PointShadows:
+    """The shadows of a sky's cells, which are given, and of the parts of those that are divided, as `sky_shadows`."""
+    parts = torch.arange(SKY_DIRECTIONS, len(sky.towards), device=position.device)
+    if not len(parts):
+        return of_cells
+    views = sky.views().chosen(parts)
+    of_parts = _shadows_from_afar(backend, hand, occluders, position, views)
+    return PointShadows(*(torch.cat(values) for values in zip(of_cells, of_parts, strict=True)))
+
+
+def _shadows_from_afar(
+    backend: RenderBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
+) -> PointShadows:
     points = torch.cat([position, hand.mesh.vertices[probe_vertices(len(hand.mesh.vertices))]])
     return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
 
@@ -295,6 +317,34 @@ def surrounding_light(
         for views in (samples.sky.views(), samples.lamps.views(bounds))
     )
     return SurroundingLight(patches, *light_at_probes(samples, sky, lamps, patches.probes))
+
+
+def features_among(
+    around: SurroundingLight | None,
+    light: LightSamples,
+    shadows: LightShadows,
+    open_sky: PointShadows,
+    points: SurfacePoints,
+    backend: RenderBackend,
+) -> LightFeatures:
+    """What a light does at points, and what stands around with it: on them, and on the skin that sheds light on them.
+
+    Args:
+        around: what stands around, if anything does.
+        light: sampled.
+        shadows: at the points.
+        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
+        points: on the skin.
+        backend: computes the features.
+    """
+    if around is None:
+        return backend.light_features(light, shadows, points)
+    shed, skin = around.shed(light), shadows.probes
+    at_points, at_probes = split_points(open_sky, len(points.position))
+    on_probes = backend.near_light(around.patches, at_probes, shed, SurfacePoints.of(skin.probes))
+    skin = skin._replace(besides=on_probes.diffuse(skin.probes.normal))
+    features = backend.light_features(light, shadows._replace(probes=skin), points)
+    return backend.near_light(around.patches, at_points, shed, points).added_to(features)
 
 
 def split_points(shadows: PointShadows, count: int) -> tuple[PointShadows, PointShadows]:

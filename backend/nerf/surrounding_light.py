@@ -22,7 +22,8 @@ from .surroundings import Patches
 
 CELLS = 32
 """Side of the square on which the sphere of directions is laid out (`cell_of`)."""
-_POINTS_AT_ONCE = 512
+_POINTS_AT_ONCE, _GPU_POINTS_AT_ONCE = 512, 1 << 14
+"""As many as a CPU's cache holds, and as many as keep a GPU busy."""
 
 
 class SurroundingLight(NamedTuple):
@@ -52,6 +53,10 @@ class NearLight(NamedTuple):
     near_gloss: Tensor
     scattered: Tensor
 
+    def diffuse(self, normal: Float[Tensor, "R 3"]) -> Float[Tensor, "R 3"]:
+        """What a white diffuse surface with these normals reflects of it."""
+        return (self.sky_vectors * normal[..., None]).sum(1).clamp(min=0)
+
     def added_to(self, features: LightFeatures) -> LightFeatures:
         """The features with it."""
         return features._replace(**{name: getattr(features, name) + value for name, value in self._asdict().items()})
@@ -68,8 +73,8 @@ def near_light(
         shed: radiance of the patches.
         points: on the skin.
     """
-    parts = []
-    for index in torch.arange(len(points.position), device=shed.device).split(_POINTS_AT_ONCE):
+    parts, at_once = [], _POINTS_AT_ONCE if shed.device.type == "cpu" else _GPU_POINTS_AT_ONCE
+    for index in torch.arange(len(points.position), device=shed.device).split(at_once):
         some = (values[index].detach() for values in points[:-1])
         parts.append(_near_light(patches, open_sky.lit[:, index], shed, *some))
     return NearLight(*(torch.cat(values) for values in zip(*parts, strict=True)))

@@ -28,6 +28,7 @@ from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
+    features_among,
     light_shadows,
     occluding_triangles,
     ray_positions,
@@ -36,6 +37,7 @@ from ..nerf.lit_rays import (
     split_points,
     surface_points,
     surrounding_light,
+    with_parts,
 )
 from ..nerf.maps import depth_profile
 from ..nerf.part_edges import PartEdges, blended
@@ -110,31 +112,22 @@ class LitHand:
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
         of_sky = sky_shadows(backend, self.hand, occluders, position) if len(occluders) else self.open_sky
+        of_sky = with_parts(of_sky, samples.sky, backend, self.hand, occluders, position)
         is_fine = light.penumbra == "fine"
         # Light that the hand sheds on itself is soft whatever its shadows.
         coarse = LampSamples.of(light.lamps, self.bounds) if is_fine else None
         skins = None if self.surface is None else self.surface.lamp_skins(is_fine)
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse, skins)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
-        features = backend.light_features(samples, shadows, self.points)
         if light.measured is None:
-            features = self._with_surroundings(features, backend, light, samples)
+            around = surrounding_light(backend, self.hand, samples._replace(lamps=coarse or samples.lamps), light)
+            features = features_among(around, samples, shadows, self.open_sky, self.points, backend)
             return smoothed_light(features, places, backend.surface_means)
+        features = backend.light_features(samples, shadows, self.points)
         features = smoothed_light(features, places, backend.surface_means)
         direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
         indirect = without_noise(indirect, places, backend.surface_means)
         return corrected(features, self.points.normal, direct, indirect)
-
-    def _with_surroundings(
-        self, features: LightFeatures, backend: RenderBackend, light: Light, samples: LightSamples
-    ) -> LightFeatures:
-        """The features with the light of what stands around."""
-        coarse = samples._replace(lamps=LampSamples.of(light.lamps, self.bounds))
-        around = surrounding_light(backend, self.hand, coarse, light)
-        if around is None:
-            return features
-        open_sky, _ = split_points(self.open_sky, len(self.pixel))
-        return backend.near_light(around.patches, open_sky, around.shed(coarse), self.points).added_to(features)
 
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""

@@ -24,7 +24,7 @@ from ..nerf.bounce import SkinPlaces
 from ..nerf.crop import Crop
 from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import SurfacePoints, diffuse_light
-from ..nerf.lit_rays import light_shadows, occluding_triangles, sky_shadows
+from ..nerf.lit_rays import light_shadows, occluding_triangles, sky_shadows, with_parts
 from ..nerf.rays import HandInView, ray_directions, ray_origin
 from ..nerf.superres import enlarge
 from ..records.frame import Frame
@@ -103,6 +103,7 @@ def _received(light: Light, hand: HandInView, backend: RenderBackend, points: Su
     samples, position = LightSamples.of(light, Bounds.of(hand.mesh)), points.position
     occluders = occluding_triangles(light, position.device)
     of_sky = sky_shadows(backend, hand, occluders, position)
+    of_sky = with_parts(of_sky, samples.sky, backend, hand, occluders, position)
     shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, position.new_zeros(3))
     features = backend.light_features(samples, shadows, points)
     diffuse = 0.5 * (diffuse_light(features, points.normal) + features.scattered[:, 1])

@@ -34,8 +34,8 @@ from ..nerf.lit_rays import (
     ray_positions,
     skin_layers,
     sky_shadows,
-    split_points,
     surrounding_light,
+    with_parts,
 )
 from ..nerf.ray_hits import RayHits
 from ..nerf.rays import HandInView, view_directions
@@ -44,7 +44,7 @@ from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import PixelSkin, pixel_skin
 from ..nerf.surrounding_light import SurroundingLight
 from ..records.errors import LiveHandError
-from ..records.light import Light
+from ..records.light import Light, Sky
 from ..rendering.known_skin import KnownSkin, skin_of_capture
 from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
@@ -76,7 +76,7 @@ class ViewLight(NamedTuple):
         lamps: of all groups.
         group_of_lamp: [L].
         shadows: of sky and lamps at the rays' points.
-        open_sky: shadows of the sky by the hand alone.
+        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         position: [R, 3] of the rays' points, m.
         places: of these on the mesh.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
@@ -104,7 +104,7 @@ class MixedLight(NamedTuple):
     Attributes:
         samples: its light.
         shadows: at the rays' points.
-        open_sky: shadows of the sky by the hand alone.
+        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         position: [R, 3] of the rays' points, m.
         places: of these on the mesh.
         exposure: [] factor of linear colours before they are encoded.
@@ -196,13 +196,13 @@ class LitTrainingViews(TrainingViews):
         bounds = Bounds.of(view.mesh)
         lamps = LampSamples.of(tuple(lamp for light in lights for lamp in light.lamps), bounds)
         group_of_lamp = [group for group, light in enumerate(lights) for _ in light.lamps]
-        skies = tuple(SkySamples.of(light.sky, self.device) for light in lights)
+        skies = _divided_alike(tuple(light.sky for light in lights), self.device)
         hand = HandInView(view.mesh, self.topology, view.camera)
         layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
         skin = self._skin_at(index, view)
         hits = None if skin is None else skin.hits
         position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
-        together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
+        together = LightSamples(_sum(skies), lamps)
 
         def surface() -> HitSurface | None:
             mesh = self._fine_mesh(index, view)
@@ -270,15 +270,15 @@ class LitTrainingViews(TrainingViews):
         """The shadows of an instant, computed once and kept in a byte each; and the light of what stands around."""
         if index not in self._kept_light:
             occluders = occluding_triangles(lights[0], self.device)
-            of_sky = sky_shadows(self.backend, hand, occluders, position)
+            of_cells = sky_shadows(self.backend, hand, occluders, position)
+            of_sky = with_parts(of_cells, samples.sky, self.backend, hand, occluders, position)
             white = torch.ones(3, device=self.device)  # `step.render_view` knows better
             known = surface()
             skins = None if known is None else known.lamp_skins(is_finest=True)
             shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white, lamp_skins=skins)
-            open_sky, around = shadows.sky, None
+            open_sky, around = of_cells, None
             if len(occluders):
-                alone = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
-                open_sky, _ = split_points(alone, len(position))
+                open_sky = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
                 around = surrounding_light(self.backend, hand, samples, lights[0])
             kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
             self._kept_light[index] = (*kept, shadows.probes, around)
@@ -309,6 +309,16 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     )
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
+
+
+def _divided_alike(skies: tuple[Sky | None, ...], device: torch.device) -> tuple[SkySamples, ...]:
+    """The skies in the same directions: the cells of their sum are divided as a kept frame would divide them."""
+    division = _sum(tuple(SkySamples.of(sky, device) for sky in skies)).division("fine")
+    return tuple(SkySamples.of(sky, device, division) for sky in skies)
+
+
+def _sum(skies: tuple[SkySamples, ...]) -> SkySamples:
+    return SkySamples.mixed(skies, torch.ones(len(skies), 3, device=skies[0].flux.device))
 
 
 def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"]:

@@ -14,9 +14,10 @@ from torch.nn.functional import avg_pool2d
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
+from ..nerf.light_samples import SkySamples
 from ..nerf.lighting import openness, reflectance
 from ..nerf.lit_field import LitField
-from ..nerf.lit_rays import skin_layers, surface_points
+from ..nerf.lit_rays import features_among, skin_layers, split_points, surface_points
 from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
@@ -199,14 +200,13 @@ def _render_lit(
     directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
     hits = light.skin.hits if light.skin else None
     points = surface_points(field, gathered, light.position, directions, light.places, hits)
-    open_to = openness(light.samples.sky, light.open_sky, points.normal)
+    at_points, _ = split_points(light.open_sky, len(points.position))
+    open_to = openness(SkySamples.of(None, views.device), at_points, points.normal)
     with autocast(views.device, precision):
         low = field.decode(gathered, directions, open_to)
     probes = light.shadows.probes._replace(albedo=_mean_albedo(low))
-    features = views.backend.light_features(light.samples, light.shadows._replace(probes=probes), points)
-    if light.around is not None:
-        shed = light.around.shed(light.samples)
-        features = views.backend.near_light(light.around.patches, light.open_sky, shed, points).added_to(features)
+    shadows = light.shadows._replace(probes=probes)
+    features = features_among(light.around, light.samples, shadows, light.open_sky, points, views.backend)
     pixel, size_px = view.rays.pixel, view.camera.size_px
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)

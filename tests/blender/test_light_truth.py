@@ -18,7 +18,14 @@ from livehand.backend.hand.topology import topology_of
 from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import SurfacePoints, diffuse_light
-from livehand.backend.nerf.lit_rays import NO_OCCLUDERS, light_shadows, sky_shadows, split_points, surrounding_light
+from livehand.backend.nerf.lit_rays import (
+    NO_OCCLUDERS,
+    features_among,
+    light_shadows,
+    sky_shadows,
+    surrounding_light,
+    with_parts,
+)
 from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions, ray_origin
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
@@ -113,16 +120,15 @@ def computed(hand, pose, camera, light):
     occluders = torch.as_tensor(light.occluders, dtype=torch.float32)
     samples = LightSamples.of(light, Bounds.of(mesh))
     of_sky = sky_shadows(backend, in_view, occluders, position)
+    of_sky = with_parts(of_sky, samples.sky, backend, in_view, occluders, position)
     shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky, torch.ones(3))
     places = SkinPlaces.of(mesh, topology.faces, face[pixel], position)
     points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1), places)
     width, height = camera.size_px
     image = torch.zeros(width * height, 3)
-    features = backend.light_features(samples, shadows, points)
     around = surrounding_light(backend, in_view, samples, light)
-    if around is not None:
-        alone, _ = split_points(sky_shadows(backend, in_view, NO_OCCLUDERS, position), len(position))
-        features = backend.near_light(around.patches, alone, around.shed(samples), points).added_to(features)
+    alone = sky_shadows(backend, in_view, NO_OCCLUDERS, position)
+    features = features_among(around, samples, shadows, alone, points, backend)
     image[pixel] = diffuse_light(features, normals)
     return image.reshape(height, width, 3).numpy()
 

@@ -9,7 +9,7 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
 from livehand.backend.nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
-from livehand.backend.nerf.light_samples import LightSamples, SkySamples
+from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LightSamples, SkySamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
@@ -77,11 +77,11 @@ def beside(count):
     return SkinPlaces(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
 
 
-def no_probes(lamps):
+def no_probes(lamps, directions=SKY_DIRECTIONS):
     """Skin that light does not reach."""
     up = torch.tensor([0.0, 0, 1]).expand(PROBES, 3)
     skin = Probes(torch.zeros(PROBES, 3), up, torch.arange(PROBES), torch.full((PROBES,), 1e-4))
-    return ProbeLight(skin, torch.ones(3), torch.zeros(64, PROBES), torch.zeros(lamps, PROBES))
+    return ProbeLight(skin, torch.ones(3), torch.zeros(directions, PROBES), torch.zeros(lamps, PROBES))
 
 
 def some_coefficients():
@@ -273,20 +273,23 @@ def test_the_sky_is_seen_as_far_as_nothing_hides_what_a_lobe_mirrors(lit, backen
     assert seen(whole, black).abs().max() == 0
 
 
+@pytest.mark.parametrize("penumbra", ["none", "fine"])
 @pytest.mark.parametrize("height", [0.5, -0.5])
-def test_from_the_side_the_skys_gloss_is_nearly_that_of_the_integral(backend, height):
+def test_from_the_side_the_skys_gloss_is_nearly_that_of_the_integral(backend, height, penumbra):
     """A window ahead, high above the skin or below its horizon: nearer than the mirrored view by a third at least."""
     directions = sky_directions(32, 64)
     window = np.array([np.sqrt(1 - height**2), 0.0, height])
     bright = np.exp(8 * (directions @ window - 1))
     sky = Sky(np.where(bright > 0.05, bright, 0)[..., None].repeat(3, 2))
-    light = LightSamples.of(Light(sky=sky), BOUNDS)
+    light = LightSamples.of(Light(sky=sky, penumbra=penumbra), BOUNDS)
+    count = len(light.sky.towards)
+    assert (count > SKY_DIRECTIONS) == (penumbra == "fine")
     cosine = torch.tensor([0.08, 0.12, 0.16, 0.2])
     view = torch.stack([(1 - cosine**2).sqrt(), torch.zeros(4), -cosine], 1)
     up = torch.tensor([0.0, 0, 1]).expand(4, 3).contiguous()
     points = SurfacePoints(torch.zeros(4, 3), up, up, view, beside(4))
     none = PointShadows(torch.ones(0, 4), torch.zeros(0, 4))
-    shadows = LightShadows(PointShadows(torch.ones(64, 4), torch.zeros(64, 4)), none, no_probes(0))
+    shadows = LightShadows(PointShadows(torch.ones(count, 4), torch.zeros(count, 4)), none, no_probes(0, count))
     seen = backend.light_features(light, shadows, points).sky_seen[:, 1]
     torch.testing.assert_close(seen, light_features(light, shadows, points).sky_seen[:, 1], rtol=1e-4, atol=0)
     towards = torch.as_tensor(directions.reshape(-1, 3), dtype=torch.float32)[:, None]

@@ -6,26 +6,31 @@ import torch
 from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rasterise import NearestFronts
 from livehand.backend.geometry.shadow_maps import Bounds
-from livehand.backend.nerf.bounce import SkinPlaces
+from livehand.backend.nerf.bounce import SkinPlaces, bounced_on_skin
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.fine_mesh import FineMesh
-from livehand.backend.nerf.light_samples import LampSamples, LightSamples
+from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LampSamples, LightSamples
+from livehand.backend.nerf.lighting import SurfacePoints, light_features
 from livehand.backend.nerf.lit_field import LitField
 from livehand.backend.nerf.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
     SkinLayers,
+    features_among,
     light_shadows,
     ray_positions,
     sky_shadows,
+    split_points,
     surface_points,
+    surrounding_light,
+    with_parts,
 )
 from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.ray_hits import RayHits
 from livehand.backend.nerf.rays import HandInView, RenderedRays, camera_tensors
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
-from livehand.backend.records.light import Lamp, Light
+from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 
 SIZE = (4, 1)
 FINGER_M, PALM_M = 0.50, 0.60
@@ -96,6 +101,70 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     assert torch.equal(quick.lamps.lit, whole.lamps.lit)
     assert torch.equal(quick.probes.of_lamps, rough.probes.of_lamps)
     assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()
+
+
+def test_a_window_of_the_sky_casts_softer_shadows_in_finer_parts(backend, spheres, seen_from):
+    """On a ball, across the edge of a shadow, light falls in more and smaller steps; whole cells are as before."""
+    mesh, topology = spheres(((0, 0, 0), 0.1), subdivisions=4)
+    hand = HandInView(mesh, topology, seen_from(mesh, (1, 0.2, 0.3)))
+    board = torch.tensor([[[0.3, 0, -0.9], [0.3, 0, 0.9], [0.3, 9, 0]]])
+    y = torch.linspace(-0.06, 0.06, 200)
+    position = torch.stack([(0.01 - y**2).sqrt(), y, torch.zeros(200)], 1)
+    window = Sky(np.where(sky_directions(64, 128) @ (1.0, 0, 0) > np.cos(0.35), 1.0, 0.01)[..., None].repeat(3, 2))
+    of_cells, steps = sky_shadows(backend, hand, board, position), []
+    for penumbra in ("none", "coarse", "fine"):
+        sky = LightSamples.of(Light(sky=window, penumbra=penumbra), Bounds.of(mesh)).sky
+        shadows = with_parts(of_cells, sky, backend, hand, board, position)
+        assert torch.equal(shadows.lit[:SKY_DIRECTIONS], of_cells.lit)
+        assert len(shadows.lit) == len(shadows.depth_in_m) == len(sky.towards)
+        arriving = (split_points(shadows, len(position))[0].lit * sky.flux[:, :1]).sum(0) / sky.flux[:, 0].sum()
+        assert arriving.max() - arriving.min() > 0.5
+        steps.append(float(arriving.diff().abs().max()))
+    assert steps[0] > 1.5 * steps[1] > 1.5 * 1.5 * steps[2]
+
+
+def test_what_stands_around_lights_skin_that_lights_skin(backend, posed, seen_from):
+    """Beside a lit wall: on the points as before, and by the bounce of what the probes receive of it."""
+    one = posed("fist")
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)))
+    bounds, chosen = Bounds.of(one.mesh), torch.arange(0, len(one.mesh.vertices), 7)
+    centre, radius = bounds.centre.numpy(), float(bounds.radius)
+    wall = centre + radius * np.array([[[1.2, -9, -9], [1.2, 9, -9], [1.2, 0, 9]]])
+    light = Light((Lamp("sun", np.ones(3), rotation=np.array([[0.0, 0, -1], [1, 0, 0], [0, 1, 0]])),), None, wall)
+    light = Light(light.lamps, None, wall, np.full((1, 3), 0.8))
+    samples, albedo = LightSamples.of(light, bounds), torch.tensor([0.5, 0.3, 0.2])
+    position, normal = one.mesh.vertices[chosen], one.mesh.normals[chosen]
+    first = torch.tensor([1.0, 0, 0]).expand(len(chosen), 3)
+    points = SurfacePoints(position, normal, normal, -normal, SkinPlaces(chosen[:, None].expand(-1, 3), first))
+    occluders = torch.as_tensor(wall, dtype=torch.float32)
+    of_sky, open_sky = (sky_shadows(backend, hand, them, position) for them in (occluders, NO_OCCLUDERS))
+    shadows = light_shadows(backend, hand, samples, occluders, position, of_sky, albedo)
+    around = surrounding_light(backend, hand, samples, light)
+    assert around is not None
+    found = features_among(around, samples, shadows, open_sky, points, backend)
+    alone = features_among(None, samples, shadows, open_sky, points, backend)
+    torch.testing.assert_close(
+        alone.reflected, light_features(samples, shadows, points).reflected, rtol=1e-3, atol=1e-6
+    )
+    at_points, at_probes = split_points(open_sky, len(position))
+    near = backend.near_light(around.patches, at_points, around.shed(samples), points)
+    torch.testing.assert_close(found.sky_vectors, alone.sky_vectors + near.sky_vectors)
+    probes = shadows.probes.probes
+    received = near_on(backend, around, samples, at_probes, probes)
+    more = bounced_on_skin(points.places, position, normal, probes, albedo * received)
+    torch.testing.assert_close(found.reflected - alone.reflected, more, rtol=1e-3, atol=1e-5)
+    assert more.mean() > 0.01 * near.sky_vectors.abs().mean()
+
+
+def near_on(backend, around, samples, at_probes, probes):
+    """What the probes receive of what stands around."""
+    seen = SurfacePoints(probes.position, probes.normal, probes.normal, -probes.normal, no_places(len(probes.chosen)))
+    vectors = backend.near_light(around.patches, at_probes, around.shed(samples), seen).sky_vectors
+    return torch.einsum("pxc,px->pc", vectors, probes.normal).clamp(min=0)
+
+
+def no_places(count):
+    return SkinPlaces(torch.zeros(count, 3, dtype=torch.long), torch.zeros(count, 3))
 
 
 @pytest.mark.parametrize(("is_finest", "angle_rad"), [(False, 0.0), (True, 0.0), (True, 0.1)])

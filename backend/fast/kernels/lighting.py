@@ -33,7 +33,8 @@ def light_features(points, sky, lamps, lobes, first, last, out):
         _load(points, lobes, start, count, work)
         sums[:], vectors[:] = _0, _0
         for k in range(len(sky.towards)):
-            _add_direction(sky, lobes, k, shines, start, count, work, sums)
+            if sky.size[k] > _0:
+                _add_direction(sky, lobes, k, shines, start, count, work, sums)
         for k in range(len(lamps.lamp)):
             _add_lamp(lamps, lobes, k, start, count, work, sums, vectors)
         _store(start, count, sums, vectors, out)
@@ -99,7 +100,7 @@ def _add_direction(sky, lobes, k, shines, start, count, work, sums):
         _lobe_row(sky.towards[k], lobes.squared_index, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
         _add_row(sums[_WHOLE + lobe], work[_VALUE], sky.brightness[k], count)
         _add_lit_row(sums[_SEEN + lobe], work[_VALUE], lit, sky.brightness[k])
-    _add_row(sums[_EVEN], work[_VALUE], _1, count)  # of the second, broad lobe
+    _add_row(sums[_EVEN], work[_VALUE], sky.size[k], count)  # of the second, broad lobe
 
 
 @part

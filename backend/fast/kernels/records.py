@@ -219,11 +219,12 @@ class PointArrays(NamedTuple):
 
 
 class SkyArrays(NamedTuple):
-    """K directions of the sky, unit [K, 3], their flux [K, 3], brightness [K], and shadows [K, R] at R points."""
+    """K directions of the sky: unit [K, 3], flux [K, 3], brightness [K], size [K] in cells; shadows [K, R]."""
 
     towards: np.ndarray
     flux: np.ndarray
     brightness: np.ndarray
+    size: np.ndarray
     lit: np.ndarray
     depth_in_m: np.ndarray
 
