@@ -26,8 +26,9 @@ def near_light(
     found = NearLight(*(torch.empty(count, *shape) for shape in ((3, 3), (2, 3), (2, 3))))
     out, at = NearArrays(*(values.numpy() for values in found)), PointArrays(*as_arrays(*points[:-1]))
     shapes = as_arrays(patches.position.T, patches.normal.T, patches.area_m2, shed.T, open_sky.lit.T)
-    cells = sky_cells(shed.device).numpy().astype(np.int32)
-    arrays = PatchArrays(*shapes, sky_cell=cells, cells=CELLS)
+    nearest, weights = sky_cells(shed.device)
+    cells, weights = nearest.numpy().astype(np.int32), weights.numpy()
+    arrays = PatchArrays(*shapes, sky_cell=cells, sky_weight=weights, cells=CELLS)
     in_parallel(
         lambda first, last: fill_near_light(at, arrays, lobes(), first, last, out), count, torch.get_num_threads()
     )

@@ -24,6 +24,8 @@ CELLS = 32
 """Side of the square on which the sphere of directions is laid out (`cell_of`)."""
 _POINTS_AT_ONCE, _GPU_POINTS_AT_ONCE = 512, 1 << 14
 """As many as a CPU's cache holds, and as many as keep a GPU busy."""
+# Patches are as wide as the sky's directions are apart: between these, how open it is passes over.
+_NEAREST, _SPREAD_RAD = 4, 0.3
 
 
 class SurroundingLight(NamedTuple):
@@ -84,7 +86,9 @@ def _near_light(
     patches: Patches, open_to: Tensor, shed: Tensor, position: Tensor, normal: Tensor, relief: Tensor, view: Tensor
 ) -> NearLight:
     towards, factors, distance = patches.factors(position)
-    factors = factors * open_to.T.gather(1, sky_cells(shed.device)[cell_of(towards)])
+    nearest, weights = (values[cell_of(towards)] for values in sky_cells(shed.device))
+    open_sky = open_to.T.gather(1, nearest.flatten(1)).reshape(nearest.shape)
+    factors = factors * (open_sky * weights).sum(-1)
     cosine = (towards * relief[:, None]).sum(-1)
     factors = factors / (factors * cosine.clamp(min=0)).sum(1, keepdim=True).clamp(min=1)
     radius_rad = (patches.area_m2 / torch.pi).sqrt() / distance
@@ -104,8 +108,9 @@ def cell_of(towards: Float[Tensor, "*n 3"]) -> Int[Tensor, "*n"]:
 
 
 @cache
-def sky_cells(device: torch.device) -> Int[Tensor, " N"]:
-    """Which of the sky's directions is nearest to the middle of each cell."""
+def sky_cells(device: torch.device) -> tuple[Int[Tensor, "N 4"], Float[Tensor, "N 4"]]:
+    """Which of the sky's directions are nearest to the middle of each cell, and their weights, whose sum is 1."""
     middle = (torch.arange(CELLS, device=device) + 0.5) * (2 / CELLS) - 1
     v, u = torch.meshgrid(middle, middle, indexing="ij")
-    return (from_square(u, v).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).argmax(1)
+    cosine, nearest = (from_square(u, v).reshape(-1, 3) @ SkySamples.of(None, device).towards.T).topk(_NEAREST)
+    return nearest, torch.softmax((cosine - 1) / _SPREAD_RAD**2, 1)

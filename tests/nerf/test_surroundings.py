@@ -147,10 +147,35 @@ def test_cells_hold_the_nearest_direction_of_the_sky():
     """But for those near borders."""
     directions = normalize(torch.randn(2000, 3, generator=torch.Generator().manual_seed(SEED)), dim=-1)
     towards = SkySamples.of(None, "cpu").towards
-    found = towards[sky_cells(torch.device("cpu"))[cell_of(directions)]]
+    cells, weights = sky_cells(torch.device("cpu"))
+    assert (weights.diff(dim=1) <= 0).all()
+    torch.testing.assert_close(weights.sum(1), torch.ones(len(weights)))
+    found = towards[cells[cell_of(directions), 0]]
     nearest = (directions @ towards.T).amax(1)
     assert ((found * directions).sum(-1) > nearest - 0.1).all()
     assert ((found * directions).sum(-1) > nearest - 1e-6).float().mean() > 0.75
+
+
+def test_a_patch_is_hidden_little_by_little(backend):
+    """Around a hidden half of the sky a patch fades with its direction; it does not switch."""
+    towards = SkySamples.of(None, "cpu").towards
+    lit = (towards[:, 2] > 0).float()[:, None]
+    angle = torch.linspace(-0.5, 0.5, 81)
+    directions = torch.stack([angle.cos(), torch.zeros(81), angle.sin()], 1)
+    point = SurfacePoints(
+        torch.zeros(1, 3),
+        *(torch.tensor([[1.0, 0, 0]]),) * 2,
+        torch.tensor([[-1.0, 0, 0]]),
+        SkinPlaces(torch.zeros(1, 3, dtype=torch.long), torch.zeros(1, 3)),
+    )
+    light = []
+    for direction in directions:
+        patch = Patches(direction[None], -direction[None], torch.tensor([1e-4]), torch.ones(1, 3))
+        near = backend.near_light(patch, PointShadows(lit, 0 * lit), torch.full((1, 3), 1e4 * pi), point)
+        light.append(float(near.sky_vectors[0, :, 0].norm()))
+    assert light[0] < 0.2
+    assert light[-1] > 0.8
+    assert np.abs(np.diff(light)).max() < 0.3
 
 
 def test_patches_shed_light_a_second_time():

@@ -276,7 +276,8 @@ class PatchArrays(NamedTuple):
         area_m2: [P].
         shed: [3, P] radiance.
         open_to: [R, K] share of each of the sky's directions that the hand alone leaves open at each point.
-        sky_cell: [cells * cells] the sky's direction of each cell of directions.
+        sky_cell: [cells * cells, N] the sky's directions nearest to each cell of directions.
+        sky_weight: of these.
         cells: along a side.
     """
 
@@ -286,6 +287,7 @@ class PatchArrays(NamedTuple):
     shed: np.ndarray
     open_to: np.ndarray
     sky_cell: np.ndarray
+    sky_weight: np.ndarray
     cells: int
 
 

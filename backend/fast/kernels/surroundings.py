@@ -22,7 +22,7 @@ def near_light(points, patches, lobes, first, last, out):
     work, cells = np.empty((_ROWS, len(patches.area_m2)), np.float32), np.empty(len(patches.area_m2), np.int32)
     for point in range(first, last):
         _fill_factors(points.position[point], patches, work, cells)
-        _hide(patches.sky_cell, cells, patches.open_to[point], work[_FACTOR])
+        _hide(patches.sky_cell, patches.sky_weight, cells, patches.open_to[point], work[_FACTOR])
         _level(points.relief_normal[point], work)
         for axis in range(3):
             _multiply(work[_FACTOR], work[_TOWARDS + axis], work[_COSINE], work[_VALUE])
@@ -59,10 +59,13 @@ def _fill_factors(position, patches, work, cells):
 
 
 @part
-def _hide(sky_cell, cells, open_to, factor):
+def _hide(sky_cell, sky_weight, cells, open_to, factor):
     """Leave of the factors what the hand itself leaves open."""
     for k in range(len(cells)):
-        factor[k] *= open_to[sky_cell[cells[k]]]
+        share, cell = _0, cells[k]
+        for near in range(sky_cell.shape[1]):
+            share += open_to[sky_cell[cell, near]] * sky_weight[cell, near]
+        factor[k] *= share
 
 
 @part
