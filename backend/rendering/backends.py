@@ -16,12 +16,13 @@ LOGGER = logging.getLogger(__name__)
 
 
 def choose_backend(device: torch.device) -> RenderBackend:
-    """Numba on the CPU, if it is installed and works; the torch reference everywhere else."""
-    if device.type == "cpu" and has_numba():
-        from ..fast.backend import NumbaBackend
+    """Numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
+    if not has_numba():
+        return ReferenceBackend()
+    from ..fast.backend import NumbaBackend
+    from ..fast.shadows_beside_gpu import GpuBackend
 
-        return NumbaBackend()
-    return ReferenceBackend()
+    return NumbaBackend() if device.type == "cpu" else GpuBackend()
 
 
 @cache

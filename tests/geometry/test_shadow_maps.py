@@ -130,8 +130,9 @@ def test_a_lamp_within_the_mesh_or_beside_it_gives_finite_shadows(spheres, backe
         assert all(values.isfinite().all() and values.min() >= 0 for values in shadows)
 
 
-def test_both_backends_agree_on_a_hand(posed):
+def test_all_backends_agree_on_a_hand(posed):
     from livehand.backend.fast.backend import NumbaBackend
+    from livehand.backend.fast.shadows_beside_gpu import GpuBackend
     from livehand.backend.nerf.reference import ReferenceBackend
 
     hand = posed("fist")
@@ -140,8 +141,9 @@ def test_both_backends_agree_on_a_hand(posed):
     occluders = hand.mesh.vertices.mean(0) + torch.randn(4, 3, 3, generator=generator) * 0.06
     results = [
         shadows_of(backend, hand.mesh, hand.topology, views, occluders)
-        for backend in (NumbaBackend(), ReferenceBackend())
+        for backend in (NumbaBackend(), ReferenceBackend(), GpuBackend())
     ]
-    for fast, slow in zip(*results, strict=True):
+    for fast, slow, beside_gpu in zip(*results, strict=True):
+        assert torch.equal(fast, beside_gpu)
         assert ((fast - slow).abs() > 1e-3).float().mean() < 1e-3
     assert 0.1 < results[0].lit.mean() < 0.9

@@ -6,6 +6,7 @@ import sys
 import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.fast.shadows_beside_gpu import GpuBackend
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.rendering import backends
 from livehand.backend.rendering.backends import choose_backend, has_numba
@@ -40,4 +41,9 @@ def test_a_numba_that_breaks_on_import_gives_one_warning(monkeypatch, caplog):
 
 def test_numba_is_for_the_cpu():
     assert isinstance(choose_backend(CPU), NumbaBackend)
-    assert isinstance(choose_backend(torch.device("cuda")), ReferenceBackend)
+    assert isinstance(choose_backend(torch.device("cuda")), GpuBackend)
+
+
+def test_a_gpu_without_numba_is_torchs_alone(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    assert type(choose_backend(torch.device("cuda"))) is ReferenceBackend
