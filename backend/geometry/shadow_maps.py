@@ -2,7 +2,9 @@
 
 A shadow map holds, per pixel, where light enters the mesh and where it leaves it. A point is lit if it lies before the
 middle of the two (Woo 1992, "The shadow depth map revisited"), so that a surface neither shadows itself nor leaks light
-where parts touch, without a bias that would depend on the angle. Other triangles block light where they begin.
+where parts touch, without a bias that would depend on the angle; and no more than a few of the map's pixels behind
+where light enters: the middle of a finger that points at a lamp lies deep in it. Other triangles block light where they
+begin.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from torch import Tensor
 
 from .mesh import PosedMesh
 from .rasterise import Fragments, rasterise
-from .tolerances import LEAST_SQUARED, LEAST_WINDOW
+from .tolerances import LEAST_SQUARED, LEAST_WINDOW, STEEPEST
 
 MAX_DEPTH_IN_M = 0.025
 """Depths behind the surface are measured up to this, template metres; no light passes through more skin."""
@@ -236,7 +238,8 @@ def _maps(scene: ShadowScene, windows: MapWindows) -> tuple[Float[Tensor, "K M"]
     size = count * scene.map_px**2
     entry = _nearest(fragments, fragments.is_front, size)
     leaving = _nearest(fragments, ~fragments.is_front, size)
-    middle = torch.where(leaving.isfinite(), (entry + leaving) / 2, entry)
+    most = (STEEPEST / windows.px_per_radius.amin(1)).repeat_interleave(scene.map_px**2)
+    middle = torch.where(leaving.isfinite(), entry + torch.minimum((leaving - entry) / 2, most), entry)
     corners = torch.arange(len(scene.others), device=entry.device).reshape(-1, 3)
     others = _fragments(projected(scene.others, scene, windows), corners, scene.map_px)
     other = _nearest(others, torch.ones_like(others.is_front), size) + scene.contact

@@ -20,3 +20,6 @@ LEAST_SQUARED = 0.1
 
 LEAST_WINDOW = 0.05
 """Half of a shadow map's width, radii of the mesh."""
+
+STEEPEST = 8
+"""Depth over width of a shadow map's pixel: a lit surface lies no more behind where light enters there."""

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.geometry.mesh import posed_mesh
+import trimesh
+from livehand.backend.geometry.mesh import PosedMesh, posed_mesh
 from livehand.backend.geometry.shadow_maps import FAR, MAX_DEPTH_IN_M, LightViews
 from torch.nn.functional import normalize
 
@@ -27,6 +28,21 @@ def test_a_lone_sphere_is_lit_on_one_half_up_to_its_edge(spheres, backend):
     assert lit[cosine < -0.35].max() == 0  # nearer to the edge, map pixels beside the sphere are lit
     irradiance = (lit * cosine.clamp(min=0)).mean(1)
     torch.testing.assert_close(irradiance, cosine.clamp(min=0).mean(1), atol=0, rtol=0.005)
+
+
+def test_a_wall_far_behind_an_edge_is_dark_though_the_middle_of_the_mesh_is_farther(backend):
+    """A rod that points at the light, with a brim that is a little wider: light runs along its side, under the brim."""
+    profile = np.array([[0, 0], [0.01, 0], [0.01, 0.095], [0.0103, 0.095], [0.0103, 0.1], [0, 0.1]])
+    rod = trimesh.creation.revolve(profile, sections=256)
+    vertices, normals = (torch.as_tensor(np.array(v), dtype=torch.float32) for v in (rod.vertices, rod.vertex_normals))
+    mesh, faces = PosedMesh(vertices, normals, torch.tensor(1.0)), torch.as_tensor(np.array(rod.faces))
+    height, turn = torch.tensor([0.02, 0.05, 0.07, 0.09, 0.1]), torch.linspace(0, 6, 200)
+    side = torch.stack([0.01 * turn.cos(), 0.01 * turn.sin(), torch.zeros(200)], -1)
+    points = (side + height[:, None, None] * torch.tensor([0.0, 0, 1])).reshape(-1, 3)
+    views = LightViews.along(torch.tensor([[0.0, 0, 1]]), torch.tensor([FAR]))
+    lit = backend.point_shadows(mesh, faces, NO_OCCLUDERS, views, points, MAP_PX).lit.reshape(5, 200)
+    assert lit[:4].max() == 0
+    assert lit[4].min() > 0.999
 
 
 def test_of_no_lamps_there_are_no_shadows(spheres, backend):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW
+from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, STEEPEST
 from .compiled import compiled
 from .raster import nearest_depth, nearest_sides
 from .records import ProjectedMesh
 
 _HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
-_INF, _LEAST_SQUARED, _LEAST_WINDOW = np.float32(np.inf), np.float32(LEAST_SQUARED), np.float32(LEAST_WINDOW)
+_INF, _STEEPEST = np.float32(np.inf), np.float32(STEEPEST)
+_LEAST_SQUARED, _LEAST_WINDOW = np.float32(LEAST_SQUARED), np.float32(LEAST_WINDOW)
 _ROW, _NEXT = 256, np.uintp(1)
 
 
@@ -60,7 +61,7 @@ def look_up_points(casters, points, first, last, lit, depth_in):
         window = _window_around(casters, view, points)
         _project(casters, view, window, casters.vertices, 0, casters.vertices.shape[1], vertices)
         nearest_sides(vertices, casters.faces, size, entry, leaving)
-        _end_in_the_middle(entry, leaving, way)
+        _end_in_the_middle(entry, leaving, _STEEPEST / min(window[2], window[3]), way)
         if len(other):
             _project(casters, view, window, casters.others, 0, casters.others.shape[1], others)
             nearest_sides(others, casters.others_faces, size, other, other)
@@ -113,11 +114,15 @@ def _project(casters, view, window, places, first, last, out):
 
 
 @compiled
-def _end_in_the_middle(entry, leaving, way):
-    """Fill way [P, 2]: the depths at which light enters and ends, side by side, as they are read together."""
+def _end_in_the_middle(entry, leaving, most, way):
+    """Fill way [P, 2]: the depths at which light enters and ends, side by side, as they are read together.
+
+    It ends `most` behind where it enters at the latest.
+    """
     for pixel in range(len(entry)):
         way[pixel, 0] = entry[pixel]
-        way[pixel, 1] = _HALF * (entry[pixel] + leaving[pixel]) if leaving[pixel] < np.inf else entry[pixel]
+        within = min(_HALF * (leaving[pixel] - entry[pixel]), most)
+        way[pixel, 1] = entry[pixel] + within if leaving[pixel] < np.inf else entry[pixel]
 
 
 @compiled
