@@ -10,11 +10,13 @@ from livehand.backend.captures.exr import write_exr
 from livehand.backend.captures.lights import CaptureLight
 from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.evaluation.summary import summary
+from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.nerf.avatar import new_avatar
+from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LightSamples
 from livehand.backend.nerf.lighting import COEFFICIENTS
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.records.light import Light
+from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.training.config import LossConfig, TrainConfig
@@ -148,6 +150,24 @@ def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
     after, hits_after = views.get(0, 0).light.skin
     assert not torch.equal(hits_before.depth, hits_after.depth)
     assert len(before.row) != len(after.row) or not torch.equal(before.albedo, after.albedo)
+
+
+def test_windows_of_a_sky_cast_soft_shadows_in_training_too(lit_capture, hand, small, cpu):
+    """All groups in the directions that a kept frame would take; how open skin lies is told by the whole cells."""
+    bright = np.full((16, 32, 3), 0.1)
+    bright[4:7, 8:12] = 9
+    window = tuple(
+        replace(one, light=replace(one.light, sky=Sky(bright))) if one.light.sky else one for one in lit_capture.lights
+    )
+    capture = replace(lit_capture, lights=window)
+    view = LitTrainingViews(capture, capture.of_split("train"), hand, small.sampler, cpu, 0).get(0, 0)
+    kept = LightSamples.of(replace(window[0].light, penumbra="fine"), Bounds.of(view.mesh)).sky
+    assert len(kept.towards) > SKY_DIRECTIONS
+    for sky in view.light.skies:
+        assert torch.equal(sky.towards, kept.towards)
+    torch.testing.assert_close(view.light.skies[0].flux, kept.flux)
+    assert len(view.light.shadows.sky.lit) == len(kept.towards)
+    assert len(view.light.open_sky.lit) == SKY_DIRECTIONS
 
 
 def test_the_avatar_keeps_the_sky_of_the_capture(lit_capture, painted_capture):
