@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from .lighting import SurfacePoints
 from .maps import ray_of_pixel
 from .ray_hits import RayHits
 from .rays import RenderedRays
@@ -20,6 +21,7 @@ from .volume import Composite
 CLEAR, OPAQUE = 0.3, 0.7
 """Opacities at which a ray's colours are those around, and its own."""
 _RINGS_PX, _DIRECTIONS = (1.0, 2.0, 4.0, 8.0, 16.0), 12
+_BEHIND = 100.0  # times the least difference of depth between parts
 _LEAST_OPACITY, _LEAST_WEIGHT = 0.02, 1e-6
 
 
@@ -79,6 +81,24 @@ def filled(
         channels=low.channels.index_put((clear,), (colours * opacity).to(low.channels.dtype)),
         alpha=low.alpha.index_put((clear,), opacity[:, 0].to(low.alpha.dtype)),
     )
+
+
+def without_strays(
+    points: SurfacePoints, alpha: Float[Tensor, " R"], hits: RayHits, edge_m: Float[Tensor, ""]
+) -> SurfacePoints:
+    """The points, but those of clear rays that miss the surface far behind it, so that no pixel of it has their light.
+
+    Their normals are divided by next to nothing: beside outlines, pixels would be bright or dark by chance.
+
+    Args:
+        points: of the rays.
+        alpha: opacity of the rays.
+        hits: with the surface.
+        edge_m: depths that differ by more are of other parts.
+    """
+    is_stray = ~hits.depth.isfinite() & (alpha < CLEAR)
+    behind = points.position + _BEHIND * edge_m * points.view
+    return points._replace(position=torch.where(is_stray[:, None], behind, points.position))
 
 
 def _around(pixel: Int[Tensor, " R"], size_px: tuple[int, int], rays: Int[Tensor, " K"]) -> Int[Tensor, "S K"]:

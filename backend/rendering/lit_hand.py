@@ -19,7 +19,7 @@ from torch.nn.functional import normalize
 
 from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
-from ..nerf.clear_rays import completed, filled
+from ..nerf.clear_rays import completed, filled, without_strays
 from ..nerf.crop import Crop
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
@@ -183,7 +183,8 @@ def render_lit_hand(
         full = doubled(hand.camera)
         seen = backend.seen_surface(known.mesh, full)
         at_pixels = skin._replace(depth=seen.depth)
-        image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, at_pixels)
+        told = without_strays(points, low.alpha, hits, skin.edge_m)
+        image = backend.lit_image(superres, low, told, rays.pixel, hand.camera, at_pixels)
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
         profile, edges = None, seen.edges
         surface = HitSurface(known.mesh, hits.positions(hand.camera, directions, position))

@@ -1,11 +1,17 @@
 """Clear rays on a known surface: they are found, and have the colours of the skin around at their depth."""
 
+import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.clear_rays import CLEAR, OPAQUE, completed, filled
+from livehand.backend.nerf.bounce import SkinPlaces
+from livehand.backend.nerf.clear_rays import CLEAR, OPAQUE, completed, filled, without_strays
+from livehand.backend.nerf.lighting import SurfacePoints
 from livehand.backend.nerf.ray_hits import RayHits
-from livehand.backend.nerf.rays import RenderedRays
+from livehand.backend.nerf.rays import RenderedRays, camera_tensors, ray_directions
+from livehand.backend.nerf.relighting import SkinDepth, neighbours, shares_of_rays
 from livehand.backend.nerf.volume import Composite
+from livehand.backend.records.camera import Camera
+from torch.nn.functional import normalize
 
 SIZE = (40, 30)
 COUNT = SIZE[0] * SIZE[1]
@@ -83,3 +89,37 @@ def test_pixels_of_the_surface_without_a_ray_get_a_clear_one():
     assert depth.isfinite().tolist() == [False, True, True, True]  # nothing was changed
     same, _ = completed(both, hits_at(depth))
     assert torch.equal(same.pixel, both.pixel)
+
+
+def test_pixels_of_the_surface_take_no_light_from_clear_rays_beside_it(seen_camera):
+    """Two rays on the surface, two beside it: the clear one has no share, the other as before."""
+    directions = ray_directions(seen_camera, torch.arange(4))
+    position, view = NEAR_M * directions, normalize(directions, dim=-1)
+    points = SurfacePoints(position, view, view, view, SkinPlaces(torch.zeros(4, 3).long(), torch.zeros(4, 3)))
+    hits = hits_at(torch.tensor([NEAR_M, NEAR_M, torch.inf, torch.inf]))
+    told = without_strays(points, torch.tensor([1.0, 0.1, 0.1, 0.6]), hits, EDGE_M)
+    assert torch.equal(told.position[[0, 1, 3]], position[[0, 1, 3]])
+    full = torch.arange(16)
+    depth = torch.full((16,), NEAR_M)
+
+    def shares(of):
+        return shares_of_rays(of.position, torch.arange(4), seen_camera, full, SkinDepth(depth, EDGE_M))
+
+    before, after = shares(points), shares(told)
+    rays, _ = neighbours(full, (2, 2))
+    is_alone = (rays == 2).all(1)
+    assert is_alone.sum() == 1  # at the corner, where no other ray is
+    assert torch.equal(after[is_alone], before[is_alone])
+    rays, before, after = (values[~is_alone] for values in (rays, before, after))
+    assert before[rays == 2].max() > 0.5
+    assert after[rays == 2].max() == 0
+    torch.testing.assert_close(after.sum(1), torch.ones(15))
+    others = before * (rays != 2)
+    torch.testing.assert_close(after, others / others.sum(1, keepdim=True), atol=1e-5, rtol=0)
+
+
+@pytest.fixture
+def seen_camera():
+    """2 x 2 rays from the origin."""
+    K = np.array([[100.0, 0, 1], [0, 100, 1], [0, 0, 1]])
+    return camera_tensors(Camera(K, np.diag([1.0, -1, -1, 1]), (2, 2)), "cpu")
