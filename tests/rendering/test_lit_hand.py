@@ -16,7 +16,7 @@ from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.frame import DEPTH_BACKGROUND
-from livehand.backend.records.light import Lamp, Light, Sky
+from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.rendering.renderer import Renderer
 from livehand.backend.rendering.surface_maps import surface_maps
@@ -128,13 +128,19 @@ def test_a_lamp_lights_its_own_side(renderer, shot):
     assert columns[0] > columns[1] + 2
 
 
-def test_a_slab_before_the_lamp_darkens_the_hand(renderer, shot):
+IN_THE_WINDOW = sky_directions(32, 64) @ -KEY.direction > np.cos(0.3)
+WINDOW = Light(sky=Sky(np.where(IN_THE_WINDOW, 5.0, 0.0)[..., None].repeat(3, 2)), penumbra="fine")
+
+
+@pytest.mark.parametrize("light", [Light((KEY,)), WINDOW], ids=["lamp", "window"])
+def test_a_slab_before_the_light_darkens_the_hand(renderer, shot, light):
+    """A window of the sky is divided into many directions, each of which it blocks."""
     towards = -KEY.direction
     across = np.stack([KEY.rotation[:, 0], KEY.rotation[:, 1]])
     # Farther than the arm's end from the knuckles in the origin.
     slab = 0.4 * towards + np.array([[[-2, -2], [2, -2], [0, 3]]]) @ across
-    blocked = renderer.render(replace(shot, light=Light((KEY,), occluders=slab)))
-    free = renderer.render(replace(shot, light=Light((KEY,))))
+    blocked = renderer.render(replace(shot, light=replace(light, occluders=slab)))
+    free = renderer.render(replace(shot, light=light))
     assert blocked.rgb.sum() < 0.02 * free.rgb.sum()
 
 
