@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache, lru_cache
 from math import cos, pi, radians, tan
@@ -65,18 +66,10 @@ class SkySamples(NamedTuple):
         towards, share = (torch.tensor(values, dtype=torch.float32, device=device) for values in _layout(division))
         flux = torch.zeros(len(towards), 3, device=device)
         if sky is not None:
-            finely = _in_small_texels(sky)
-            energy = (finely.radiance * finely.solid_angles[..., None] / pi).reshape(-1, 3)
-            cell = torch.as_tensor(_cells(*finely.radiance.shape[:2], division), device=device)
-            flux = flux.index_add(0, cell, torch.as_tensor(energy, dtype=torch.float32, device=device))
+            cell, energy = _energies(sky, division)
+            energies = torch.as_tensor(energy, dtype=torch.float32, device=device)
+            flux = flux.index_add(0, torch.as_tensor(cell, device=device), energies)
         return cls(towards, flux, share, MirroredSky.of(sky, device))
-
-    def division(self, penumbra: Penumbra) -> Division:
-        """By which its cells are divided for shadows of this fineness; `self` is not divided."""
-        grey = self.flux[:SKY_DIRECTIONS].mean(1)
-        brightness = (grey / grey.mean().clamp(min=_LEAST_FLUX)).tolist()
-        levels = (*_DIVIDED_FROM[penumbra], (0.0, SKY_DIRECTIONS))
-        return tuple(next(count for least, count in levels if value >= least) for value in brightness)
 
     @classmethod
     def mixed(cls, skies: tuple[SkySamples, ...], weights: Float[Tensor, "G 3"]) -> SkySamples:
@@ -189,10 +182,7 @@ class LightSamples(NamedTuple):
     @classmethod
     def of(cls, light: Light, bounds: Bounds) -> LightSamples:
         """The samples around a hand."""
-        sky = SkySamples.of(light.sky, bounds.centre.device)
-        division = sky.division(light.penumbra)
-        if division != UNDIVIDED:
-            sky = SkySamples.of(light.sky, bounds.centre.device, division)
+        sky = SkySamples.of(light.sky, bounds.centre.device, division_of((light.sky,), light.penumbra))
         return cls(sky, LampSamples.of(light.lamps, bounds, light.penumbra))
 
     def unblocked(self, point: Float[Tensor, " 3"]) -> Float[Tensor, ""]:
@@ -277,6 +267,25 @@ def _angle_rad(lamp: Lamp, centre: np.ndarray) -> float:
 def _tensor(values: np.ndarray, device: torch.device) -> Tensor:
     kind = None if values.dtype in (bool, np.int64) else torch.float32
     return torch.as_tensor(values, dtype=kind, device=device)
+
+
+def division_of(skies: Iterable[Sky | None], penumbra: Penumbra) -> Division:
+    """By which the cells of skies that shine together are divided for shadows of this fineness."""
+    grey = np.zeros(SKY_DIRECTIONS)
+    for sky in skies:
+        if sky is not None:
+            cell, energy = _energies(sky, UNDIVIDED)
+            grey += np.bincount(cell, energy.mean(1), SKY_DIRECTIONS)
+    levels = (*_DIVIDED_FROM[penumbra], (0.0, SKY_DIRECTIONS))
+    brightness = grey / max(grey.mean(), _LEAST_FLUX)
+    return tuple(next(count for least, count in levels if value >= least) for value in brightness)
+
+
+def _energies(sky: Sky, division: Division) -> tuple[np.ndarray, np.ndarray]:
+    """Of N small texels of a sky: the direction [N] that stands for each, and what each adds to its flux [N, 3]."""
+    finely = _in_small_texels(sky)
+    energy = (finely.radiance * finely.solid_angles[..., None] / pi).reshape(-1, 3)
+    return _cells(*finely.radiance.shape[:2], division), energy
 
 
 def _in_small_texels(sky: Sky) -> Sky:

@@ -24,7 +24,7 @@ from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.bounce import SkinPlaces
 from ..nerf.fine_mesh import FineMesh, FineTemplate
-from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
+from ..nerf.light_samples import LampSamples, LightSamples, SkySamples, division_of
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
@@ -44,7 +44,7 @@ from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import PixelSkin, pixel_skin
 from ..nerf.surrounding_light import SurroundingLight
 from ..records.errors import LiveHandError
-from ..records.light import Light, Sky
+from ..records.light import Light
 from ..rendering.known_skin import KnownSkin, skin_of_capture
 from ..rendering.srgb import linear_to_srgb
 from .crop_store import CropStore
@@ -196,13 +196,15 @@ class LitTrainingViews(TrainingViews):
         bounds = Bounds.of(view.mesh)
         lamps = LampSamples.of(tuple(lamp for light in lights for lamp in light.lamps), bounds)
         group_of_lamp = [group for group, light in enumerate(lights) for _ in light.lamps]
-        skies = _divided_alike(tuple(light.sky for light in lights), self.device)
+        # In the same directions: those that a kept frame would take for their sum.
+        division = division_of((light.sky for light in lights), "fine")
+        skies = tuple(SkySamples.of(light.sky, self.device, division) for light in lights)
         hand = HandInView(view.mesh, self.topology, view.camera)
         layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
         skin = self._skin_at(index, view)
         hits = None if skin is None else skin.hits
         position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
-        together = LightSamples(_sum(skies), lamps)
+        together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
 
         def surface() -> HitSurface | None:
             mesh = self._fine_mesh(index, view)
@@ -309,16 +311,6 @@ def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     )
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
-
-
-def _divided_alike(skies: tuple[Sky | None, ...], device: torch.device) -> tuple[SkySamples, ...]:
-    """The skies in the same directions: the cells of their sum are divided as a kept frame would divide them."""
-    division = _sum(tuple(SkySamples.of(sky, device) for sky in skies)).division("fine")
-    return tuple(SkySamples.of(sky, device, division) for sky in skies)
-
-
-def _sum(skies: tuple[SkySamples, ...]) -> SkySamples:
-    return SkySamples.mixed(skies, torch.ones(len(skies), 3, device=skies[0].flux.device))
 
 
 def group_weights(count: int, generator: torch.Generator) -> Float[Tensor, "G 3"]:

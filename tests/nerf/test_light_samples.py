@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.shadow_maps import FAR, Bounds
-from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, UNDIVIDED, LampSamples, LightSamples, SkySamples
+from livehand.backend.nerf.light_samples import (
+    SKY_DIRECTIONS,
+    UNDIVIDED,
+    LampSamples,
+    LightSamples,
+    SkySamples,
+    division_of,
+)
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 
 BOUNDS = Bounds(torch.zeros(3), torch.tensor(0.1))
@@ -153,7 +160,7 @@ def test_bright_cells_of_a_sky_are_divided_and_nothing_of_it_is_lost():
     whole = SkySamples.of(window(), "cpu")
     counts = []
     for penumbra in ("none", "coarse", "fine"):
-        division = whole.division(penumbra)
+        division = division_of((window(),), penumbra)
         divided = SkySamples.of(window(), "cpu", division)
         is_whole = torch.tensor(division) == SKY_DIRECTIONS
         counts.append(len(divided.towards))
@@ -169,7 +176,7 @@ def test_bright_cells_of_a_sky_are_divided_and_nothing_of_it_is_lost():
 
 def test_parts_are_as_bright_as_the_sky_there():
     """Within the window every part has its radiance, for its share is of the same texels; whole cells but of some."""
-    division = SkySamples.of(window(0.6), "cpu").division("fine")
+    division = division_of((window(0.6),), "fine")
     sky = SkySamples.of(window(0.6), "cpu", division)
     is_within = sky.towards[:, 0] > np.cos(0.45)
     radiance = sky.flux / sky.share.clamp(min=1e-6)[:, None] / 4
@@ -182,7 +189,8 @@ def test_parts_are_as_bright_as_the_sky_there():
 @pytest.mark.parametrize("rows", [2, 5, 32, 64])
 def test_an_even_sky_is_not_divided(rows):
     """However few texels it has: a texel is not a bright direction."""
-    even = SkySamples.of(Sky(np.ones((rows, 2 * rows, 3))), "cpu")
-    assert even.division("fine") == SkySamples.of(None, "cpu").division("fine") == UNDIVIDED
+    sky = Sky(np.ones((rows, 2 * rows, 3)))
+    even = SkySamples.of(sky, "cpu")
+    assert division_of((sky,), "fine") == division_of((None,), "fine") == division_of((sky, None), "fine") == UNDIVIDED
     assert even.brightest == pytest.approx(1, rel=0.2)
     assert len(LightSamples.of(Light(sky=window(), penumbra="none"), BOUNDS).sky.share) == SKY_DIRECTIONS
