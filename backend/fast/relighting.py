@@ -84,7 +84,7 @@ def relit(
     width, height = size_px
     maps = feature_maps(features, pixel, size_px)
     out = torch.zeros(4 * width * height, 3)
-    large = (image.pixel, image.coefficients, image.normal, image.view, image.share)
+    large = (image.pixel, image.coefficients, image.normal, image.surface_normal, image.view, image.share)
     light = (features.lamp_rgb, features.lamp_radius_rad, image.nail)
     record, flat = RelitImage._make((*as_arrays(*large, maps), width, *as_arrays(*light))), out.numpy()
     sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE))

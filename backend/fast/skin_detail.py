@@ -19,7 +19,6 @@ from ..nerf.skin_detail import (
     LEAST_COSINE,
     SHADE_STEP,
     SLOPE_STEP_MM,
-    TINT,
     DetailMaps,
 )
 from .arrays import as_arrays
@@ -35,10 +34,11 @@ def detailed_image(
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     faces = SeenFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
-    names = ("coefficients", "normal", "nail", "alpha")
+    names = ("coefficients", "normal", "surface_normal", "nail", "alpha")
     changed = image._replace(**{name: _copy(getattr(image, name)) for name in names})
-    taken = (changed.pixel, changed.view, changed.coefficients, changed.normal, changed.nail, changed.alpha.flatten())
-    arrays, constants = DetailedArrays(*as_arrays(*taken)), _constants(mesh, camera, maps)
+    filled = changed.coefficients, changed.normal, changed.surface_normal, changed.nail, changed.alpha.flatten()
+    arrays = DetailedArrays(*as_arrays(changed.pixel, changed.view, *filled))
+    constants = _constants(mesh, camera, maps)
     in_parallel(
         lambda first, last: add_skin(faces, surface, table, constants, first, last, arrays),
         len(image.pixel),
@@ -53,8 +53,10 @@ def _copy(values: Tensor) -> Tensor:
 
 def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> DetailConstants:
     scale = float(mesh.scale)
-    texels = 1 / (float(camera.focal_px) * scale * maps.texel_m)
+    texel_m = scale * maps.texel_m
+    texels = 1 / (float(camera.focal_px) * texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
-    numbers = MIN_ALPHA, texels, LEAST_COSINE, *folds, bump, TINT * SHADE_STEP, SHADE_STEP
-    return DetailConstants._make((*(np.float32(value) for value in numbers), np.array(FOLD_LOG_ALBEDO, np.float32)))
+    numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, *folds, bump, SHADE_STEP
+    colours = (np.array(colour, np.float32) for colour in (maps.pigment_colour, FOLD_LOG_ALBEDO))
+    return DetailConstants._make((*(np.float32(value) for value in numbers), *colours))

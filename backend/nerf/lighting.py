@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
+from .bump import bump_shadowing, mirroring_normal
 from .gloss import glossy
 from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
 from .mirrored_sky import MirroredSky
@@ -282,6 +283,7 @@ def lit_colour(
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
     nail: Float[Tensor, " P"] | None = None,
+    surface_normal: Float[Tensor, "P 3"] | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Scene-linear colours of P points, whose features are given for each.
 
@@ -291,17 +293,18 @@ def lit_colour(
         view: unit, from the camera.
         features: as `light_features`, at these points.
         nail: 1 on nails, 0 on skin, which stands for None.
+        surface_normal: unit, world, without what is bump mapped; `normal` stands for None.
     """
-    strength = features.lamp_vectors.norm(dim=-1)
-    towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
+    strength, towards = _by_direction(features)
+    mirroring = normal if surface_normal is None else mirroring_normal(normal, surface_normal, view)
     of_nail = None if nail is None else nail[:, None]
-    lobes = glossy(normal[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
+    lobes = glossy(mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
     of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
-    of_sky = features.mirrored.gloss(normal, view, nail) * features.sky_seen[..., None]
+    of_sky = features.mirrored.gloss(mirroring, view, nail) * features.sky_seen[..., None]
     gloss = of_lamps + of_sky + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     direct = (
-        coefficients[:, DIFFUSE] * diffuse_light(features, normal)
+        coefficients[:, DIFFUSE] * diffuse_light(features, normal, surface_normal)
         + (scattering * features.scattered).sum(1)
         + (coefficients[:, GLOSS, None] * gloss).sum(1)
     )
@@ -313,11 +316,22 @@ def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:
     return coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
 
 
-def diffuse_light(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
-    """What a white diffuse surface with these normals reflects."""
+def diffuse_light(
+    features: LightFeatures, normal: Float[Tensor, "P 3"], surface_normal: Float[Tensor, "P 3"] | None = None
+) -> Float[Tensor, "P 3"]:
+    """What a white diffuse surface with these normals reflects; `surface_normal` as in `lit_colour`."""
     of_lamps = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
+    if surface_normal is not None:
+        _, towards = _by_direction(features)
+        of_lamps = of_lamps * bump_shadowing(normal[:, None], surface_normal[:, None], towards)
     of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
     return of_lamps @ features.lamp_rgb + of_sky
+
+
+def _by_direction(features: LightFeatures) -> tuple[Float[Tensor, "P L"], Float[Tensor, "P L 3"]]:
+    """The strength in which each lamp's light arrives, and the unit vectors towards it."""
+    strength = features.lamp_vectors.norm(dim=-1)
+    return strength, features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
 
 
 def corrected(

@@ -38,7 +38,8 @@ class LitImage(NamedTuple):
     Attributes:
         pixel: [P] row * width + column.
         coefficients: [P, 14] premultiplied.
-        normal: [P, 3] unit, world.
+        normal: [P, 3] unit, world, with all relief.
+        surface_normal: [P, 3] unit, world, without what is bump mapped (`nerf.bump`).
         view: [P, 3] unit, from the camera.
         share: [P, 4] of the four rays around each in its light: upper left, upper right, lower left, lower right.
         alpha: [H, W] not clamped; 0 at all other pixels.
@@ -49,6 +50,7 @@ class LitImage(NamedTuple):
     pixel: Tensor
     coefficients: Tensor
     normal: Tensor
+    surface_normal: Tensor
     view: Tensor
     share: Tensor
     alpha: Tensor
@@ -143,10 +145,12 @@ def lit_image(
     coefficients, normal, alpha = (enlarged or smooth_enlarged_rays)(maps, detail, covered, camera.world2cam)
     share = (shares or shares_of_rays)(points.position, pixel, camera, covered, skin)
     around = RaysAround(pixel, covered, share, camera.size_px)
+    normal = (normals or normals_at_steps)(normal, points.relief_normal, around)
     return LitImage(
         pixel=covered,
         coefficients=coefficients,
-        normal=(normals or normals_at_steps)(normal, points.relief_normal, around),
+        normal=normal,
+        surface_normal=normal,
         view=views(full, covered),
         share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
@@ -213,7 +217,7 @@ def relit(
         size_px: of the low-resolution image.
     """
     at_pixels = _enlarged(features, pixel, size_px, image)
-    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.nail)
+    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.nail, image.surface_normal)
     width, height = size_px
     flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
     return flat.T.reshape(3, 2 * height, 2 * width)

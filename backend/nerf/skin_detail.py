@@ -35,12 +35,18 @@ BUMP = 0.9
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
 FOLDS = 1.2
 """How much more shows of folds, which are wider than the way of light in the skin."""
-TINT, COARSE_TINT = 0.5, 1.0
-"""Shares of the pigment and of the colour of folds, fine and coarse: the rest is in an avatar's own planes."""
+PIGMENT_COLOUR = (0.48, 1.16, 1.36), (0.80, 1.04, 1.16)
+"""Logarithm of the colour of pigment over its mean, of a light and of a deep skin: of baked skins, by least squares."""
 RESOLVED_PX = 1.5
 """Deviation of the blur beyond which the rays, two pixels apart, show all."""
 LEAST_COSINE = 0.25
 """Of face and view: flatter views are filtered as this one."""
+MOST_TAPS = 4
+"""Along what a pixel shows of a face that is seen from the side (anisotropic filtering)."""
+SHARPER = 0.3
+"""Levels finer than the footprint of a tap: interpolation blurs, too."""
+NAIL_FROM = 0.8
+"""Of the map of nails, whose texels are half a millimetre: where it is less, slopes of their rims would glitter."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
 CHANNELS = 10
@@ -72,11 +78,13 @@ class DetailMaps(NamedTuple):
         table: [T, 10] int8: the texels of all levels, rows of the finest first, the smallest v first.
         resolution: of the finest level.
         texel_m: its texels' side, template metres.
+        pigment_colour: as `PIGMENT_COLOUR`, of the person.
     """
 
     table: Tensor
     resolution: int
     texel_m: float
+    pigment_colour: tuple[float, ...]
 
     @classmethod
     def of(cls, detail: SkinDetail, look: SkinLook, device: torch.device | str = "cpu") -> DetailMaps:
@@ -98,9 +106,12 @@ class DetailMaps(NamedTuple):
         ]
         columns = [_halvings(slope, SLOPE_STEP_MM) for slope in slopes]
         for fine, coarse in zip(_shades(detail.fine, look), _shades(detail.coarse, look), strict=True):
-            columns.append(_pyramid(fine, COARSE_TINT / TINT * coarse, SHADE_STEP))
-        columns.append(_halvings(_widened(detail.nail, resolution), SHADE_STEP))
-        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution)
+            columns.append(_pyramid(fine, coarse, SHADE_STEP))
+        nail = (_widened(detail.nail, resolution) - NAIL_FROM) / (1 - NAIL_FROM)
+        columns.append(_halvings(nail.clip(min=0), SHADE_STEP))
+        light, deep = np.array(PIGMENT_COLOUR)
+        colour = (1 - look.melanin) * light + look.melanin * deep
+        return cls(torch.stack(columns, 1).to(device), resolution, ATLAS_MM / 1000 / resolution, tuple(colour.tolist()))
 
     @property
     def levels(self) -> list[tuple[int, int]]:
@@ -136,6 +147,7 @@ class PixelSkin(NamedTuple):
         depth: [P] m; infinite where none does.
         row: [K] of the pixels in the image.
         normal: [K, 3] unit, world, with the detail.
+        surface_normal: [K, 3] the same without.
         albedo: [K, 3] factor of colours.
         nail: [K] 1 on nails, 0 on skin.
     """
@@ -144,6 +156,7 @@ class PixelSkin(NamedTuple):
     depth: Tensor
     row: Tensor
     normal: Tensor
+    surface_normal: Tensor
     albedo: Tensor
     nail: Tensor
 
@@ -176,19 +189,22 @@ def pixel_skin(
     face, depth = seen.face[pixel[row]].long(), seen.depth[pixel[row]]
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
-    footprint_m = depth / (camera.focal_px * mesh.scale * _face_cosine(gradients, view[row]))
-    values = maps.sample(blend_corners(mesh.corner_uv[face], weights), torch.log2(footprint_m / maps.texel_m))
+    uv = blend_corners(mesh.corner_uv[face], weights)
+    values = _sampled(maps, uv, gradients, view[row], depth / camera.focal_px, mesh.scale)
     flex = blend_corners(mesh.flex[corners][..., None], weights)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
     slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
     bent = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
+    pigment = values[:, 6:7] * values.new_tensor(maps.pigment_colour)
+    surface_normal = normalize(blend_corners(mesh.normals[corners], weights), dim=-1)
     return PixelSkin(
         coverage=seen.coverage[pixel],
         depth=seen.depth[pixel],
         row=row,
-        normal=normalize(normalize(blend_corners(mesh.normals[corners], weights), dim=-1) - bent, dim=-1),
-        albedo=torch.exp(TINT * (values[:, 6:7] + folded * values.new_tensor(FOLD_LOG_ALBEDO))),
+        normal=normalize(surface_normal - bent, dim=-1),
+        surface_normal=surface_normal,
+        albedo=torch.exp(pigment + folded * values.new_tensor(FOLD_LOG_ALBEDO)),
         nail=values[:, -1],
     )
 
@@ -207,6 +223,7 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     depth = torch.full_like(image.depth, torch.inf).flatten().index_put((image.pixel,), skin.depth)
     return image._replace(
         normal=image.normal.index_put((row,), skin.normal),
+        surface_normal=image.surface_normal.index_put((row,), skin.surface_normal),
         coefficients=coefficients,
         nail=nail,
         alpha=alpha.reshape(image.alpha.shape),
@@ -224,10 +241,29 @@ def _gradients(corners: Float[Tensor, "K 3 3"], uv: Float[Tensor, "K 3 2"]) -> F
     return (uv_b - uv_a)[:, :, None] * along_ab[:, None] + (uv_c - uv_a)[:, :, None] * along_ac[:, None]
 
 
-def _face_cosine(gradients: Float[Tensor, "K 2 3"], view: Float[Tensor, "K 3"]) -> Float[Tensor, " K"]:
-    """Of the faces' normals and the view, `LEAST_COSINE` at least."""
+def _sampled(
+    maps: DetailMaps,
+    uv: Float[Tensor, "K 2"],
+    gradients: Float[Tensor, "K 2 3"],
+    view: Float[Tensor, "K 3"],
+    pixel_m: Float[Tensor, " K"],
+    scale: Tensor,
+) -> Float[Tensor, "K 10"]:
+    """The mean over what pixels show of faces, which are `pixel_m` wide where they are seen straight on."""
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
-    return (normal * view).sum(-1).abs().clamp(min=LEAST_COSINE)
+    facing = (normal * view).sum(-1, keepdim=True)
+    cosine = facing[:, 0].abs().clamp(min=LEAST_COSINE)
+    taps = (1 / cosine + 0.5).floor().clamp(max=MOST_TAPS)
+    step_m = pixel_m / (cosine * taps)
+    tilt = normalize(view - facing * normal, dim=-1)
+    step = step_m[:, None] * (gradients * tilt[:, None]).sum(-1)
+    level = torch.log2(step_m / (scale * maps.texel_m)) - SHARPER
+    total = uv.new_zeros(len(uv), CHANNELS)
+    for tap in range(MOST_TAPS):
+        at = (tap < taps).nonzero()[:, 0]
+        aside = (tap - (taps[at] - 1) / 2)[:, None] * step[at]
+        total.index_add_(0, at, maps.sample(uv[at] + aside, level[at]) / taps[at, None])
+    return total
 
 
 def _slopes(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
@@ -236,7 +272,14 @@ def _slopes(maps: SkinMaps, look: SkinLook, texels: float) -> list[np.ndarray]:
     That level's texel is as wide as `texels` of these.
     """
     heights = maps.relief_mm, maps.dorsal * (DORSAL_MM * look.folds), maps.palmar * (PALMAR_MM * look.folds)
-    return [texels * slope for height in heights for slope in reversed(np.gradient(height))]
+    return [texels * _slope(height, axis) for height in heights for axis in (1, 0)]
+
+
+def _slope(height: np.ndarray, axis: int) -> np.ndarray:
+    """Differences of fourth order: those of second lose a third of waves of four texels, as ridges are."""
+    slope, place = np.gradient(height, axis=axis), np.arange(height.shape[axis])
+    before, after = (slope.take(at.clip(0, len(place) - 1), axis) for at in (place - 1, place + 1))
+    return slope + (2 * slope - before - after) / 6
 
 
 def _shades(maps: SkinMaps, look: SkinLook) -> list[np.ndarray]:

@@ -141,7 +141,8 @@ def test_both_backends_agree_on_any_rays(lamps):
         *(torch.randn(30, 2, 3, generator=generator) for _ in range(2)),
         *(torch.rand(30, 3, generator=generator) for _ in range(2)),
     )
-    image = image._replace(nail=torch.rand(len(image.pixel), generator=generator))
+    bent = normalize(image.normal + 0.5 * torch.randn(len(image.pixel), 3, generator=generator), dim=-1)
+    image = image._replace(normal=bent, nail=torch.rand(len(image.pixel), generator=generator))
     ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1

@@ -1,6 +1,6 @@
 """A known skin at full size: slopes of known heights on a flat patch, folds that follow the pose, both backends."""
 
-from math import exp, pi
+from math import pi
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
 from livehand.backend.nerf.skin_detail import (
     BUMP,
-    COARSE_TINT,
     DORSAL_MM,
     FOLD_LOG_ALBEDO,
     FOLDS,
     PALMAR_MM,
+    PIGMENT_COLOUR,
     RESOLVED_PX,
-    TINT,
+    SHARPER,
     DetailMaps,
     PixelSkin,
     SkinLook,
@@ -71,7 +71,8 @@ def image_of(camera):
     pixel = torch.arange(camera.size_px[0] * camera.size_px[1])
     normal, view = torch.tensor([0.0, 0, 1]).expand(len(pixel), 3), view_directions(camera, pixel)
     ones, alpha = torch.ones(len(pixel), COEFFICIENTS), torch.ones(camera.size_px[1], camera.size_px[0])
-    return LitImage(pixel, ones, normal, view, torch.full((len(pixel), 4), 0.25), alpha, alpha, torch.zeros(len(pixel)))
+    share = torch.full((len(pixel), 4), 0.25)
+    return LitImage(pixel, ones, normal, normal, view, share, alpha, alpha, torch.zeros(len(pixel)))
 
 
 def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, of=None):
@@ -126,14 +127,16 @@ def test_coarse_relief_shows_from_near_and_from_afar(backend, texels_a_pixel):
 def test_pigment_is_mixed_by_melanin_and_darkens_colours_but_not_gloss(backend):
     light, deep = np.full((N, N), -0.2, np.float32), np.full((N, N), -0.6, np.float32)
     found = detailed(backend, skin(pigment_light=light, pigment_deep=deep), melanin=0.5).coefficients
+    expected = torch.exp(-0.4 * torch.tensor(PIGMENT_COLOUR).mean(0))
     for coloured in (SCATTERED, DIFFUSE):
-        torch.testing.assert_close(found[:, coloured], torch.full_like(found[:, coloured], exp(-0.4 * TINT)))
+        colours = found[:, coloured].reshape(len(found), -1, 3)
+        torch.testing.assert_close(colours, expected.expand_as(colours))
     torch.testing.assert_close(found[:, GLOSS], torch.tensor([0.0, 1]).expand(len(found), 2))
 
 
 def test_folds_have_their_colour(backend):
     found = detailed(backend, skin(palmar=np.full((N, N), 0.5, np.float32)), flex=0.5).coefficients
-    expected = torch.exp(FOLDS * TINT * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
+    expected = torch.exp(FOLDS * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
     torch.testing.assert_close(found[0, DIFFUSE], expected, atol=2e-2, rtol=0)
 
 
@@ -156,6 +159,7 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
         depth=torch.ones(len(image.pixel)),
         row=torch.tensor([3, 7]),
         normal=torch.tensor([[0.0, 0, 1], [1, 0, 0]]),
+        surface_normal=torch.tensor([[0.0, 0, 1], [0, 1, 0]]),
         albedo=torch.tensor([[0.5, 0.6, 0.7]]).expand(2, 3),
         nail=torch.tensor([1.0, 0.25]),
     )
@@ -166,6 +170,7 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
     torch.testing.assert_close(coefficients.grad[8, DIFFUSE], torch.ones(3))
     assert coefficients.grad[:, GLOSS].abs().max() == 0
     torch.testing.assert_close(found.normal[7], torch.tensor([1.0, 0, 0]))
+    torch.testing.assert_close(found.surface_normal[7], torch.tensor([0.0, 1, 0]))
 
 
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
@@ -176,13 +181,62 @@ def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     assert far.normal[:, 0].abs().max() < 1.6e-3 * BUMP
 
 
+@pytest.mark.parametrize(("along", "shows"), [(0, True), (1, False)])
+def test_faces_seen_from_the_side_are_filtered_in_the_direction_in_which_they_are_tilted(backend, along, shows):
+    """Waves of four texels, a texel a pixel, on a face turned by 75 degrees: those across the tilt stay."""
+    waves = np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
+    mesh, camera = patch(focal_px=0.5 / (TEXEL_MM / 1000))
+    turned = torch.tensor([[1.0, 0, 0], [0, np.cos(1.3), np.sin(1.3)], [0, -np.sin(1.3), np.cos(1.3)]]).float()
+    of = mesh._replace(vertices=mesh.vertices @ turned, normals=mesh.normals @ turned), camera
+    found = detailed(backend, skin(relief_mm=waves if along == 0 else waves.T.copy()), of=of)
+    on_it = backend.seen_surface(*of).face >= 0
+    bend = (found.normal - found.surface_normal)[on_it].norm(dim=1).mean()
+    assert on_it.sum() > 100
+    torch.testing.assert_close(found.surface_normal[on_it], turned[2].expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
+    assert (bend > 0.012) if shows else (bend < 0.004)
+
+
+@pytest.mark.parametrize("texels_a_pixel", [1.0, 2.0])
+def test_a_pixel_shows_levels_a_little_finer_than_itself(backend, texels_a_pixel):
+    """As levels are read straight on, between two of them."""
+    waves = np.tile(0.1 * np.sin(pi / 4 * np.arange(N)), (N, 1)).astype(np.float32)
+    detail = skin(relief_mm=waves)
+    mesh, camera = patch(focal_px=0.5 / (texels_a_pixel * TEXEL_MM / 1000))
+    found = detailed(backend, detail, of=(mesh, camera))
+    maps = DetailMaps.of(detail, SkinLook(0.0, 1.0, 0.25))
+    view = view_directions(camera, found.pixel)
+    uv = 0.5 - 0.5 * (view / view[:, 2:])[:, :2] * torch.tensor([1.0, 1.0]) / SIDE_M
+    level = torch.full((len(uv),), float(np.log2(texels_a_pixel)) - SHARPER)
+    slope = maps.sample(uv, level)[:, 0] / TEXEL_MM
+    torch.testing.assert_close(-found.normal[:, 0] / found.normal[:, 2], BUMP * slope, atol=2e-4, rtol=0)
+    assert slope.abs().max() > 0.005
+
+
+@pytest.mark.parametrize(("texels", "share"), [(16, 0.999), (8, 0.988), (4, 0.849)])
+def test_slopes_of_short_waves_are_hardly_less_than_they_are(texels, share):
+    """Differences of fourth order tell (8 sin w - sin 2 w) / 6 w of a wave of w a texel; second: 0.97, 0.90, 0.64."""
+    wave = 2 * pi / texels
+    heights = np.tile(0.05 * np.sin(wave * np.arange(N)), (N, 1)).astype(np.float32)
+    maps = DetailMaps.of(skin(relief_mm=heights), SkinLook(0.0, 1.0, 0.0))
+    slopes = maps.table[: N * N, 0].reshape(N, N)[:, 2:-2] * 0.001
+    expected = share * wave * 0.05 * torch.cos(wave * torch.arange(N)[2:-2])
+    torch.testing.assert_close(slopes, expected.expand_as(slopes), atol=6e-4, rtol=0)
+
+
+def test_nails_end_before_their_rims(backend):
+    """Where the map holds less than four fifths of a nail, there is none."""
+    for share, shown in ((0.75, 0.0), (0.9, 0.5), (1.0, 1.0)):
+        found = detailed(backend, skin(np.full((N // 4, N // 4), share, np.float32)))
+        torch.testing.assert_close(found.nail, torch.full_like(found.nail, shown), atol=1e-4, rtol=0)
+
+
 def seen_tint(texels_a_pixel, wave_texels):
     """What is seen of waves of coarse pigment, as a share of them."""
     wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
     coarse = coarse_maps(pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
     maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, BEND), SkinLook(0.0, 1.0, 0.0))
     at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
-    seen = TINT * maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
+    seen = maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
     inner = slice(4, 12)  # nothing is known beyond the borders
     return (seen[inner] * wave[inner]).sum() / (wave[inner] ** 2).sum()
 
@@ -190,7 +244,7 @@ def seen_tint(texels_a_pixel, wave_texels):
 def test_rays_pass_over_what_is_coarse_from_afar_only():
     assert RESOLVED_PX * TEXEL_MM > COARSEST_MM  # even the finest of these maps is coarser than the planes
     assert seen_tint(1, 4) == seen_tint(2, 4) == 0.0  # pixels finer than the coarse maps
-    passed_over = COARSE_TINT * (1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2))
+    passed_over = 1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2)
     assert seen_tint(4, 4) == pytest.approx(passed_over, rel=0.1)
     assert 0 < seen_tint(4, 16) < 0.5 * passed_over
 
@@ -245,6 +299,8 @@ def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
     )
     assert (theirs.normal != image.normal).any(1).sum() > 1000
     torch.testing.assert_close(ours.normal, theirs.normal, atol=2e-3, rtol=0)
+    torch.testing.assert_close(ours.surface_normal, theirs.surface_normal, atol=1e-4, rtol=0)
+    assert (ours.surface_normal != ours.normal).any(1).sum() > 1000
     torch.testing.assert_close(ours.coefficients, theirs.coefficients, atol=2e-3, rtol=0)
     torch.testing.assert_close(ours.nail, theirs.nail, atol=5e-3, rtol=0)
     torch.testing.assert_close(ours.alpha, theirs.alpha)

@@ -8,6 +8,8 @@ from .compiled import compiled_loosely as compiled
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
 _CHANNELS, _SLOPES, _NAIL = 10, 6, 9
+MOST_TAPS, SHARPER = 4, np.float32(0.3)
+"""As in `nerf.skin_detail`."""
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
@@ -18,7 +20,7 @@ _SHAPE = 5
 @compiled
 def add_skin(seen, surface, maps, constants, first, last, image):
     """Give pixels [first, last) of `image` (`DetailedArrays`) the coverage, normals, colours and nails of the skin."""
-    corner, values = np.empty(4, np.int64), np.empty(_CHANNELS, np.float32)
+    corner, values, step = np.empty(4, np.int64), np.empty(_CHANNELS, np.float32), np.empty(2, np.float32)
     shape, weights = np.empty((_SHAPE, 3), np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         at = image.pixel[index]
@@ -39,19 +41,27 @@ def add_skin(seen, surface, maps, constants, first, last, image):
             u += weights[k] * surface.corner_uv[face, k, 0]
             v += weights[k] * surface.corner_uv[face, k, 1]
             flex += weights[k] * surface.flex[surface.faces[face, k]]
-        texels = seen.depth[at] * constants.texels / max(cosine, constants.least_cosine)
-        _sample(maps, u, v, np.log2(texels), corner, values)
+        cosine = max(cosine, constants.least_cosine)
+        taps = min(int(_1 / cosine + _HALF), MOST_TAPS)
+        texels = seen.depth[at] * constants.texels / (cosine * np.float32(taps))
+        _step_along(surface, face, shape, view, texels * constants.texel_m, step)
+        level = np.log2(texels) - SHARPER
+        values[:] = _0
+        for tap in range(taps):
+            aside = np.float32(tap) - _HALF * np.float32(taps - 1)
+            _add_sample(maps, u + aside * step[0], v + aside * step[1], level, _1 / np.float32(taps), corner, values)
         dorsal = max(constants.straight - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
         along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * constants.bump
         along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * constants.bump
-        _bend(surface, face, shape, weights, along_u, along_v, image.normal[index])
-        nail = values[_NAIL] * constants.nail
+        _bend(surface, face, shape, weights, along_u, along_v, image.normal[index], image.surface_normal[index])
+        nail = values[_NAIL] * constants.shade
         image.nail[index] = nail
         _fill_gloss(nail, coverage, coefficients)
         folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
         for k in range(3):
-            factor = np.exp(values[_SLOPES] * constants.shade + folded * constants.fold_log_albedo[k])
+            pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]
+            factor = np.exp(pigment + folded * constants.fold_log_albedo[k])
             for group in range(_COLOURED):
                 coefficients[_COLOURS + 3 * group + k] *= factor
 
@@ -96,8 +106,24 @@ def _locate(surface, face, shape, camera, view, weights):
 
 
 @compiled
-def _bend(surface, face, shape, weights, along_u, along_v, normal):
-    """Fill the unit normal at a point of a face, bent by steps along the gradients of u and of v."""
+def _step_along(surface, face, shape, view, step_m, step):
+    """Fill what a step along a face, in the direction in which it is tilted, is in u and v."""
+    uv, normal = surface.corner_uv[face], shape[_NORMAL]
+    squared = max(_dot(normal, normal), _TINY * _TINY)
+    facing = _dot(view, normal) / squared
+    length = max(np.sqrt(max(_1 - facing * facing * squared, _0)), _TINY)
+    to_b, to_c = _0, _0
+    for k in range(3):
+        tilt = (view[k] - facing * normal[k]) / length
+        to_b += tilt * shape[_ALONG_B, k]
+        to_c += tilt * shape[_ALONG_C, k]
+    for k in range(2):
+        step[k] = step_m * (to_b * (uv[1, k] - uv[0, k]) + to_c * (uv[2, k] - uv[0, k]))
+
+
+@compiled
+def _bend(surface, face, shape, weights, along_u, along_v, normal, surface_normal):
+    """Fill the unit normal at a point of a face, and that normal bent by steps along the gradients of u and of v."""
     uv, corners = surface.corner_uv[face], surface.faces[face]
     to_b = along_u * (uv[1, 0] - uv[0, 0]) + along_v * (uv[1, 1] - uv[0, 1])
     to_c = along_u * (uv[2, 0] - uv[0, 0]) + along_v * (uv[2, 1] - uv[0, 1])
@@ -107,6 +133,7 @@ def _bend(surface, face, shape, weights, along_u, along_v, normal):
             normal[k] += weights[corner] * surface.normals[corners[corner], k]
     _normalise(normal)
     for k in range(3):
+        surface_normal[k] = normal[k]
         normal[k] += to_b * shape[_ALONG_B, k] + to_c * shape[_ALONG_C, k]
     _normalise(normal)
 
@@ -131,15 +158,14 @@ def _cross(a, b, out):
 
 
 @compiled
-def _sample(maps, u, v, level, corner, values):
-    """Fill the values at a place between two levels, in stored steps."""
+def _add_sample(maps, u, v, level, weight, corner, values):
+    """Add the values at a place between two levels, in stored steps, times a weight."""
     level = min(max(level, _0), np.float32(len(maps.first) - 1))
     fine = int(level)
     share = level - np.float32(fine)
-    values[:] = _0
-    _add_level(maps, u, v, fine, _1 - share, corner, values)
+    _add_level(maps, u, v, fine, weight * (_1 - share), corner, values)
     if share > _0:
-        _add_level(maps, u, v, fine + 1, share, corner, values)
+        _add_level(maps, u, v, fine + 1, weight * share, corner, values)
 
 
 @compiled

@@ -331,6 +331,7 @@ class RelitImage(NamedTuple):
         pixel: [P] row * width + column, in the full-size image.
         coefficients: [P, 14].
         normal: [P, 3].
+        surface_normal: [P, 3].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
         maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, the sky's seen shares, gloss of
@@ -344,6 +345,7 @@ class RelitImage(NamedTuple):
     pixel: np.ndarray
     coefficients: np.ndarray
     normal: np.ndarray
+    surface_normal: np.ndarray
     view_direction: np.ndarray
     share: np.ndarray
     maps: np.ndarray
@@ -473,19 +475,21 @@ class DetailConstants(NamedTuple):
     Attributes:
         least_alpha: of what is divided by it.
         texels: of the finest level in a pixel's width at a depth of 1 m.
+        texel_m: side of one of these.
         least_cosine: of face and view.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
-        shade: what a stored step of shades is worth, of which a share shows.
-        nail: what a stored step of nails is worth.
+        shade: what a stored step of shades and nails is worth.
+        pigment_colour: [3].
         fold_log_albedo: [3].
     """
 
     least_alpha: np.float32
     texels: np.float32
+    texel_m: np.float32
     least_cosine: np.float32
     straight: np.float32
     flattened: np.float32
@@ -493,7 +497,7 @@ class DetailConstants(NamedTuple):
     deepened_by: np.float32
     bump: np.float32
     shade: np.float32
-    nail: np.float32
+    pigment_colour: np.ndarray
     fold_log_albedo: np.ndarray
 
 
@@ -505,6 +509,7 @@ class DetailedArrays(NamedTuple):
         view_direction: [P, 3].
         coefficients: [P, 14].
         normal: [P, 3].
+        surface_normal: [P, 3].
         nail: [P].
         alpha: of all pixels of the image.
     """
@@ -513,5 +518,6 @@ class DetailedArrays(NamedTuple):
     view_direction: np.ndarray
     coefficients: np.ndarray
     normal: np.ndarray
+    surface_normal: np.ndarray
     nail: np.ndarray
     alpha: np.ndarray

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .bump import bump_shadowing, mirroring_normal
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 from .gloss import TINY, glossy
@@ -39,12 +40,15 @@ def relit_pixels(image, sky, lobes, first, last, out):
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
     sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
-    mirrored = np.empty((2, 3), np.float32)
+    mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
-        mirror(sky, normal, view, image.nail[index], mirrored)
+        surface_normal = image.surface_normal[index]
+        along = normal[0] * surface_normal[0] + normal[1] * surface_normal[1] + normal[2] * surface_normal[2]
+        mirroring_normal(normal, surface_normal, view, along, mirroring)
+        mirror(sky, mirroring, view, image.nail[index], mirrored)
         for c in range(3):
             of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
             rgb[c] = (
@@ -56,16 +60,19 @@ def relit_pixels(image, sky, lobes, first, last, out):
             )
         for lamp in range(lamps):
             x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
-            facing = x * normal[0] + y * normal[1] + z * normal[2]
-            if facing <= _0:
-                continue
             strength = max(np.sqrt(x * x + y * y + z * z), TINY)
             x, y, z = x / strength, y / strength, z / strength
-            radius_rad, nail = image.lamp_radius_rad[lamp], image.nail[index]
-            glossy(facing / strength, x, y, z, normal, view, radius_rad, nail, lobes, both)
-            gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            facing = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
+            facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
+            diffuse, gloss = _0, _0
+            if facing > _0:
+                diffuse = strength * facing * bump_shadowing(facing, x, y, z, along, surface_normal)
+            if facing_mirror > _0:
+                radius_rad, nail = image.lamp_radius_rad[lamp], image.nail[index]
+                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, lobes, both)
+                gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
-                rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * facing + gloss)
+                rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * diffuse + gloss)
         for c in range(3):
             white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
             out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + white * here[arriving_at + 3 + c]
