@@ -24,6 +24,7 @@ from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import light_features, openness
+from .part_edges import blended
 from .ray_hits import ray_hits
 from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
@@ -75,6 +76,7 @@ class NumbaBackend:
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
+    blended = staticmethod(blended)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 

@@ -25,6 +25,7 @@ from .fine_mesh import FineMesh, FineTemplate, PixelSurface
 from .light_samples import LightSamples, SkySamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .lit_field import LitField
+from .part_edges import PartEdges
 from .ray_hits import RayHits
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
@@ -158,6 +159,16 @@ class RenderBackend(Protocol):
         self, image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
     ) -> Float[Tensor, "3 H W"]:
         """As `nerf.relighting.relit`, without gradients."""
+        ...
+
+    def blended(
+        self,
+        colours: Float[Tensor, "3 H W"],
+        alpha: Float[Tensor, "H W"],
+        depth: Float[Tensor, "H W"],
+        edges: PartEdges,
+    ) -> Float[Tensor, "3 H W"]:
+        """As `nerf.part_edges.blended`."""
         ...
 
     def trace(self, hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:

@@ -16,6 +16,7 @@ from .field import MlpField, PlaneField
 from .fine_mesh import fine_mesh, seen_surface
 from .lighting import Openness, light_features, openness
 from .lit_field import LitField
+from .part_edges import blended
 from .ray_hits import ray_hits
 from .rays import HandInView, RenderedRays, SurfaceRays, split_rays
 from .relighting import lit_image, relit
@@ -46,6 +47,7 @@ class ReferenceBackend:
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
     relit = staticmethod(relit)
+    blended = staticmethod(blended)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
 

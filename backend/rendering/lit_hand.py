@@ -40,7 +40,7 @@ from ..nerf.lit_rays import (
     with_parts,
 )
 from ..nerf.maps import depth_profile
-from ..nerf.part_edges import PartEdges, blended
+from ..nerf.part_edges import PartEdges
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size, doubled
 from ..nerf.skin_detail import DetailMaps
@@ -132,7 +132,9 @@ class LitHand:
     def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop, premultiplied by alpha."""
         colours = backend.relit(self.image, self.features(backend, light), self.pixel, self.hand.camera.size_px)
-        return colours if self.edges is None else blended(colours, self.image.alpha, self.image.depth, self.edges)
+        if self.edges is None:
+            return colours
+        return backend.blended(colours, self.image.alpha, self.image.depth, self.edges)
 
     def frame(self, backend: RenderBackend, light: Light) -> Frame:
         """The hand in a light."""

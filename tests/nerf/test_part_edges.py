@@ -5,7 +5,7 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.nerf.fine_mesh import FineMesh
-from livehand.backend.nerf.part_edges import SPREAD, PartEdges, SurfaceBones, blended
+from livehand.backend.nerf.part_edges import SPREAD, PartEdges, SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera
@@ -128,25 +128,42 @@ def edges_at(places, share):
     return PartEdges(y * SIZE[0] + x, torch.arange(-1, 2).repeat(3)[:, None] + x >= 10, torch.tensor(share))
 
 
-def test_the_image_blends_both_parts_and_leaves_the_rest():
+def test_the_image_blends_both_parts_and_leaves_the_rest(backend):
     colours, depth = plain_image(10)
     edges = edges_at([(9, 5), (10, 6)], [0.3, 0.8])
-    found = blended(colours, torch.ones(SIZE[1], SIZE[0]), depth, edges)
+    found = backend.blended(colours, torch.ones(SIZE[1], SIZE[0]), depth, edges)
     torch.testing.assert_close(found[:, 5, 9], torch.tensor([0.3, 0.7, 0]))
     torch.testing.assert_close(found[:, 6, 10], torch.tensor([0.8, 0.2, 0]))
     found[:, 5, 9], found[:, 6, 10] = colours[:, 5, 9], colours[:, 6, 10]
     assert torch.equal(found, colours)
 
 
-def test_partly_covered_pixels_stay_as_opaque_as_they_are():
+def test_partly_covered_pixels_stay_as_opaque_as_they_are(backend):
     colours, depth = plain_image(10)
     alpha = torch.full((SIZE[1], SIZE[0]), 0.5)
-    found = blended(0.5 * colours, alpha, depth, edges_at([(9, 5)], [0.3]))
+    found = backend.blended(0.5 * colours, alpha, depth, edges_at([(9, 5)], [0.3]))
     torch.testing.assert_close(found[:, 5, 9], torch.tensor([0.15, 0.35, 0]))
 
 
-def test_a_pixel_that_sees_one_part_only_keeps_its_colour():
+def test_a_pixel_that_sees_one_part_only_keeps_its_colour(backend):
     """Its neighbours of the other part are hardly opaque."""
     colours, depth = plain_image(10)
     alpha = torch.where(depth == NEAR_M, 1.0, 0.01)
-    assert torch.equal(blended(colours, alpha, depth, edges_at([(10, 5)], [0.3])), colours)
+    assert torch.equal(backend.blended(colours, alpha, depth, edges_at([(10, 5)], [0.3])), colours)
+
+
+def test_both_backends_blend_any_image_alike():
+    """Holes, pixels at its corners, and pixels that show one part only among them."""
+    generator = torch.Generator().manual_seed(4)
+    alpha = torch.rand(SIZE[1], SIZE[0], generator=generator) * 1.2
+    depth = torch.where(torch.rand(alpha.shape, generator=generator) < 0.2, torch.inf, 1.0)
+    colours = torch.rand(3, *alpha.shape, generator=generator) * alpha
+    pixel = torch.randperm(alpha.numel(), generator=generator)[:300].sort().values
+    pixel = torch.cat([torch.tensor([0, SIZE[0] - 1, alpha.numel() - 1]), pixel]).unique()
+    shows_first = torch.rand(9, len(pixel), generator=generator) < torch.rand(len(pixel), generator=generator)
+    edges = PartEdges(pixel, shows_first, torch.rand(len(pixel), generator=generator))
+    ours, theirs = (backend.blended(colours, alpha, depth, edges) for backend in (NumbaBackend(), ReferenceBackend()))
+    torch.testing.assert_close(ours, theirs, atol=1e-6, rtol=1e-5)
+    changed = (theirs != colours).any(0).flatten()
+    assert 200 < changed.sum() < len(pixel)
+    assert not changed[torch.ones_like(changed).index_fill(0, pixel, False)].any()
