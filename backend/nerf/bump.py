@@ -60,8 +60,7 @@ def _bent_back(normal: Tensor, surface_normal: Tensor, view: Tensor) -> tuple[Te
     up, across = (-(way * view).sum(-1, keepdim=True) for way in (surface_normal, axis))
     least = (LEAST_OF_EYE * up).clamp(max=LEAST_MIRRORED)
     reach = torch.acos((least / torch.hypot(up, across).clamp(min=_TINY)).clamp(-1, 1))
-    middle, angle = torch.atan2(across, up), torch.atan2(bend, along)
-    kept = angle.minimum((middle + reach) / 2).maximum((middle - reach) / 2)
+    kept = (torch.atan2(across, up) + reach) / 2
     bent_back = normalize(kept.cos() * surface_normal + kept.sin() * axis, dim=-1)
     mirrored = 2 * along * -(normal * view).sum(-1, keepdim=True) - up
     return bent_back, (mirrored < least) & (up > 0) & (bend > _LEAST_BEND)

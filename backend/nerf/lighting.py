@@ -138,7 +138,8 @@ class LightFeatures(NamedTuple):
         near_gloss: [R, 2, 3] what stands around, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
-        reflected: [R, 3] diffuse light besides: what the hand sheds on itself, or what was measured.
+        reflected: [R, 3] light besides: what the hand sheds on itself, or what was measured, as the radiance of a white
+            diffuse surface.
     """
 
     lamp_vectors: Tensor
@@ -308,7 +309,9 @@ def lit_colour(
         + (scattering * features.scattered).sum(1)
         + (coefficients[:, GLOSS, None] * gloss).sum(1)
     )
-    return direct * features.arriving + reflectance(coefficients) * features.reflected
+    # Gloss mirrors skin as well, which sheds about as much around the mirrored view as from everywhere.
+    of_skin = (coefficients[:, GLOSS] * features.mirrored.of_even_light(mirroring, view, nail)).sum(1, keepdim=True)
+    return direct * features.arriving + (reflectance(coefficients) + of_skin) * features.reflected
 
 
 def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:

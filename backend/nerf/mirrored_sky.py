@@ -69,6 +69,14 @@ class MirroredSky(NamedTuple):
         tight = torch.lerp(lobes[:, 0], lobes[:, 2], share[:, None])
         return torch.stack([tight, lobes[:, 1]], 1)
 
+    def of_even_light(
+        self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], nail: Float[Tensor, " P"] | None = None
+    ) -> Float[Tensor, "P 2"]:
+        """What both lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
+        lobes = self.reflected(-(normal.detach() * view.detach()).sum(-1))
+        share = normal.new_zeros(len(normal)) if nail is None else nail
+        return torch.stack([torch.lerp(lobes[:, 0], lobes[:, 2], share), lobes[:, 1]], 1)
+
     def _around(self, towards: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3 3"]:
         """The means around directions, bilinear in the map."""
         column, row = ((value + 1) * (SIDE / 2) + 0.5 for value in on_square(towards))

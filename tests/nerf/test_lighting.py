@@ -28,6 +28,7 @@ from livehand.backend.nerf.lighting import (
     lit_colour,
     openness,
 )
+from livehand.backend.nerf.mirrored_sky import MirroredSky
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 from torch.nn.functional import normalize
@@ -243,7 +244,8 @@ def test_gloss_takes_the_colour_of_the_light(lit):
     coefficients = torch.zeros(POINTS, COEFFICIENTS)
     coefficients[:, GLOSS] = 1
     blue = scaled(light, 0.0, 0.0, 1.0, 0.0)
-    colour = lit_colour(coefficients, points.relief_normal, points.view, light_features(blue, shadows, points))
+    features = light_features(blue, shadows, points)._replace(reflected=torch.zeros(POINTS, 3))
+    colour = lit_colour(coefficients, points.relief_normal, points.view, features)
     bright = colour[colour[:, 2] > 1e-4]
     torch.testing.assert_close(bright / bright[:, 2:], torch.tensor([1 / 9, 2 / 9, 1]).expand_as(bright))
 
@@ -331,7 +333,8 @@ def test_measured_light_replaces_what_is_computed(lit, backend):
     assert colour(none)[bright].max() < 0.05 * plain.max()
 
 
-def test_light_that_only_the_measurement_knows_is_diffuse(lit):
+def test_light_that_only_the_measurement_knows_is_reflected_as_if_it_came_from_everywhere(lit):
+    """By gloss, too, of whatever sky: so is what the hand sheds on itself."""
     light, shadows, points = lit
     dark = scaled(light, 0.0, 0.0, 0.0, 0.0)
     features = light_features(dark, shadows, points)
@@ -340,4 +343,7 @@ def test_light_that_only_the_measurement_knows_is_diffuse(lit):
     given = corrected(features, points.normal, lamp, 2 * lamp)
     found = lit_colour(coefficients, points.relief_normal, points.view, given)
     white = coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
-    torch.testing.assert_close(found, 3 * lamp * white)
+    even = MirroredSky.of(Sky(np.ones((4, 8, 3))), "cpu").gloss(points.relief_normal, points.view)[..., 0]
+    glossy_share = (coefficients[:, GLOSS] * even).sum(1, keepdim=True)
+    assert (glossy_share > 0.01 * white).any()
+    torch.testing.assert_close(found, 3 * lamp * (white + glossy_share), rtol=1e-4, atol=1e-5)

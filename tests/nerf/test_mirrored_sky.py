@@ -48,6 +48,16 @@ def test_an_even_sky_is_reflected_as_the_integral_says(cosine, nail):
     torch.testing.assert_close(found, expected, rtol=0.03, atol=0)
 
 
+def test_even_light_is_reflected_whatever_the_sky():
+    normal, view = some_pixels(50)
+    nail = torch.rand(50, generator=torch.Generator().manual_seed(1))
+    even, black = MirroredSky.of(Sky(np.ones((4, 8, 3))), "cpu"), MirroredSky.of(None, "cpu")
+    for of_nails in (nail, None):
+        found = black.of_even_light(normal, view, of_nails)
+        torch.testing.assert_close(found, even.gloss(normal, view, of_nails)[..., 2], rtol=1e-4, atol=1e-6)
+    assert (found > 0.01).all()
+
+
 def test_straight_on_it_reflects_what_fresnel_says_and_far_more_from_the_side():
     sky = MirroredSky.of(Sky(np.ones((1, 1, 3))), "cpu")
     straight, side = (sky.gloss(UP, view_at(cosine))[0, :, 0] for cosine in (1.0, 0.1))

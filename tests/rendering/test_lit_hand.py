@@ -173,6 +173,18 @@ def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_ar
     assert 0 < change < 0.1
 
 
+def test_pixels_on_edges_of_the_known_surface_show_both_parts(renderer, shot):
+    renderer.render(shot)
+    (lit,) = renderer._lit_hands
+    backend, edges = renderer._backend, lit.edges
+    assert len(edges.pixel) > 10
+    sharp = replace(lit, edges=None).colours(backend, LIGHT)
+    found = lit.colours(backend, LIGHT)
+    torch.testing.assert_close(found, backend.blended(sharp, lit.image.alpha, lit.image.depth, edges))
+    changed = (found - sharp).abs().amax(0).flatten() > 1e-3 * float(sharp.max())
+    assert 5 < changed.sum() == changed[edges.pixel].sum()
+
+
 def test_a_mirrored_hand_in_mirrored_light_is_the_mirror_image(hand, renderer, shot):
     mirror = np.diag(MIRROR_POINT).astype(float)
     pose = replace(

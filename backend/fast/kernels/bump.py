@@ -34,8 +34,7 @@ def mirroring_normal(normal, surface_normal, view, along, out):
         return
     across = (facing - along * up) / bend
     reach = np.arccos(min(least / max(np.sqrt(up * up + across * across), TINY), _1))
-    middle, angle = np.arctan2(across, up), np.arctan2(bend, along)
-    kept = max(min(angle, _HALF * (middle + reach)), _HALF * (middle - reach))
+    kept = _HALF * (np.arctan2(across, up) + reach)
     cosine, sine = np.cos(kept), np.sin(kept) / bend
     for k in range(3):
         out[k] = cosine * surface_normal[k] + sine * (normal[k] - along * surface_normal[k])

@@ -1,4 +1,4 @@
-"""Equals `MirroredSky.gloss` of `nerf.mirrored_sky`."""
+"""Equals `MirroredSky.gloss` and `MirroredSky.of_even_light` of `nerf.mirrored_sky`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _0, _HALF, _1, _2 = (np.float32(value) for value in (0, 0.5, 1, 2))
 
 
 @part
-def mirror(sky, normal, view, nail, gloss):
-    """Fill gloss [2, 3] with the light of a whole sky (`MirrorArrays`) in both lobes."""
+def mirror(sky, normal, view, nail, gloss, even):
+    """Fill gloss [2, 3] with the light of a whole sky (`MirrorArrays`) in both lobes, and even [2] with that of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     twice = _2 * along
     x, y, z = view[0] - twice * normal[0], view[1] - twice * normal[1], view[2] - twice * normal[2]
@@ -28,6 +28,10 @@ def mirror(sky, normal, view, nail, gloss):
     over = place - np.float32(step)
     for lobe in range(3 if nail > _0 else 2):
         reflected = (_1 - over) * sky.reflectance[step, lobe] + over * sky.reflectance[step + 1, lobe]
+        if lobe == 2:
+            even[0] += nail * (reflected - even[0])
+        else:
+            even[lobe] = reflected
         for c in range(3):
             upper = (_1 - right) * sky.radiance[at, lobe, c] + right * sky.radiance[at + 1, lobe, c]
             lower = (_1 - right) * sky.radiance[at + wide, lobe, c] + right * sky.radiance[at + wide + 1, lobe, c]

@@ -40,7 +40,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
     sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
-    mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
+    mirrored, mirroring, even = np.empty((2, 3), np.float32), np.empty(3, np.float32), np.empty(2, np.float32)
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
@@ -48,7 +48,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
         surface_normal = image.surface_normal[index]
         along = normal[0] * surface_normal[0] + normal[1] * surface_normal[1] + normal[2] * surface_normal[2]
         mirroring_normal(normal, surface_normal, view, along, mirroring)
-        mirror(sky, mirroring, view, image.nail[index], mirrored)
+        mirror(sky, mirroring, view, image.nail[index], mirrored, even)
         for c in range(3):
             of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
             rgb[c] = (
@@ -73,9 +73,10 @@ def relit_pixels(image, sky, lobes, first, last, out):
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * diffuse + gloss)
+        of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
         for c in range(3):
-            white = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c]
-            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + white * here[arriving_at + 3 + c]
+            share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
+            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
 
 
 @compiled
