@@ -14,6 +14,7 @@ from torch.nn.functional import avg_pool2d
 from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
+from ..nerf.clear_rays import without_strays
 from ..nerf.light_samples import SkySamples
 from ..nerf.lighting import openness, reflectance
 from ..nerf.lit_field import LitField
@@ -211,7 +212,8 @@ def _render_lit(
     coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
     maps, _ = low_resolution_maps(coloured, pixel, size_px)
     skin = skin_layers(views.backend, at_full_size(hand)).first
-    image = lit_image(in_precision(superres, views.device, precision), low, points, pixel, hand.camera, skin)
+    told = points if hits is None else without_strays(points, low.alpha, hits, skin.edge_m)
+    image = lit_image(in_precision(superres, views.device, precision), low, told, pixel, hand.camera, skin)
     alpha = image.alpha  # of a known skin, too: else its density would learn nothing
     if light.skin is not None:
         image = with_skin(image, light.skin.pixels)

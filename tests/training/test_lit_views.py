@@ -19,6 +19,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
 from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.training import step
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.lit_views import LitTrainingViews, SeenSkin, exposure_of, group_weights, mixed
 from livehand.backend.training.loop import Training, train
@@ -139,6 +140,23 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
     torch.testing.assert_close(skin.normal.norm(dim=-1), torch.ones(len(skin.row)), atol=2e-3, rtol=0)
     assert (skin.coverage == 1).any()
     assert ((skin.coverage > 0) & (skin.coverage < 1)).any()
+
+
+def test_clear_rays_beside_a_known_skin_lend_no_light(known_skin_views, lit_config, hand, monkeypatch):
+    """As when it is rendered: were all rays behind the skin, its pixels would have other light."""
+    view = mixed(known_skin_views.get(0, 0), torch.Generator().manual_seed(5))
+    avatar = new_avatar("a", hand.name, hand.sha256, lit_config, seed=1)
+    plain = render_view(avatar, known_skin_views, view).image.detach()
+
+    def without_most(points, alpha, hits, edge_m):
+        assert len(alpha) == len(hits.depth) == len(points.position)
+        some = torch.arange(len(alpha))[:, None] % 3 > 0
+        return points._replace(position=points.position + some * 100 * edge_m * points.view)
+
+    monkeypatch.setattr(step, "without_strays", without_most)
+    other = render_view(avatar, known_skin_views, view).image.detach()
+    assert (other[:3] - plain[:3]).abs().amax(0).gt(1e-3).sum() > 100
+    assert torch.equal(other[3], plain[3])
 
 
 def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
