@@ -43,8 +43,10 @@ LEAST_COSINE = 0.25
 """Of face and view: flatter views are filtered as this one."""
 MOST_TAPS = 4
 """Along what a pixel shows of a face that is seen from the side (anisotropic filtering)."""
+ONE_TAP_MORE = 0.75
+"""Of a pixel: a footprint of a quarter more than its taps gets another, so that they lie 1.25 pixels apart at most."""
 SHARPER = 0.3
-"""Levels finer than the footprint of a tap: interpolation blurs, too."""
+"""Levels finer than a pixel is wide: interpolation blurs, too."""
 NAIL_FROM = 0.8
 """Of the map of nails, whose texels are half a millimetre: where it is less, slopes of their rims would glitter."""
 SLOPE_STEP_MM, SHADE_STEP = 0.001, 0.01
@@ -253,11 +255,11 @@ def _sampled(
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     facing = (normal * view).sum(-1, keepdim=True)
     cosine = facing[:, 0].abs().clamp(min=LEAST_COSINE)
-    taps = (1 / cosine + 0.5).floor().clamp(max=MOST_TAPS)
+    taps = (1 / cosine + ONE_TAP_MORE).floor().clamp(max=MOST_TAPS)
     step_m = pixel_m / (cosine * taps)
     tilt = normalize(view - facing * normal, dim=-1)
     step = step_m[:, None] * (gradients * tilt[:, None]).sum(-1)
-    level = torch.log2(step_m / (scale * maps.texel_m)) - SHARPER
+    level = torch.log2(pixel_m / (scale * maps.texel_m)) - SHARPER
     total = uv.new_zeros(len(uv), CHANNELS)
     for tap in range(MOST_TAPS):
         at = (tap < taps).nonzero()[:, 0]

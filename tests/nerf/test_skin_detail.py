@@ -181,19 +181,41 @@ def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     assert far.normal[:, 0].abs().max() < 1.6e-3 * BUMP
 
 
+def turned_patch(angle_rad):
+    """The patch, a texel a pixel, turned about u; and its normal."""
+    mesh, camera = patch(focal_px=0.5 / (TEXEL_MM / 1000))
+    cosine, sine = float(np.cos(angle_rad)), float(np.sin(angle_rad))
+    turned = torch.tensor([[1.0, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+    return (mesh._replace(vertices=mesh.vertices @ turned, normals=mesh.normals @ turned), camera), turned[2]
+
+
+WAVES = np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
+
+
 @pytest.mark.parametrize(("along", "shows"), [(0, True), (1, False)])
 def test_faces_seen_from_the_side_are_filtered_in_the_direction_in_which_they_are_tilted(backend, along, shows):
     """Waves of four texels, a texel a pixel, on a face turned by 75 degrees: those across the tilt stay."""
-    waves = np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
-    mesh, camera = patch(focal_px=0.5 / (TEXEL_MM / 1000))
-    turned = torch.tensor([[1.0, 0, 0], [0, np.cos(1.3), np.sin(1.3)], [0, -np.sin(1.3), np.cos(1.3)]]).float()
-    of = mesh._replace(vertices=mesh.vertices @ turned, normals=mesh.normals @ turned), camera
-    found = detailed(backend, skin(relief_mm=waves if along == 0 else waves.T.copy()), of=of)
+    of, normal = turned_patch(1.3)
+    found = detailed(backend, skin(relief_mm=WAVES if along == 0 else WAVES.T.copy()), of=of)
     on_it = backend.seen_surface(*of).face >= 0
     bend = (found.normal - found.surface_normal)[on_it].norm(dim=1).mean()
     assert on_it.sum() > 100
-    torch.testing.assert_close(found.surface_normal[on_it], turned[2].expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(found.surface_normal[on_it], normal.expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
     assert (bend > 0.012) if shows else (bend < 0.004)
+
+
+@pytest.mark.parametrize("cosine", [0.8, 1 / 1.5, 1 / 2.25])
+def test_nothing_jumps_where_a_face_gets_another_tap(backend, cosine):
+    """Lines across the tilt are as sharp before as after: else an edge would pass over skin that turns."""
+    bends = []
+    for angle_rad in np.arccos(cosine) + np.array([-0.02, 0.02]):
+        of, _ = turned_patch(angle_rad)
+        found = detailed(backend, skin(relief_mm=WAVES), of=of)
+        row = SIZE[1] // 2 * SIZE[0]
+        middle = slice(row + 4, row + SIZE[0] - 4)
+        bends.append((found.normal - found.surface_normal)[middle].norm(dim=1).mean())
+    assert bends[0] > 0.01
+    assert float(bends[1] / bends[0]) == pytest.approx(1, abs=0.05)
 
 
 @pytest.mark.parametrize("texels_a_pixel", [1.0, 2.0])
