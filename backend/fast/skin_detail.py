@@ -17,7 +17,10 @@ from ..nerf.skin_detail import (
     FOLD_LOG_ALBEDO,
     FOLDS,
     LEAST_COSINE,
+    MOST_TAPS,
+    ONE_TAP_MORE,
     SHADE_STEP,
+    SHARPER,
     SLOPE_STEP_MM,
     DetailMaps,
 )
@@ -57,6 +60,6 @@ def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> Detai
     texels = 1 / (float(camera.focal_px) * texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
-    numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, *folds, bump, SHADE_STEP
+    numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, ONE_TAP_MORE, SHARPER, *folds, bump, SHADE_STEP
     colours = (np.array(colour, np.float32) for colour in (maps.pigment_colour, FOLD_LOG_ALBEDO))
-    return DetailConstants._make((*(np.float32(value) for value in numbers), *colours))
+    return DetailConstants._make((*(np.float32(value) for value in numbers), MOST_TAPS, *colours))

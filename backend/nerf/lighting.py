@@ -296,8 +296,12 @@ def lit_colour(
         nail: 1 on nails, 0 on skin, which stands for None.
         surface_normal: unit, world, without what is bump mapped; `normal` stands for None.
     """
-    strength, towards = _by_direction(features)
-    mirroring = normal if surface_normal is None else mirroring_normal(normal, surface_normal, view)
+    strength = features.lamp_vectors.norm(dim=-1)
+    towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
+    mirroring, share = normal, None
+    if surface_normal is not None:
+        mirroring = mirroring_normal(normal, surface_normal, view)
+        share = bump_shadowing(normal[:, None], surface_normal[:, None], towards)
     of_nail = None if nail is None else nail[:, None]
     lobes = glossy(mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
     of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
@@ -305,7 +309,7 @@ def lit_colour(
     gloss = of_lamps + of_sky + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     direct = (
-        coefficients[:, DIFFUSE] * diffuse_light(features, normal, surface_normal)
+        coefficients[:, DIFFUSE] * diffuse_light(features, normal, share)
         + (scattering * features.scattered).sum(1)
         + (coefficients[:, GLOSS, None] * gloss).sum(1)
     )
@@ -320,21 +324,14 @@ def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:
 
 
 def diffuse_light(
-    features: LightFeatures, normal: Float[Tensor, "P 3"], surface_normal: Float[Tensor, "P 3"] | None = None
+    features: LightFeatures, normal: Float[Tensor, "P 3"], lamp_share: Float[Tensor, "P L"] | None = None
 ) -> Float[Tensor, "P 3"]:
-    """What a white diffuse surface with these normals reflects; `surface_normal` as in `lit_colour`."""
+    """What a white diffuse surface with these normals reflects; of each lamp's light a share, all of it for None."""
     of_lamps = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
-    if surface_normal is not None:
-        _, towards = _by_direction(features)
-        of_lamps = of_lamps * bump_shadowing(normal[:, None], surface_normal[:, None], towards)
+    if lamp_share is not None:
+        of_lamps = of_lamps * lamp_share
     of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
     return of_lamps @ features.lamp_rgb + of_sky
-
-
-def _by_direction(features: LightFeatures) -> tuple[Float[Tensor, "P L"], Float[Tensor, "P L 3"]]:
-    """The strength in which each lamp's light arrives, and the unit vectors towards it."""
-    strength = features.lamp_vectors.norm(dim=-1)
-    return strength, features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
 
 
 def corrected(

@@ -8,8 +8,6 @@ from .compiled import compiled_loosely as compiled
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
 _CHANNELS, _SLOPES, _NAIL = 10, 6, 9
-MOST_TAPS, ONE_TAP_MORE, SHARPER = 4, np.float32(0.75), np.float32(0.3)
-"""As in `nerf.skin_detail`."""
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
@@ -42,11 +40,12 @@ def add_skin(seen, surface, maps, constants, first, last, image):
             v += weights[k] * surface.corner_uv[face, k, 1]
             flex += weights[k] * surface.flex[surface.faces[face, k]]
         cosine = max(cosine, constants.least_cosine)
-        taps = min(int(_1 / cosine + ONE_TAP_MORE), MOST_TAPS)
+        taps = min(int(_1 / cosine + constants.one_tap_more), constants.most_taps)
         texels = seen.depth[at] * constants.texels
-        _step_along(surface, face, shape, view, texels * constants.texel_m / (cosine * np.float32(taps)), step)
-        level = np.log2(texels) - SHARPER
-        values[:] = _0
+        level = np.log2(texels) - constants.sharper
+        values[:], step[:] = _0, _0
+        if taps > 1:
+            _step_along(surface, face, shape, view, texels * constants.texel_m / (cosine * np.float32(taps)), step)
         for tap in range(taps):
             aside = np.float32(tap) - _HALF * np.float32(taps - 1)
             _add_sample(maps, u + aside * step[0], v + aside * step[1], level, _1 / np.float32(taps), corner, values)

@@ -477,12 +477,15 @@ class DetailConstants(NamedTuple):
         texels: of the finest level in a pixel's width at a depth of 1 m.
         texel_m: side of one of these.
         least_cosine: of face and view.
+        one_tap_more: as `ONE_TAP_MORE`.
+        sharper: as `SHARPER`.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
         shade: what a stored step of shades and nails is worth.
+        most_taps: as `MOST_TAPS`.
         pigment_colour: [3].
         fold_log_albedo: [3].
     """
@@ -491,12 +494,15 @@ class DetailConstants(NamedTuple):
     texels: np.float32
     texel_m: np.float32
     least_cosine: np.float32
+    one_tap_more: np.float32
+    sharper: np.float32
     straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
     deepened_by: np.float32
     bump: np.float32
     shade: np.float32
+    most_taps: int
     pigment_colour: np.ndarray
     fold_log_albedo: np.ndarray
 
