@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..nerf.detail_maps import SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ..nerf.fine_mesh import FineMesh, PixelSurface
 from ..nerf.rays import CameraTensors, ray_origin
 from ..nerf.relighting import MIN_ALPHA, LitImage
@@ -19,10 +20,7 @@ from ..nerf.skin_detail import (
     LEAST_COSINE,
     MOST_TAPS,
     ONE_TAP_MORE,
-    SHADE_STEP,
     SHARPER,
-    SLOPE_STEP_MM,
-    DetailMaps,
 )
 from .arrays import as_arrays
 from .kernels.compiled import in_parallel

@@ -20,6 +20,7 @@ from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..hand.lbs import SkinMotion
 from .conditions import FrameConditions
+from .detail_maps import DetailMaps
 from .field import MlpField, PlaneField
 from .fine_mesh import FineMesh, FineTemplate, PixelSurface
 from .light_samples import LightSamples, SkySamples
@@ -30,7 +31,6 @@ from .ray_hits import RayHits
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
-from .skin_detail import DetailMaps
 from .surface_means import RayPlaces
 from .surrounding_light import NearLight
 from .surroundings import Patches

@@ -17,8 +17,8 @@ from ..hand.lbs import SkinMotion, skin_motion
 from ..hand.model import MIRROR_AXIS_ANGLE
 from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
+from ..nerf.detail_maps import DetailMaps, SkinLook
 from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh, motion_of_mesh
-from ..nerf.skin_detail import DetailMaps, SkinLook
 from ..records.shot import HandPose
 
 PosedFinely = Callable[[FineTemplate, SkinMotion, Tensor, Tensor, Tensor], FineMesh]

@@ -21,6 +21,7 @@ from ..geometry.shadow_maps import Bounds, PointShadows
 from ..nerf.backend import Decoder, OnStage, RenderBackend
 from ..nerf.clear_rays import completed, filled, without_strays
 from ..nerf.crop import Crop
+from ..nerf.detail_maps import DetailMaps
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
@@ -43,7 +44,6 @@ from ..nerf.maps import depth_profile
 from ..nerf.part_edges import PartEdges
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size, doubled
-from ..nerf.skin_detail import DetailMaps
 from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame

@@ -6,28 +6,15 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
-from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
+from livehand.backend.hand.skin_detail import ATLAS_MM, SkinBend, SkinDetail, SkinMaps
+from livehand.backend.nerf.detail_maps import DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
 from livehand.backend.nerf.fine_mesh import FineMesh, seen_surface
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors, view_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
-from livehand.backend.nerf.skin_detail import (
-    BUMP,
-    DORSAL_MM,
-    FOLD_LOG_ALBEDO,
-    FOLDS,
-    PALMAR_MM,
-    PIGMENT_COLOUR,
-    RESOLVED_PX,
-    SHARPER,
-    DetailMaps,
-    PixelSkin,
-    SkinLook,
-    pixel_skin,
-    with_skin,
-)
+from livehand.backend.nerf.skin_detail import BUMP, FOLD_LOG_ALBEDO, FOLDS, SHARPER, PixelSkin, pixel_skin, with_skin
 from livehand.backend.records.camera import Camera
 from torch.nn.functional import normalize
 
@@ -234,41 +221,11 @@ def test_a_pixel_shows_levels_a_little_finer_than_itself(backend, texels_a_pixel
     assert slope.abs().max() > 0.005
 
 
-@pytest.mark.parametrize(("texels", "share"), [(16, 0.999), (8, 0.988), (4, 0.849)])
-def test_slopes_of_short_waves_are_hardly_less_than_they_are(texels, share):
-    """Differences of fourth order tell (8 sin w - sin 2 w) / 6 w of a wave of w a texel; second: 0.97, 0.90, 0.64."""
-    wave = 2 * pi / texels
-    heights = np.tile(0.05 * np.sin(wave * np.arange(N)), (N, 1)).astype(np.float32)
-    maps = DetailMaps.of(skin(relief_mm=heights), SkinLook(0.0, 1.0, 0.0))
-    slopes = maps.table[: N * N, 0].reshape(N, N)[:, 2:-2] * 0.001
-    expected = share * wave * 0.05 * torch.cos(wave * torch.arange(N)[2:-2])
-    torch.testing.assert_close(slopes, expected.expand_as(slopes), atol=6e-4, rtol=0)
-
-
 def test_nails_end_before_their_rims(backend):
     """Where the map holds less than four fifths of a nail, there is none."""
     for share, shown in ((0.75, 0.0), (0.9, 0.5), (1.0, 1.0)):
         found = detailed(backend, skin(np.full((N // 4, N // 4), share, np.float32)))
         torch.testing.assert_close(found.nail, torch.full_like(found.nail, shown), atol=1e-4, rtol=0)
-
-
-def seen_tint(texels_a_pixel, wave_texels):
-    """What is seen of waves of coarse pigment, as a share of them."""
-    wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
-    coarse = coarse_maps(pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
-    maps = DetailMaps.of(SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, BEND), SkinLook(0.0, 1.0, 0.0))
-    at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
-    seen = maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
-    inner = slice(4, 12)  # nothing is known beyond the borders
-    return (seen[inner] * wave[inner]).sum() / (wave[inner] ** 2).sum()
-
-
-def test_rays_pass_over_what_is_coarse_from_afar_only():
-    assert RESOLVED_PX * TEXEL_MM > COARSEST_MM  # even the finest of these maps is coarser than the planes
-    assert seen_tint(1, 4) == seen_tint(2, 4) == 0.0  # pixels finer than the coarse maps
-    passed_over = 1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2)
-    assert seen_tint(4, 4) == pytest.approx(passed_over, rel=0.1)
-    assert 0 < seen_tint(4, 16) < 0.5 * passed_over
 
 
 def test_the_surface_tells_the_outline(backend):

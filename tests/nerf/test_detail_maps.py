@@ -1,0 +1,52 @@
+"""A person's skin as maps: slopes of known waves, and what rays pass over from afar."""
+
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
+from livehand.backend.nerf.detail_maps import RESOLVED_PX, DetailMaps, SkinLook
+
+N = 64
+TEXEL_MM = ATLAS_MM / N
+
+
+def skin_maps(side, **maps):
+    flat = dict.fromkeys(SkinMaps.__dataclass_fields__, np.zeros((side, side), np.float32))
+    return SkinMaps(**{**flat, **maps})
+
+
+def maps_of(fine, coarse):
+    bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
+    return DetailMaps.of(SkinDetail(fine, coarse, np.zeros((16, 16), np.float32), bend), SkinLook(0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(("texels", "share"), [(16, 0.999), (8, 0.988), (4, 0.849)])
+def test_slopes_of_short_waves_are_hardly_less_than_they_are(texels, share):
+    """Differences of fourth order tell (8 sin w - sin 2 w) / 6 w of a wave of w a texel; second: 0.97, 0.90, 0.64."""
+    wave = 2 * pi / texels
+    heights = np.tile(0.05 * np.sin(wave * np.arange(N)), (N, 1)).astype(np.float32)
+    maps = maps_of(skin_maps(N, relief_mm=heights), skin_maps(16))
+    slopes = maps.table[: N * N, 0].reshape(N, N)[:, 2:-2] * 0.001
+    expected = share * wave * 0.05 * torch.cos(wave * torch.arange(N)[2:-2])
+    torch.testing.assert_close(slopes, expected.expand_as(slopes), atol=6e-4, rtol=0)
+
+
+def seen_tint(texels_a_pixel, wave_texels):
+    """What is seen of waves of coarse pigment, as a share of them."""
+    wave = 0.3 * np.sin(2 * pi * (np.arange(16) + 0.5) / wave_texels)
+    coarse = skin_maps(16, pigment_light=np.tile(wave, (16, 1)).astype(np.float32))
+    maps = maps_of(skin_maps(N), coarse)
+    at_texels = torch.stack([(torch.arange(16) + 0.5) / 16, torch.full((16,), 0.5)], -1)
+    seen = maps.sample(at_texels, torch.full((16,), float(np.log2(texels_a_pixel))))[:, 6].numpy()
+    inner = slice(4, 12)  # nothing is known beyond the borders
+    return (seen[inner] * wave[inner]).sum() / (wave[inner] ** 2).sum()
+
+
+def test_rays_pass_over_what_is_coarse_from_afar_only():
+    assert RESOLVED_PX * TEXEL_MM > COARSEST_MM  # even the finest of these maps is coarser than the planes
+    assert seen_tint(1, 4) == seen_tint(2, 4) == 0.0  # pixels finer than the coarse maps
+    passed_over = 1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2)
+    assert seen_tint(4, 4) == pytest.approx(passed_over, rel=0.1)
+    assert 0 < seen_tint(4, 16) < 0.5 * passed_over
