@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..nerf.detail_maps import SHADE_STEP, SLOPE_STEP_MM, DetailMaps
+from ..nerf.detail_maps import GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ..nerf.fine_mesh import FineMesh, PixelSurface
+from ..nerf.lighting import KnownSkin
 from ..nerf.rays import CameraTensors, ray_origin
 from ..nerf.relighting import MIN_ALPHA, LitImage
 from ..nerf.skin_detail import (
@@ -35,9 +36,10 @@ def detailed_image(
     surface = PosedSurface(*as_arrays(mesh.vertices, mesh.normals, mesh.faces, mesh.corner_uv, mesh.flex))
     faces = SeenFaces(*as_arrays(seen.face, seen.depth, seen.coverage, ray_origin(camera)))
     table = DetailTable(maps.table.numpy(), np.array([first for first, _ in maps.levels]), maps.resolution)
-    names = ("coefficients", "normal", "surface_normal", "nail", "alpha")
-    changed = image._replace(**{name: _copy(getattr(image, name)) for name in names})
-    filled = changed.coefficients, changed.normal, changed.surface_normal, changed.nail, changed.alpha.flatten()
+    changed = image._replace(**{name: _copy(getattr(image, name)) for name in ("coefficients", "normal", "alpha")})
+    skin = _beside_the_surface(image.normal, maps)
+    of_skin = skin.surface_normal, skin.blurred_normal, skin.alpha_squared, skin.nail
+    filled = changed.coefficients, changed.normal, *of_skin, changed.alpha.flatten()
     arrays = DetailedArrays(*as_arrays(changed.pixel, changed.view, *filled))
     constants = _constants(mesh, camera, maps)
     in_parallel(
@@ -45,7 +47,17 @@ def detailed_image(
         len(image.pixel),
         torch.get_num_threads(),
     )
-    return changed._replace(depth=seen.depth.reshape(image.depth.shape))
+    return changed._replace(depth=seen.depth.reshape(image.depth.shape), skin=skin)
+
+
+def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> KnownSkin:
+    """What the kernel fills where the surface is seen."""
+    smooth = KnownSkin.smooth(normal)
+    return smooth._replace(
+        surface_normal=_copy(smooth.surface_normal),
+        blurred_normal=_copy(smooth.blurred_normal),
+        sharpness=torch.tensor(maps.sharpness),
+    )
 
 
 def _copy(values: Tensor) -> Tensor:
@@ -58,6 +70,7 @@ def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> Detai
     texels = 1 / (float(camera.focal_px) * texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
-    numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, ONE_TAP_MORE, SHARPER, *folds, bump, SHADE_STEP
+    numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, ONE_TAP_MORE, SHARPER, maps.blurred_level, *folds, bump
+    steps = SHADE_STEP, GLOSS_STEP
     colours = (np.array(colour, np.float32) for colour in (maps.pigment_colour, FOLD_LOG_ALBEDO))
-    return DetailConstants._make((*(np.float32(value) for value in numbers), MOST_TAPS, *colours))
+    return DetailConstants._make((*(np.float32(value) for value in (*numbers, *steps)), MOST_TAPS, *colours))

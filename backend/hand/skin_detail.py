@@ -18,7 +18,7 @@ ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
 COARSEST_MM, WIDEST_MM = 0.8, 6.0
 """Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
-RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP = 0.002, 0.01, 0.01, 0.01
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, ROUGHNESS_STEP = 0.002, 0.01, 0.01, 0.01, 0.005
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
 """Bend at which folds on the back of a joint are gone."""
@@ -70,12 +70,14 @@ class SkinDetail:
         fine: without all that is coarser than `COARSEST_MM`.
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
+        roughness: [N / 4, N / 4] of the skin's gloss; Blender's, the square root of the microfacets' alpha.
         bend: which folds follow.
     """
 
     fine: SkinMaps
     coarse: SkinMaps
     nail: np.ndarray
+    roughness: np.ndarray
     bend: SkinBend
 
 
@@ -94,7 +96,8 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
         np.load(beside(f"coarse_skin_of_{WITH_ARM}.npz")) as coarse,
     ):
         bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
-        return SkinDetail(_maps(fine), _maps(coarse), coarse["nail"] * np.float32(NAIL_STEP), bend)
+        nail, roughness = coarse["nail"] * np.float32(NAIL_STEP), coarse["roughness"] * np.float32(ROUGHNESS_STEP)
+        return SkinDetail(_maps(fine), _maps(coarse), nail, roughness, bend)
 
 
 def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:

@@ -1,7 +1,8 @@
 """Light on normals that detail bends away from the surface (bump mapping, Blinn 1978).
 
 A bent normal knows nothing of the heights that bend it. Light from along the surface must not shine on bumps far beyond
-the terminator, and the view that a bump mirrors must leave the surface. Both as Cycles has it.
+the terminator, the view that a bump mirrors must leave the surface, and of the lobe around it what runs into the
+surface is lost. All as Cycles has it.
 """
 
 from __future__ import annotations
@@ -50,6 +51,36 @@ def mirroring_normal(
     """
     bent_back, is_bent_back = _bent_back(normal.detach(), surface_normal.detach(), view.detach())
     return torch.where(is_bent_back, bent_back, normal)
+
+
+def leaving_share(
+    normal: Float[Tensor, "P 3"],
+    surface_normal: Float[Tensor, "P 3"],
+    view: Float[Tensor, "P 3"],
+    alpha_squared: Float[Tensor, "P L"],
+) -> Float[Tensor, "P L"]:
+    """The share of a lobe's light that comes from above the surface, against that from above the bump's own plane.
+
+    A lobe of half vectors after the distribution of GGX has its part ``(1 + s / (alpha^2 + s^2)^0.5) / 2`` on one side
+    of a plane; s is the tangent of half the angle between that plane and the mirrored view. Without gradients.
+
+    Args:
+        normal: unit, bent, as `mirroring_normal` leaves it.
+        surface_normal: unit, of the surface without the detail.
+        view: unit, from the camera.
+        alpha_squared: of L lobes.
+    """
+    normal, surface_normal, view = normal.detach(), surface_normal.detach(), view.detach()
+    to_eye = -(normal * view).sum(-1, keepdim=True)
+    above = (surface_normal * view).sum(-1, keepdim=True) + 2 * to_eye * (normal * surface_normal).sum(-1, keepdim=True)
+    share, whole = (_part_of_lobe(cosine, alpha_squared) for cosine in (above, to_eye.clamp(min=0)))
+    return (share / whole).clamp(max=1)
+
+
+def _part_of_lobe(cosine: Float[Tensor, "P 1"], alpha_squared: Float[Tensor, "P L"]) -> Float[Tensor, "P L"]:
+    """Twice the part above a plane, by the cosine of the mirrored view and the plane's normal."""
+    tangent = cosine / (1 + (1 - cosine * cosine).clamp(min=0).sqrt())
+    return 1 + tangent / (alpha_squared + tangent * tangent).sqrt()
 
 
 def _bent_back(normal: Tensor, surface_normal: Tensor, view: Tensor) -> tuple[Tensor, Tensor]:

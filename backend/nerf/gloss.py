@@ -22,6 +22,7 @@ def glossy(
     view: Float[Tensor, "*#n 3"],
     light_radius_rad: Float[Tensor, "*#n"],
     nail: Float[Tensor, "*#n"] | None = None,
+    broad_squared: Float[Tensor, "*#n"] | None = None,
 ) -> Float[Tensor, "... 2"]:
     """Reflected light in two lobes per unit of arriving light (GGX, Smith, Fresnel; Walter et al. 2007).
 
@@ -34,6 +35,7 @@ def glossy(
         view: unit, from the camera.
         light_radius_rad: half the angle of the light.
         nail: 1 on nails, 0 on skin, which stands for None.
+        broad_squared: squared alpha of the second lobe, where it is known.
     """
     half = torch.nn.functional.normalize(towards - view, dim=-1)
     to_light = (normal * towards).sum(-1)
@@ -43,8 +45,8 @@ def glossy(
     is_lit = to_light > 0
     to_light = to_light.clamp(min=1e-4)
     lobes = []
-    for alpha in alphas(nail):
-        squared = (alpha**2 + (light_radius_rad / 2) ** 2).clamp(max=1)
+    for squared in squared_alphas(nail, broad_squared):
+        squared = (squared + (light_radius_rad / 2) ** 2).clamp(max=1)
         # pi times the distribution: light is in units of irradiance / pi.
         distribution = squared / (to_half**2 * (squared - 1) + 1) ** 2
         shadowing = 0.5 / (
@@ -60,6 +62,12 @@ def fresnel(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
     inside = (INDEX**2 - 1 + cosine**2).sqrt()
     less, more = inside - cosine, inside + cosine
     return 0.5 * (less / more) ** 2 * (1 + ((cosine * more - 1) / (cosine * less + 1)) ** 2)
+
+
+def squared_alphas(nail: Tensor | None, broad_squared: Tensor | None) -> tuple[float | Tensor, float | Tensor]:
+    """Of both lobes; arguments as of `glossy`."""
+    tight, broad = alphas(nail)
+    return tight**2, broad**2 if broad_squared is None else broad_squared
 
 
 def alphas(nail: Tensor | None) -> tuple[float | Tensor, float]:

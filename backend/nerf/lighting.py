@@ -17,8 +17,8 @@ from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
-from .bump import bump_shadowing, mirroring_normal
-from .gloss import glossy
+from .bump import bump_shadowing, leaving_share, mirroring_normal
+from .gloss import alphas, glossy
 from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
 from .mirrored_sky import MirroredSky
 
@@ -278,13 +278,37 @@ LIT_FEATURES = 16
 """Features of a ray for super-resolution, beside its coefficients."""
 
 
+class KnownSkin(NamedTuple):
+    """What is known of the skin at P points whose normals are bump mapped.
+
+    Attributes:
+        surface_normal: [P, 3] unit, world, without what is bump mapped.
+        blurred_normal: [P, 3] unit, world, with the relief that light shows which is scattered far.
+        sharpness: [3] the share of the diffuse light of each colour that shows all relief; the rest shows the blurred.
+        alpha_squared: [P] of the gloss of skin.
+        nail: [P] 1 on nails, 0 on skin.
+    """
+
+    surface_normal: Tensor
+    blurred_normal: Tensor
+    sharpness: Tensor
+    alpha_squared: Tensor
+    nail: Tensor
+
+    @classmethod
+    def smooth(cls, normal: Float[Tensor, "P 3"]) -> KnownSkin:
+        """Skin with these normals, without bump mapping and nails, and as glossy everywhere."""
+        count = len(normal)
+        squared = normal.new_full((count,), alphas(None)[1] ** 2)
+        return cls(normal, normal, normal.new_ones(3), squared, normal.new_zeros(count))
+
+
 def lit_colour(
     coefficients: Float[Tensor, "P 14"],
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
-    nail: Float[Tensor, " P"] | None = None,
-    surface_normal: Float[Tensor, "P 3"] | None = None,
+    skin: KnownSkin | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Scene-linear colours of P points, whose features are given for each.
 
@@ -293,29 +317,60 @@ def lit_colour(
         normal: unit, world, with all relief.
         view: unit, from the camera.
         features: as `light_features`, at these points.
-        nail: 1 on nails, 0 on skin, which stands for None.
-        surface_normal: unit, world, without what is bump mapped; `normal` stands for None.
+        skin: where it is known.
     """
+    return _colour_of_skin(coefficients, normal, view, features, skin or KnownSkin.smooth(normal))
+
+
+def _colour_of_skin(
+    coefficients: Float[Tensor, "P 14"],
+    normal: Float[Tensor, "P 3"],
+    view: Float[Tensor, "P 3"],
+    features: LightFeatures,
+    skin: KnownSkin,
+) -> Float[Tensor, "P 3"]:
     strength = features.lamp_vectors.norm(dim=-1)
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
-    mirroring, share = normal, None
-    if surface_normal is not None:
-        mirroring = mirroring_normal(normal, surface_normal, view)
-        share = bump_shadowing(normal[:, None], surface_normal[:, None], towards)
-    of_nail = None if nail is None else nail[:, None]
-    lobes = glossy(mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, of_nail)
+    surface, nail = skin.surface_normal, skin.nail
+    mirroring = mirroring_normal(normal, surface, view)
+    lobes = glossy(
+        mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
+    )
+    lobes = lobes * ((surface[:, None] * towards).sum(-1, keepdim=True) > 0)
     of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
-    of_sky = features.mirrored.gloss(mirroring, view, nail) * features.sky_seen[..., None]
+    leaving = leaving_share(mirroring, surface, view, _sky_alphas(nail))
+    of_sky = features.mirrored.gloss(mirroring, view, nail) * (leaving * features.sky_seen)[..., None]
     gloss = of_lamps + of_sky + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
-    direct = (
-        coefficients[:, DIFFUSE] * diffuse_light(features, normal, share)
-        + (scattering * features.scattered).sum(1)
-        + (coefficients[:, GLOSS, None] * gloss).sum(1)
-    )
+    inside = coefficients[:, DIFFUSE] * _diffuse_light_of(skin, normal, towards, features)
+    inside = inside + (scattering * features.scattered).sum(1)
+    even = features.mirrored.of_even_light(mirroring, view, nail)
+    under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(features.mirrored.of_even_light(surface, view, nail), nail))
+    direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * gloss).sum(1)
     # Gloss mirrors skin as well, which sheds about as much around the mirrored view as from everywhere.
-    of_skin = (coefficients[:, GLOSS] * features.mirrored.of_even_light(mirroring, view, nail)).sum(1, keepdim=True)
+    of_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
     return direct * features.arriving + (reflectance(coefficients) + of_skin) * features.reflected
+
+
+def _diffuse_light_of(
+    skin: KnownSkin, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
+) -> Float[Tensor, "P 3"]:
+    sharp, blurred = (
+        diffuse_light(features, bent, bump_shadowing(bent[:, None], skin.surface_normal[:, None], towards))
+        for bent in (normal, skin.blurred_normal)
+    )
+    return torch.lerp(blurred, sharp, skin.sharpness)
+
+
+def _of_lobes(values: Float[Tensor, "P 2"], nail: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
+    """Of the first lobe on nails, of the second on skin: what gloss reflects does not enter (as in Cycles)."""
+    return torch.lerp(values[:, 1], values[:, 0], nail)
+
+
+def _sky_alphas(nail: Float[Tensor, " P"]) -> Float[Tensor, "P 2"]:
+    """Squared, of the lobes in which the sky is mirrored."""
+    tight, broad = alphas(nail)
+    return torch.stack([torch.as_tensor(tight).expand_as(nail), torch.full_like(nail, broad)], 1) ** 2
 
 
 def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, normalize
 
 from .at_least import at_least
-from .lighting import COEFFICIENTS, SMOOTH, LightFeatures, SurfacePoints, lit_colour
+from .lighting import COEFFICIENTS, SMOOTH, KnownSkin, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .rays import CameraTensors, HandInView, view_directions
 from .superres import enlarge
@@ -39,23 +39,21 @@ class LitImage(NamedTuple):
         pixel: [P] row * width + column.
         coefficients: [P, 14] premultiplied.
         normal: [P, 3] unit, world, with all relief.
-        surface_normal: [P, 3] unit, world, without what is bump mapped (`nerf.bump`).
         view: [P, 3] unit, from the camera.
         share: [P, 4] of the four rays around each in its light: upper left, upper right, lower left, lower right.
         alpha: [H, W] not clamped; 0 at all other pixels.
         depth: [H, W] m; infinite where no ray meets the hand.
-        nail: [P] 1 on nails and 0 on skin, where it is known; else 0.
+        skin: what is known of it; None: nothing.
     """
 
     pixel: Tensor
     coefficients: Tensor
     normal: Tensor
-    surface_normal: Tensor
     view: Tensor
     share: Tensor
     alpha: Tensor
     depth: Tensor
-    nail: Tensor
+    skin: KnownSkin | None = None
 
 
 class SkinDepth(NamedTuple):
@@ -150,12 +148,10 @@ def lit_image(
         pixel=covered,
         coefficients=coefficients,
         normal=normal,
-        surface_normal=normal,
         view=views(full, covered),
         share=share,
         alpha=alpha.reshape(full.size_px[1], full.size_px[0]),
         depth=depth.repeat_interleave(2, 0).repeat_interleave(2, 1),
-        nail=alpha.new_zeros(len(covered)),
     )
 
 
@@ -217,7 +213,7 @@ def relit(
         size_px: of the low-resolution image.
     """
     at_pixels = _enlarged(features, pixel, size_px, image)
-    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.nail, image.surface_normal)
+    colours = lit_colour(image.coefficients, image.normal, image.view, at_pixels, image.skin)
     width, height = size_px
     flat = colours.new_zeros(4 * width * height, 3).index_put((image.pixel,), colours)
     return flat.T.reshape(3, 2 * height, 2 * width)

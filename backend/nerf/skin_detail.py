@@ -3,8 +3,9 @@
 The rays of a relightable field tell colour, normal and opacity at half the image's size and to the resolution of its
 planes and mesh. Where the surface itself is known (`fine_mesh`), it tells the full-size image's coverage and the
 normals in which lamps and gloss are evaluated; folds, lines and the rims of nails (`hand.skin_detail`) bend these and
-darken coefficients, by maps of images' own size (`detail_maps`). Nails shine in the narrower lobe alone: they are too
-small a part of a hand for training to see that.
+darken coefficients, by maps of images' own size (`detail_maps`). Light that is scattered far in the skin shows less of
+them, so diffuse light has normals of its own (hybrid normals, Ma et al. 2007). Nails shine in the narrower lobe alone:
+they are too small a part of a hand for training to see that.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from .detail_maps import CHANNELS, DetailMaps
+from .detail_maps import CHANNELS, GLOSS_STEP, DetailMaps
 from .fine_mesh import FineMesh, PixelSurface, barycentric, blend_corners
-from .lighting import DIFFUSE, GLOSS, SCATTERED
+from .lighting import DIFFUSE, GLOSS, SCATTERED, KnownSkin
 from .rays import CameraTensors
 from .relighting import MIN_ALPHA, LitImage
 
@@ -38,6 +39,8 @@ ONE_TAP_MORE = 0.75
 """Of a pixel: a footprint of a quarter more than its taps gets another, so that they lie 1.25 pixels apart at most."""
 SHARPER = 0.3
 """Levels finer than a pixel is wide: interpolation blurs, too."""
+NAIL, SQUARED = 9, 10
+"""Where these are among the channels of the maps."""
 _TINY = 1e-12
 
 
@@ -49,9 +52,9 @@ class PixelSkin(NamedTuple):
         depth: [P] m; infinite where none does.
         row: [K] of the pixels in the image.
         normal: [K, 3] unit, world, with the detail.
-        surface_normal: [K, 3] the same without.
+        surface_normal, blurred_normal, alpha_squared, nail: [K, ...] as in `KnownSkin`.
         albedo: [K, 3] factor of colours.
-        nail: [K] 1 on nails, 0 on skin.
+        sharpness: [3] as there.
     """
 
     coverage: Tensor
@@ -59,8 +62,11 @@ class PixelSkin(NamedTuple):
     row: Tensor
     normal: Tensor
     surface_normal: Tensor
+    blurred_normal: Tensor
     albedo: Tensor
     nail: Tensor
+    alpha_squared: Tensor
+    sharpness: Tensor
 
 
 def detailed_image(
@@ -92,22 +98,34 @@ def pixel_skin(
     corners, weights = mesh.faces[face], barycentric(mesh, camera, face, pixel[row])
     gradients = _gradients(mesh.vertices[corners], mesh.corner_uv[face])
     uv = blend_corners(mesh.corner_uv[face], weights)
-    values = _sampled(maps, uv, gradients, view[row], depth / camera.focal_px, mesh.scale)
+    pixel_m = depth / camera.focal_px
+    values = _sampled(maps, uv, gradients, view[row], pixel_m, mesh.scale)
+    level = _level(maps, pixel_m, mesh.scale)
+    blurred = values.clone()
+    is_sharp = (level < maps.blurred_level).nonzero()[:, 0]
+    blurred[is_sharp] = maps.sample(uv[is_sharp], torch.full_like(level[is_sharp], maps.blurred_level))
     flex = blend_corners(mesh.flex[corners][..., None], weights)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
-    slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
-    bent = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
     pigment = values[:, 6:7] * values.new_tensor(maps.pigment_colour)
     surface_normal = normalize(blend_corners(mesh.normals[corners], weights), dim=-1)
+
+    def bent(values: Tensor) -> Tensor:
+        slopes = values[:, 0:2] - dorsal * values[:, 2:4] - palmar * values[:, 4:6]
+        aside = BUMP * 1e-3 * maps.resolution * mesh.scale * (slopes[:, :, None] * gradients).sum(1)
+        return normalize(surface_normal - aside, dim=-1)
+
     return PixelSkin(
         coverage=seen.coverage[pixel],
         depth=seen.depth[pixel],
         row=row,
-        normal=normalize(surface_normal - bent, dim=-1),
+        normal=bent(values),
         surface_normal=surface_normal,
+        blurred_normal=bent(blurred),
         albedo=torch.exp(pigment + folded * values.new_tensor(FOLD_LOG_ALBEDO)),
-        nail=values[:, -1],
+        nail=values[:, NAIL],
+        alpha_squared=values[:, SQUARED].clamp(min=GLOSS_STEP),
+        sharpness=values.new_tensor(maps.sharpness),
     )
 
 
@@ -119,15 +137,15 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     row, before = skin.row, image.alpha.flatten()[image.pixel].clamp(MIN_ALPHA, 1)
     coefficients = image.coefficients * (skin.coverage / before)[:, None]
     coefficients[row, SCATTERED.start : DIFFUSE.stop] *= skin.albedo.repeat(1, 3)
-    nail = image.nail.index_put((row,), skin.nail)
-    coefficients[:, GLOSS] = torch.stack([nail, 1 - nail], 1) * skin.coverage[:, None]
+    known, names = KnownSkin.smooth(image.normal), ("surface_normal", "blurred_normal", "alpha_squared", "nail")
+    told = {name: getattr(known, name).index_put((row,), getattr(skin, name)) for name in names}
+    coefficients[:, GLOSS] = torch.stack([told["nail"], 1 - told["nail"]], 1) * skin.coverage[:, None]
     alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
     depth = torch.full_like(image.depth, torch.inf).flatten().index_put((image.pixel,), skin.depth)
     return image._replace(
         normal=image.normal.index_put((row,), skin.normal),
-        surface_normal=image.surface_normal.index_put((row,), skin.surface_normal),
         coefficients=coefficients,
-        nail=nail,
+        skin=KnownSkin(**told, sharpness=skin.sharpness),
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )
@@ -150,7 +168,7 @@ def _sampled(
     view: Float[Tensor, "K 3"],
     pixel_m: Float[Tensor, " K"],
     scale: Tensor,
-) -> Float[Tensor, "K 10"]:
+) -> Float[Tensor, "K 11"]:
     """The mean over what pixels show of faces, which are `pixel_m` wide where they are seen straight on."""
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     facing = (normal * view).sum(-1, keepdim=True)
@@ -159,10 +177,14 @@ def _sampled(
     step_m = pixel_m / (cosine * taps)
     tilt = normalize(view - facing * normal, dim=-1)
     step = step_m[:, None] * (gradients * tilt[:, None]).sum(-1)
-    level = torch.log2(pixel_m / (scale * maps.texel_m)) - SHARPER
+    level = _level(maps, pixel_m, scale)
     total = uv.new_zeros(len(uv), CHANNELS)
     for tap in range(MOST_TAPS):
         at = (tap < taps).nonzero()[:, 0]
         aside = (tap - (taps[at] - 1) / 2)[:, None] * step[at]
         total.index_add_(0, at, maps.sample(uv[at] + aside, level[at]) / taps[at, None])
     return total
+
+
+def _level(maps: DetailMaps, pixel_m: Float[Tensor, " K"], scale: Tensor) -> Float[Tensor, " K"]:
+    return torch.log2(pixel_m / (scale * maps.texel_m)) - SHARPER

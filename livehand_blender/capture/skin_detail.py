@@ -27,6 +27,7 @@ from ...backend.hand.skin_detail import (
     NAIL_STEP,
     PIGMENT_STEP,
     RELIEF_STEP_MM,
+    ROUGHNESS_STEP,
     WIDEST_MM,
     write_skin_maps,
 )
@@ -85,8 +86,9 @@ def skin_detail_arrays(
     bend = {"joint": surface.masks["jid"].astype(np.int8), "flexion": surface.flex_axis.astype(np.float32)}
     fine = {name: fine_part(values, is_skin, coarsest) for name, values in maps.items()}
     coarse = {name: coarse_part(values, is_skin, coarsest, widest) for name, values in maps.items()}
-    nail = np.round(nail_part(light["nailrim"][..., 0], is_skin) / NAIL_STEP).astype(np.int8)
-    return _whole_steps(fine) | bend, _whole_steps(coarse) | {"nail": nail}
+    nail = _steps(nail_part(light["nailrim"][..., 0], is_skin), NAIL_STEP)
+    roughness = _steps(roughness_part(light["mask"][..., 0], is_skin), ROUGHNESS_STEP)
+    return _whole_steps(fine) | bend, _whole_steps(coarse) | {"nail": nail, "roughness": roughness}
 
 
 def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
@@ -94,6 +96,13 @@ def nail_part(rim: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
     outer, inner = NAIL_RIM
     inside = np.clip((rim - outer) / (inner - outer), 0, 1)
     return _blocks(np.where(is_skin, inside * inside * (3 - 2 * inside), 0))
+
+
+def roughness_part(roughness: np.ndarray, is_skin: np.ndarray) -> np.ndarray:
+    """[N / 4, N / 4] means over the skin; beside it, the mean of all."""
+    share = _blocks(is_skin.astype(np.float32))
+    mean = _blocks(np.where(is_skin, roughness, 0)) / np.maximum(share, 1e-6)
+    return np.where(share > 0, mean, roughness[is_skin].mean())
 
 
 def _maps(light: dict[str, np.ndarray], deep: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -122,7 +131,7 @@ def _baked(model: HandModel, detail: DetailedSurface, person: Person) -> dict[st
         paths = bake_skin(surface.object, Path(folder), SkinTone.of(person))
         paths["nailrim"] = Path(folder) / "nailrim.exr"
         bake_mask(surface.object, "nailrim", paths["nailrim"])
-        maps = {name: _read(paths[name]) for name in ("albedo", "height", "nailrim")}
+        maps = {name: _read(paths[name]) for name in ("albedo", "height", "mask", "nailrim")}
     bpy.data.objects.remove(surface.object)
     return maps
 

@@ -10,6 +10,7 @@ from livehand.livehand_blender.capture.skin_detail import (
     coarse_part,
     fine_part,
     nail_part,
+    roughness_part,
     skin_detail_arrays,
 )
 
@@ -49,7 +50,7 @@ def test_skin_beside_an_empty_place_has_no_edge():
 def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
     hand = load_default_hand()
     height = np.stack([0.05 * waves(3), 0.5 * waves(3), 0.3 * waves(3)], -1)
-    masks = {"vein": 0.6 * waves(3)[..., None], "nailrim": np.full((N, N, 1), 3.0)}
+    masks = {"vein": 0.6 * waves(3)[..., None], "nailrim": np.full((N, N, 1), 3.0), "mask": np.full((N, N, 3), 0.53)}
     maps = [{**masks, "height": height, "albedo": np.exp(k * waves(3))[..., None].repeat(3, -1)} for k in (0.2, 0.4)]
     arrays, coarse = skin_detail_arrays(hand, *maps)
     sigma = 2 * np.pi / 3 * COARSEST_MM / TEXEL_MM
@@ -68,6 +69,16 @@ def test_the_arrays_hold_whole_steps_of_height_and_of_the_logarithm_of_albedo():
         assert coarse[name].shape == (N // COARSER, N // COARSER)
     assert arrays["joint"].shape == (len(hand.v_template),)
     assert coarse["nail"].max() == 0
+    assert (coarse["roughness"] == 106).all()  # 0.53
+
+
+def test_the_roughness_beside_the_skin_is_the_skins_mean():
+    is_skin = EVERYWHERE.copy()
+    is_skin[:, N // 2 :] = False
+    roughness = np.where(is_skin, np.linspace(0.4, 0.6, N)[:, None], 0.0)
+    found = roughness_part(roughness, is_skin)
+    assert found[:, -1] == pytest.approx(0.5)
+    assert found[:, 0] == pytest.approx(np.linspace(0.4, 0.6, N).reshape(-1, COARSER).mean(1))
 
 
 def test_nails_lie_within_their_rim():

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from livehand.backend.nerf.bump import LEAST_MIRRORED, bump_shadowing, mirroring_normal
+from livehand.backend.nerf.bump import LEAST_MIRRORED, bump_shadowing, leaving_share, mirroring_normal
 from torch.nn.functional import normalize
 
 UP = torch.tensor([0.0, 0, 1])
@@ -77,3 +77,25 @@ def test_a_surface_that_faces_away_and_equal_normals_change_nothing_and_have_fin
     assert torch.equal(found, normal)
     found.sum().backward()
     assert torch.equal(normal.grad, torch.ones(4, 3))
+
+
+def test_all_of_a_lobe_leaves_a_surface_without_bumps():
+    view = -tilted(torch.tensor([0.0, 40.0, 80.0, 89.9]))
+    found = leaving_share(UP.expand(4, 3), UP.expand(4, 3), view, torch.tensor([[0.01, 0.09]]).expand(4, 2))
+    torch.testing.assert_close(found, torch.ones(4, 2))
+
+
+@pytest.mark.parametrize(("bend_degrees", "elevation_degrees"), [(45.0, 0.0), (30.0, 30.0), (40.0, 10.0)])
+def test_of_a_lobe_around_a_mirrored_view_what_runs_into_the_surface_is_lost(bend_degrees, elevation_degrees):
+    """Seen along the surface's normal; the lobe as half vectors whose tilt in that plane is as GGX has it."""
+    alpha, count = 0.3, 200001
+    drawn = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+    slope = alpha * (drawn - 0.5) / (drawn * (1 - drawn)).sqrt()
+    tilt = torch.rad2deg(2 * torch.atan(slope))
+    above_surface, above_bump = ((tilt < limit).double().mean() for limit in (elevation_degrees, 90 - bend_degrees))
+    found = leaving_share(tilted(bend_degrees)[None], UP[None], -UP[None], torch.tensor([[alpha**2]]))
+    assert float(found) == pytest.approx(float(above_surface / above_bump), abs=1e-3)
+
+
+def test_bumps_that_face_the_eye_keep_their_lobe():
+    assert leaving_share(tilted(30.0)[None], UP[None], -tilted(60.0)[None], torch.tensor([[0.09]])) == 1

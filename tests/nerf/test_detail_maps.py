@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
-from livehand.backend.nerf.detail_maps import RESOLVED_PX, DetailMaps, SkinLook
+from livehand.backend.nerf.detail_maps import BLURRED_LEVEL, RESOLVED_PX, SHARPNESS, DetailMaps, SkinLook
 
 N = 64
 TEXEL_MM = ATLAS_MM / N
@@ -19,7 +19,10 @@ def skin_maps(side, **maps):
 
 def maps_of(fine, coarse):
     bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
-    return DetailMaps.of(SkinDetail(fine, coarse, np.zeros((16, 16), np.float32), bend), SkinLook(0.0, 1.0, 0.0))
+    return DetailMaps.of(
+        SkinDetail(fine, coarse, np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32), bend),
+        SkinLook(0.0, 1.0, 0.0),
+    )
 
 
 @pytest.mark.parametrize(("texels", "share"), [(16, 0.999), (8, 0.988), (4, 0.849)])
@@ -50,3 +53,39 @@ def test_rays_pass_over_what_is_coarse_from_afar_only():
     passed_over = 1 - np.exp(-0.5 * (2 * pi / 4 * RESOLVED_PX) ** 2)
     assert seen_tint(4, 4) == pytest.approx(passed_over, rel=0.1)
     assert 0 < seen_tint(4, 16) < 0.5 * passed_over
+
+
+@pytest.mark.parametrize(("level", "share"), [(0, 0.0), (2, 1.0)])
+def test_slopes_that_a_level_does_not_show_widen_the_gloss_by_their_variance(level, share):
+    """Waves of four texels are gone at a level of four."""
+    heights = np.tile(0.5 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
+    maps = maps_of(skin_maps(N, relief_mm=heights), skin_maps(16))
+    first, size = maps.levels[level]
+    squared = maps.table[first : first + size**2, 10].reshape(size, size)[2:-2, 2:-2] * 0.002
+    slope = 0.849 * pi / 2 * 0.5 / TEXEL_MM
+    expected = torch.tensor(0.5**4 + share * slope**2 / 2).expand_as(squared)
+    torch.testing.assert_close(squared, expected, atol=3e-3, rtol=0)
+    assert slope**2 / 2 > 0.01
+
+
+def test_deep_skin_shows_relief_more_sharply():
+    flat = skin_maps(N), skin_maps(16)
+    bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
+    detail = SkinDetail(*flat, np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32), bend)
+    light, half, deep = (DetailMaps.of(detail, SkinLook(melanin, 1.0, 0.0)) for melanin in (0.0, 0.5, 1.0))
+    assert (light.blurred_level, deep.blurred_level) == BLURRED_LEVEL
+    assert (light.sharpness, deep.sharpness) == SHARPNESS
+    assert half.blurred_level == pytest.approx(sum(BLURRED_LEVEL) / 2)
+    assert half.sharpness == pytest.approx(np.mean(SHARPNESS, 0))
+
+
+@pytest.mark.parametrize("level", [1, 3])
+def test_levels_do_not_alias_and_keep_what_is_even(level):
+    """A wave of three texels, longer than two, would show as one of three halves; a constant stays to the border."""
+    wave = np.tile(0.3 * np.sin(2 * pi / 3 * np.arange(N)), (N, 1)).astype(np.float32)
+    maps = maps_of(skin_maps(N, pigment_light=0.5 + wave), skin_maps(16))
+    first, size = maps.levels[level]
+    seen = maps.table[first : first + size**2, 6].reshape(size, size) * 0.01
+    assert (seen - 0.5).abs()[:, 1:-1].max() < 0.06
+    even = maps_of(skin_maps(N, pigment_light=np.full((N, N), 0.5, np.float32)), skin_maps(16))
+    torch.testing.assert_close(even.table[first : first + size**2, 6] * 0.01, torch.full((size**2,), 0.5))

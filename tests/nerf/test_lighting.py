@@ -8,6 +8,7 @@ import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
+from livehand.backend.nerf.bump import bump_shadowing, mirroring_normal
 from livehand.backend.nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
 from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LightSamples, SkySamples
 from livehand.backend.nerf.lighting import (
@@ -17,6 +18,7 @@ from livehand.backend.nerf.lighting import (
     FROM_SIDE,
     GLOSS,
     SCATTERED,
+    KnownSkin,
     LightFeatures,
     LightShadows,
     ProbeLight,
@@ -237,6 +239,68 @@ def test_nails_shine_in_a_narrower_and_brighter_lobe():
     assert float(half[0, 0] / skin[0, 0]) == pytest.approx((alphas[0] / np.mean(alphas)) ** 2, rel=1e-3)
     assert skin[0, 1] == nail[0, 1]
     torch.testing.assert_close(skin, glossy(up, up, -up, torch.zeros(1)))
+
+
+def test_the_gloss_of_skin_is_as_wide_as_it_is_known():
+    up = torch.tensor([[0.0, 0, 1]])
+    found = glossy(up, up, -up, torch.zeros(1), None, torch.tensor([0.05]))
+    plain = glossy(up, up, -up, torch.zeros(1))
+    assert float(found[0, 1] / plain[0, 1]) == pytest.approx(ROUGHNESS[1] ** 4 / 0.05, rel=1e-3)
+    assert found[0, 0] == plain[0, 0]
+
+
+def under_a_lamp(towards, normal, view, coefficients, **known):
+    """The colour of one point of skin whose surface faces up, in the light of a white sun."""
+    up = torch.tensor([[0.0, 0, 1]])
+    features = LightFeatures(
+        lamp_vectors=towards[:, None],
+        lamp_rgb=torch.ones(1, 3),
+        lamp_radius_rad=torch.zeros(1),
+        sky_vectors=torch.zeros(1, 3, 3),
+        sky_seen=torch.zeros(1, 2),
+        mirrored=MirroredSky.of(None, "cpu"),
+        near_gloss=torch.zeros(1, 2, 3),
+        scattered=torch.zeros(1, 2, 3),
+        arriving=torch.ones(1, 3),
+        reflected=torch.zeros(1, 3),
+    )
+    return lit_colour(coefficients, normal, view, features, KnownSkin.smooth(up)._replace(**known))[0]
+
+
+def coefficients_of(part):
+    coefficients = torch.zeros(1, COEFFICIENTS)
+    coefficients[:, part] = 1
+    return coefficients
+
+
+def test_colours_that_are_scattered_far_show_less_relief():
+    """Red the blurred normal alone, blue the sharp one, green both."""
+    up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[0.28, 0, 0.96]])
+    towards = torch.tensor([[0.6, 0, 0.8]])
+    known = {"blurred_normal": up, "sharpness": torch.tensor([0.0, 0.5, 1])}
+    red, green, blue = under_a_lamp(towards, bent, -up, coefficients_of(DIFFUSE), **known)
+    under = float(blue / (0.6 * 0.28 + 0.8 * 0.96) / bump_shadowing(bent, up, towards))
+    assert float(red) == pytest.approx(0.8 * under)
+    assert float(green) == pytest.approx((red + blue) / 2)
+    assert under == pytest.approx(1, abs=0.01)
+
+
+def test_light_that_gloss_reflects_does_not_enter_the_skin():
+    """A bump that is seen from the side sheds less than the surface, by what both mirror of even light."""
+    up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[-0.6, 0, 0.8]])
+    view = -normalize(torch.tensor([[0.8, 0, 0.6]]), dim=-1)
+    mirroring = mirroring_normal(bent, up, view)
+    even = MirroredSky.of(None, "cpu").of_even_light(torch.cat([mirroring, up]), view.expand(2, 3))[:, 1]
+    blurred_light = under_a_lamp(up, bent, view, coefficients_of(DIFFUSE), sharpness=torch.zeros(3))
+    torch.testing.assert_close(blurred_light, ((1 - even[0]) / (1 - even[1])).expand(3))
+    assert even[0] > even[1] + 0.02
+
+
+def test_a_bump_does_not_shine_in_the_light_of_a_lamp_below_the_surface():
+    up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[0.6, 0, 0.8]])
+    above, below = (normalize(torch.tensor([[1.0, 0, height]]), dim=-1) for height in (0.01, -0.01))
+    assert under_a_lamp(above, bent, -up, coefficients_of(GLOSS)).min() > 0.01
+    assert under_a_lamp(below, bent, -up, coefficients_of(GLOSS)).max() == 0
 
 
 def test_gloss_takes_the_colour_of_the_light(lit):

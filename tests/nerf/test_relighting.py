@@ -7,7 +7,15 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.nerf.bounce import SkinPlaces
-from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, LIT_FEATURES, SMOOTH, LightFeatures, SurfacePoints
+from livehand.backend.nerf.lighting import (
+    COEFFICIENTS,
+    DIFFUSE,
+    LIT_FEATURES,
+    SMOOTH,
+    KnownSkin,
+    LightFeatures,
+    SurfacePoints,
+)
 from livehand.backend.nerf.mirrored_sky import MirroredSky
 from livehand.backend.nerf.rays import camera_tensors, ray_directions
 from livehand.backend.nerf.reference import ReferenceBackend
@@ -142,7 +150,14 @@ def test_both_backends_agree_on_any_rays(lamps):
         *(torch.rand(30, 3, generator=generator) for _ in range(2)),
     )
     bent = normalize(image.normal + 0.5 * torch.randn(len(image.pixel), 3, generator=generator), dim=-1)
-    image = image._replace(normal=bent, nail=torch.rand(len(image.pixel), generator=generator))
+    skin = KnownSkin(
+        surface_normal=image.normal,
+        blurred_normal=normalize(image.normal + 0.3 * torch.randn(len(bent), 3, generator=generator), dim=-1),
+        sharpness=torch.tensor([0.0, 0.6, 0.9]),
+        alpha_squared=0.02 + 0.2 * torch.rand(len(bent), generator=generator),
+        nail=torch.rand(len(bent), generator=generator),
+    )
+    image = image._replace(normal=bent, skin=skin)
     ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1

@@ -9,6 +9,7 @@ from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.hand.skin_detail import ATLAS_MM, SkinBend, SkinDetail, SkinMaps
 from livehand.backend.nerf.detail_maps import DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
 from livehand.backend.nerf.fine_mesh import FineMesh, seen_surface
+from livehand.backend.nerf.gloss import ROUGHNESS
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
 from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors, view_directions
@@ -27,10 +28,11 @@ ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  #
 
 
 NO_NAIL = ZERO[::4, ::4]
+ROUGH = np.full_like(NO_NAIL, 0.5)
 
 
 def skin(nail=NO_NAIL, **maps):
-    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, BEND)
+    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, ROUGH, BEND)
 
 
 def coarse_maps(**maps):
@@ -59,7 +61,7 @@ def image_of(camera):
     normal, view = torch.tensor([0.0, 0, 1]).expand(len(pixel), 3), view_directions(camera, pixel)
     ones, alpha = torch.ones(len(pixel), COEFFICIENTS), torch.ones(camera.size_px[1], camera.size_px[0])
     share = torch.full((len(pixel), 4), 0.25)
-    return LitImage(pixel, ones, normal, normal, view, share, alpha, alpha, torch.zeros(len(pixel)))
+    return LitImage(pixel, ones, normal, view, share, alpha, alpha)
 
 
 def detailed(backend, detail, flex=0.0, melanin=0.0, folds=1.0, of=None):
@@ -106,7 +108,7 @@ def test_coarse_relief_shows_from_near_and_from_afar(backend, texels_a_pixel):
     """A ramp of the coarse maps, a quarter as wide: the mesh knows nothing of it, however near."""
     coarse = coarse_maps(relief_mm=0.02 * ALONG_U[::4, ::4])
     of = patch(focal_px=0.5 / (texels_a_pixel * TEXEL_MM / 1000))
-    found = detailed(backend, SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, BEND), of=of)
+    found = detailed(backend, SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, ROUGH, BEND), of=of)
     middle = len(found.normal) // 2 + SIZE[0] // 2
     torch.testing.assert_close(found.normal[middle], tilt(0.02), atol=4e-4, rtol=0)
 
@@ -131,10 +133,10 @@ def test_nails_are_where_the_map_has_them(backend):
     """The right half of the atlas, which is as large as the picture."""
     half = np.tile((np.arange(N // 4) >= N // 8).astype(np.float32), (N // 4, 1))
     found = detailed(backend, skin(half), of=patch(focal_px=SIZE[0] * 0.5 / SIDE_M))
-    nail = found.nail.reshape(SIZE[1], SIZE[0])
+    nail = found.skin.nail.reshape(SIZE[1], SIZE[0])
     assert (nail[:, : SIZE[0] // 2 - 4] == 0).all()
     torch.testing.assert_close(nail[:, SIZE[0] // 2 + 4 :], torch.ones(SIZE[1], SIZE[0] // 2 - 4))
-    torch.testing.assert_close(found.coefficients[:, GLOSS], torch.stack([found.nail, 1 - found.nail], 1))
+    torch.testing.assert_close(found.coefficients[:, GLOSS], torch.stack([found.skin.nail, 1 - found.skin.nail], 1))
 
 
 def test_gradients_pass_to_colours_and_gloss_is_known():
@@ -149,6 +151,9 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
         surface_normal=torch.tensor([[0.0, 0, 1], [0, 1, 0]]),
         albedo=torch.tensor([[0.5, 0.6, 0.7]]).expand(2, 3),
         nail=torch.tensor([1.0, 0.25]),
+        blurred_normal=torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]]),
+        alpha_squared=torch.tensor([0.05, 0.07]),
+        sharpness=torch.tensor([0.0, 0.5, 1]),
     )
     found = with_skin(image._replace(coefficients=coefficients), known)
     (found.coefficients[:, DIFFUSE].sum() + (found.coefficients[:, GLOSS] * torch.tensor([2.0, 5])).sum()).backward()
@@ -157,15 +162,40 @@ def test_gradients_pass_to_colours_and_gloss_is_known():
     torch.testing.assert_close(coefficients.grad[8, DIFFUSE], torch.ones(3))
     assert coefficients.grad[:, GLOSS].abs().max() == 0
     torch.testing.assert_close(found.normal[7], torch.tensor([1.0, 0, 0]))
-    torch.testing.assert_close(found.surface_normal[7], torch.tensor([0.0, 1, 0]))
+    torch.testing.assert_close(found.skin.surface_normal[7], torch.tensor([0.0, 1, 0]))
+    torch.testing.assert_close(found.skin.blurred_normal[7], torch.tensor([0.0, 0.6, 0.8]))
+    torch.testing.assert_close(found.skin.alpha_squared[[7, 8]], torch.tensor([0.07, ROUGHNESS[1] ** 4]))
 
 
 def test_what_is_finer_than_a_pixel_is_gone_from_afar(backend):
     """Waves of four texels: seen at a texel a pixel, and averaged away at 16."""
-    waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32))
+    heights = np.tile(0.1 * np.sin(pi / 2 * np.arange(N)) * np.sin(pi / N * np.arange(N)), (N, 1))
+    waves = skin(relief_mm=heights.astype(np.float32))
     near, far = (detailed(backend, waves, of=patch(focal_px=0.5 / (k * TEXEL_MM / 1000))) for k in (1, 16))
     assert near.normal[:, 0].abs().max() > 0.01
     assert far.normal[:, 0].abs().max() < 1.6e-3 * BUMP
+
+
+def test_far_scattered_light_shows_relief_as_a_coarser_level_does(backend):
+    """Waves of eight texels: blurred from near, as sharp as the image is from afar, and sharper on deep skin."""
+    waves = skin(relief_mm=np.tile(0.1 * np.sin(pi / 4 * np.arange(N)), (N, 1)).astype(np.float32))
+    bends = []
+    for melanin, texels_a_pixel in ((0.0, 0.5), (1.0, 0.5), (0.0, 8)):
+        of = patch(focal_px=0.5 / (texels_a_pixel * TEXEL_MM / 1000))
+        found = detailed(backend, waves, melanin=melanin, of=of)
+        middle = slice(len(found.normal) // 4, -len(found.normal) // 4)
+        bends.append([values[middle, 0].abs().max() for values in (found.normal, found.skin.blurred_normal)])
+    (near, light), (_, deep), (far, far_blurred) = bends
+    assert light < 0.5 * near
+    assert light < 0.7 * deep < 0.7 * near
+    assert far == far_blurred
+
+
+def test_gloss_is_as_wide_as_the_skin_is_rough(backend):
+    found = detailed(backend, skin())
+    torch.testing.assert_close(
+        found.skin.alpha_squared, torch.full_like(found.skin.alpha_squared, 0.5**4), atol=1e-3, rtol=0
+    )
 
 
 def turned_patch(angle_rad):
@@ -185,9 +215,9 @@ def test_faces_seen_from_the_side_are_filtered_in_the_direction_in_which_they_ar
     of, normal = turned_patch(1.3)
     found = detailed(backend, skin(relief_mm=WAVES if along == 0 else WAVES.T.copy()), of=of)
     on_it = backend.seen_surface(*of).face >= 0
-    bend = (found.normal - found.surface_normal)[on_it].norm(dim=1).mean()
+    bend = (found.normal - found.skin.surface_normal)[on_it].norm(dim=1).mean()
     assert on_it.sum() > 100
-    torch.testing.assert_close(found.surface_normal[on_it], normal.expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(found.skin.surface_normal[on_it], normal.expand(int(on_it.sum()), 3), atol=1e-5, rtol=0)
     assert (bend > 0.012) if shows else (bend < 0.004)
 
 
@@ -200,7 +230,7 @@ def test_nothing_jumps_where_a_face_gets_another_tap(backend, cosine):
         found = detailed(backend, skin(relief_mm=WAVES), of=of)
         row = SIZE[1] // 2 * SIZE[0]
         middle = slice(row + 4, row + SIZE[0] - 4)
-        bends.append((found.normal - found.surface_normal)[middle].norm(dim=1).mean())
+        bends.append((found.normal - found.skin.surface_normal)[middle].norm(dim=1).mean())
     assert bends[0] > 0.01
     assert float(bends[1] / bends[0]) == pytest.approx(1, abs=0.05)
 
@@ -225,7 +255,7 @@ def test_nails_end_before_their_rims(backend):
     """Where the map holds less than four fifths of a nail, there is none."""
     for share, shown in ((0.75, 0.0), (0.9, 0.5), (1.0, 1.0)):
         found = detailed(backend, skin(np.full((N // 4, N // 4), share, np.float32)))
-        torch.testing.assert_close(found.nail, torch.full_like(found.nail, shown), atol=1e-4, rtol=0)
+        torch.testing.assert_close(found.skin.nail, torch.full_like(found.skin.nail, shown), atol=1e-4, rtol=0)
 
 
 def test_the_surface_tells_the_outline(backend):
@@ -270,7 +300,7 @@ def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
         SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
         for size in (N, N // 4)
     )
-    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), BEND)
+    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, BEND)
     of_person, image = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4)), image_of(camera)
     seen = seen_surface(mesh, camera)
     ours, theirs = (
@@ -278,11 +308,12 @@ def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
     )
     assert (theirs.normal != image.normal).any(1).sum() > 1000
     torch.testing.assert_close(ours.normal, theirs.normal, atol=2e-3, rtol=0)
-    torch.testing.assert_close(ours.surface_normal, theirs.surface_normal, atol=1e-4, rtol=0)
-    assert (ours.surface_normal != ours.normal).any(1).sum() > 1000
+    for name, bound in (("surface_normal", 1e-4), ("blurred_normal", 2e-3), ("alpha_squared", 5e-4), ("nail", 5e-3)):
+        torch.testing.assert_close(getattr(ours.skin, name), getattr(theirs.skin, name), atol=bound, rtol=0)
+    assert (ours.skin.surface_normal != ours.normal).any(1).sum() > 1000
+    assert torch.equal(ours.skin.sharpness, theirs.skin.sharpness)
     torch.testing.assert_close(ours.coefficients, theirs.coefficients, atol=2e-3, rtol=0)
-    torch.testing.assert_close(ours.nail, theirs.nail, atol=5e-3, rtol=0)
     torch.testing.assert_close(ours.alpha, theirs.alpha)
-    assert theirs.nail.max() > 0.5
+    assert theirs.skin.nail.max() > 0.5
     covered = pixel_skin(image.pixel, image.view, seen, mesh, camera, of_person).coverage
     torch.testing.assert_close(theirs.alpha.flatten(), covered)

@@ -20,6 +20,19 @@ def bump_shadowing(facing, x, y, z, along, surface_normal):
 
 
 @part
+def leaving_share(above, to_eye, alpha_squared):
+    """Of a lobe; `above`: cosine of the mirrored view and the surface's normal, `to_eye`: and the bump's own."""
+    share, whole = _part_of_lobe(above, alpha_squared), _part_of_lobe(max(to_eye, _0), alpha_squared)
+    return min(share / whole, _1)
+
+
+@part
+def _part_of_lobe(cosine, alpha_squared):
+    tangent = cosine / (_1 + np.sqrt(max(_1 - cosine * cosine, _0)))
+    return _1 + tangent / np.sqrt(alpha_squared + tangent * tangent)
+
+
+@part
 def mirroring_normal(normal, surface_normal, view, along, out):
     """Fill out [3]; `along`: cosine of both normals."""
     up = -(surface_normal[0] * view[0] + surface_normal[1] * view[1] + surface_normal[2] * view[2])

@@ -7,7 +7,7 @@ import numpy as np
 from .compiled import compiled_loosely as compiled
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
-_CHANNELS, _SLOPES, _NAIL = 10, 6, 9
+_CHANNELS, _SLOPES, _NAIL, _SQUARED = 11, 6, 9, 10
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
@@ -18,7 +18,8 @@ _SHAPE = 5
 @compiled
 def add_skin(seen, surface, maps, constants, first, last, image):
     """Give pixels [first, last) of `image` (`DetailedArrays`) the coverage, normals, colours and nails of the skin."""
-    corner, values, step = np.empty(4, np.int64), np.empty(_CHANNELS, np.float32), np.empty(2, np.float32)
+    corner, step = np.empty(4, np.int64), np.empty(2, np.float32)
+    values, blurred = np.empty(_CHANNELS, np.float32), np.empty(_CHANNELS, np.float32)
     shape, weights = np.empty((_SHAPE, 3), np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         at = image.pixel[index]
@@ -51,9 +52,35 @@ def add_skin(seen, surface, maps, constants, first, last, image):
             _add_sample(maps, u + aside * step[0], v + aside * step[1], level, _1 / np.float32(taps), corner, values)
         dorsal = max(constants.straight - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
-        along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * constants.bump
-        along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * constants.bump
-        _bend(surface, face, shape, weights, along_u, along_v, image.normal[index], image.surface_normal[index])
+        _fill_normal(surface, face, weights, image.surface_normal[index])
+        _bend(
+            surface,
+            face,
+            shape,
+            values,
+            dorsal,
+            palmar,
+            constants.bump,
+            image.surface_normal[index],
+            image.normal[index],
+        )
+        if level < constants.blurred_level:
+            blurred[:] = _0
+            _add_sample(maps, u, v, constants.blurred_level, _1, corner, blurred)
+        else:
+            blurred[:] = values
+        _bend(
+            surface,
+            face,
+            shape,
+            blurred,
+            dorsal,
+            palmar,
+            constants.bump,
+            image.surface_normal[index],
+            image.blurred_normal[index],
+        )
+        image.alpha_squared[index] = max(values[_SQUARED], _1) * constants.gloss
         nail = values[_NAIL] * constants.shade
         image.nail[index] = nail
         _fill_gloss(nail, coverage, coefficients)
@@ -121,19 +148,26 @@ def _step_along(surface, face, shape, view, step_m, step):
 
 
 @compiled
-def _bend(surface, face, shape, weights, along_u, along_v, normal, surface_normal):
-    """Fill the unit normal at a point of a face, and that normal bent by steps along the gradients of u and of v."""
-    uv, corners = surface.corner_uv[face], surface.faces[face]
-    to_b = along_u * (uv[1, 0] - uv[0, 0]) + along_v * (uv[1, 1] - uv[0, 1])
-    to_c = along_u * (uv[2, 0] - uv[0, 0]) + along_v * (uv[2, 1] - uv[0, 1])
+def _fill_normal(surface, face, weights, normal):
+    """Fill the unit normal at a point of a face."""
+    corners = surface.faces[face]
     for k in range(3):
         normal[k] = _0
         for corner in range(3):
             normal[k] += weights[corner] * surface.normals[corners[corner], k]
     _normalise(normal)
+
+
+@compiled
+def _bend(surface, face, shape, values, dorsal, palmar, bump, surface_normal, normal):
+    """Fill a unit normal: that of the surface, bent by the slopes among these values of the maps."""
+    uv = surface.corner_uv[face]
+    along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * bump
+    along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * bump
+    to_b = along_u * (uv[1, 0] - uv[0, 0]) + along_v * (uv[1, 1] - uv[0, 1])
+    to_c = along_u * (uv[2, 0] - uv[0, 0]) + along_v * (uv[2, 1] - uv[0, 1])
     for k in range(3):
-        surface_normal[k] = normal[k]
-        normal[k] += to_b * shape[_ALONG_B, k] + to_c * shape[_ALONG_C, k]
+        normal[k] = surface_normal[k] + to_b * shape[_ALONG_B, k] + to_c * shape[_ALONG_C, k]
     _normalise(normal)
 
 

@@ -28,7 +28,14 @@ def fresnel(cosine, squared_index):
 
 
 @part
-def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both):
+def on_nail(nail, lobes):
+    """Squared alpha of the first lobe."""
+    alpha = lobes.alpha[0] + (lobes.nail_alpha - lobes.alpha[0]) * nail
+    return alpha * alpha
+
+
+@part
+def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, broad_squared, lobes, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
@@ -38,10 +45,10 @@ def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, lobes, both)
     reflectance = fresnel(x * hx + y * hy + z * hz, lobes.squared_index)
     to_light = max(to_light, LEAST_COSINE)
     for lobe in range(2):
-        alpha = lobes.alpha[lobe]
+        squared = broad_squared
         if lobe == 0:
-            alpha += (lobes.nail_alpha - alpha) * nail
-        squared = widened(alpha, light_radius_rad)
+            squared = on_nail(nail, lobes)
+        squared = min(squared + light_radius_rad * light_radius_rad * _QUARTER, _1)
         base = to_half * to_half * (squared - _1) + _1
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             to_light * to_light * (_1 - squared) + squared

@@ -11,6 +11,19 @@ _0, _HALF, _1, _2 = (np.float32(value) for value in (0, 0.5, 1, 2))
 
 
 @part
+def not_mirrored(sky, to_eye, nail):
+    """What is left of even light below the gloss: the first lobe on nails, the second on skin."""
+    last = len(sky.reflectance) - 1
+    place = min(max(to_eye, _0), _1) * np.float32(last)
+    step = np.uintp(min(np.int64(place), last - 1))
+    over = place - np.float32(step)
+    below, above = sky.reflectance[step], sky.reflectance[step + 1]
+    tight, broad = below[0] + over * (above[0] - below[0]), below[1] + over * (above[1] - below[1])
+    tight += nail * (below[2] + over * (above[2] - below[2]) - tight)
+    return _1 - broad - nail * (tight - broad)
+
+
+@part
 def mirror(sky, normal, view, nail, gloss, even):
     """Fill gloss [2, 3] with the light of a whole sky (`MirrorArrays`) in both lobes, and even [2] with that of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]

@@ -332,6 +332,8 @@ class RelitImage(NamedTuple):
         coefficients: [P, 14].
         normal: [P, 3].
         surface_normal: [P, 3].
+        blurred_normal: [P, 3].
+        alpha_squared: [P].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
         maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, the sky's seen shares, gloss of
@@ -340,12 +342,15 @@ class RelitImage(NamedTuple):
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].
         nail: [P].
+        sharpness: [3].
     """
 
     pixel: np.ndarray
     coefficients: np.ndarray
     normal: np.ndarray
     surface_normal: np.ndarray
+    blurred_normal: np.ndarray
+    alpha_squared: np.ndarray
     view_direction: np.ndarray
     share: np.ndarray
     maps: np.ndarray
@@ -353,6 +358,7 @@ class RelitImage(NamedTuple):
     lamp_rgb: np.ndarray
     lamp_radius_rad: np.ndarray
     nail: np.ndarray
+    sharpness: np.ndarray
 
 
 class EnlargedArrays(NamedTuple):
@@ -459,7 +465,7 @@ class DetailTable(NamedTuple):
     """A pyramid of maps.
 
     Attributes:
-        table: [T, 10] int8.
+        table: [T, 11] int8.
         first: the first row of each level.
         resolution: of the finest level.
     """
@@ -479,12 +485,14 @@ class DetailConstants(NamedTuple):
         least_cosine: of face and view.
         one_tap_more: as `ONE_TAP_MORE`.
         sharper: as `SHARPER`.
+        blurred_level: of the maps, as red light shows them.
         straight: how much of dorsal folds shows.
         flattened: what bending takes of it.
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
         shade: what a stored step of shades and nails is worth.
+        gloss: of squared alphas.
         most_taps: as `MOST_TAPS`.
         pigment_colour: [3].
         fold_log_albedo: [3].
@@ -496,12 +504,14 @@ class DetailConstants(NamedTuple):
     least_cosine: np.float32
     one_tap_more: np.float32
     sharper: np.float32
+    blurred_level: np.float32
     straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
     deepened_by: np.float32
     bump: np.float32
     shade: np.float32
+    gloss: np.float32
     most_taps: int
     pigment_colour: np.ndarray
     fold_log_albedo: np.ndarray
@@ -516,6 +526,8 @@ class DetailedArrays(NamedTuple):
         coefficients: [P, 14].
         normal: [P, 3].
         surface_normal: [P, 3].
+        blurred_normal: [P, 3].
+        alpha_squared: [P].
         nail: [P].
         alpha: of all pixels of the image.
     """
@@ -525,5 +537,7 @@ class DetailedArrays(NamedTuple):
     coefficients: np.ndarray
     normal: np.ndarray
     surface_normal: np.ndarray
+    blurred_normal: np.ndarray
+    alpha_squared: np.ndarray
     nail: np.ndarray
     alpha: np.ndarray

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from .bump import bump_shadowing, mirroring_normal
+from .bump import bump_shadowing, leaving_share, mirroring_normal
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
-from .gloss import TINY, glossy
-from .mirrored_sky import mirror
+from .gloss import TINY, glossy, on_nail
+from .mirrored_sky import mirror, not_mirrored
 
-_0, _QUARTER, _HALF, _3Q, _1 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1))
+_0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
 """As in `nerf.relighting`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
@@ -45,16 +45,27 @@ def relit_pixels(image, sky, lobes, first, last, out):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
-        surface_normal = image.surface_normal[index]
-        along = normal[0] * surface_normal[0] + normal[1] * surface_normal[1] + normal[2] * surface_normal[2]
+        surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
+        along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         mirroring_normal(normal, surface_normal, view, along, mirroring)
-        mirror(sky, mirroring, view, image.nail[index], mirrored, even)
+        mirror(sky, mirroring, view, nail, mirrored, even)
+        to_eye = -_dot(mirroring, view)
+        above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
+        for lobe in range(2):
+            squared = on_nail(nail, lobes) if lobe == 0 else lobes.alpha[1] * lobes.alpha[1]
+            leaving = leaving_share(above, to_eye, squared)
+            even[lobe] *= leaving
+            for c in range(3):
+                mirrored[lobe, c] *= leaving
+        under = not_mirrored(sky, to_eye, nail) / not_mirrored(sky, -_dot(surface_normal, view), nail)
         for c in range(3):
-            of_sky = normal[0] * here[sky_at + c] + normal[1] * here[sky_at + 3 + c] + normal[2] * here[sky_at + 6 + c]
+            x, y, z = here[sky_at + c], here[sky_at + 3 + c], here[sky_at + 6 + c]
+            sharp = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
+            wide = max(x * blurred[0] + y * blurred[1] + z * blurred[2], _0)
             rgb[c] = (
-                weights[DIFFUSE + c] * max(of_sky, _0)
-                + weights[SCATTERED + c] * here[scattered_at + c]
-                + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c]
+                weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
+                + weights[SCATTERED + c] * here[scattered_at + c] * under
+                + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c] * under
                 + weights[GLOSS] * (here[seen_at] * mirrored[0, c] + here[near_at + c])
                 + weights[GLOSS + 1] * (here[seen_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
             )
@@ -62,21 +73,33 @@ def relit_pixels(image, sky, lobes, first, last, out):
             x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
             strength = max(np.sqrt(x * x + y * y + z * z), TINY)
             x, y, z = x / strength, y / strength, z / strength
-            facing = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
+            sharp = _bumped(normal, x, y, z, along, surface_normal)
+            wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
             facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
-            diffuse, gloss = _0, _0
-            if facing > _0:
-                diffuse = strength * facing * bump_shadowing(facing, x, y, z, along, surface_normal)
-            if facing_mirror > _0:
-                radius_rad, nail = image.lamp_radius_rad[lamp], image.nail[index]
-                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, lobes, both)
+            gloss = _0
+            if facing_mirror > _0 and x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2] > _0:
+                radius_rad, squared = image.lamp_radius_rad[lamp], image.alpha_squared[index]
+                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, squared, lobes, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
-                rgb[c] += image.lamp_rgb[lamp, c] * (weights[DIFFUSE + c] * diffuse + gloss)
+                diffuse = weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
+                rgb[c] += image.lamp_rgb[lamp, c] * (strength * diffuse + gloss)
         of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
         for c in range(3):
             share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
             out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
+
+
+@part
+def _bumped(normal, x, y, z, along, surface_normal):
+    """What a diffuse surface reflects of a light in direction (x, y, z)."""
+    facing = x * normal[0] + y * normal[1] + z * normal[2]
+    return facing * bump_shadowing(facing, x, y, z, along, surface_normal) if facing > _0 else _0
+
+
+@part
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from livehand.backend.fast.kernels.bump import bump_shadowing, mirroring_normal
+from livehand.backend.fast.kernels.bump import bump_shadowing, leaving_share, mirroring_normal
 from livehand.backend.nerf import bump
 from torch.nn.functional import normalize
 
@@ -36,4 +36,15 @@ def test_what_remains_of_a_light_is_that_of_the_reference():
     rows = zip(facing, *towards.numpy().T, along(normal, surface), surface.numpy(), strict=True)
     found = torch.tensor([bump_shadowing(*row) for row in rows])
     torch.testing.assert_close(found, bump.bump_shadowing(normal, surface, towards), atol=1e-4, rtol=0)
+    assert 100 < ((found > 0.01) & (found < 0.99)).sum()
+
+
+def test_what_leaves_the_surface_of_a_lobe_is_that_of_the_reference():
+    surface, view = units(6), units(7)
+    normal = normalize(surface + 0.7 * units(8), dim=-1)
+    squared = 0.01 + 0.2 * torch.rand(COUNT, 1, generator=torch.Generator().manual_seed(9))
+    to_eye = -along(normal, view)
+    above = along(surface, view) + 2 * to_eye * along(normal, surface)
+    found = torch.tensor([leaving_share(*row) for row in zip(above, to_eye, squared[:, 0].numpy(), strict=True)])
+    torch.testing.assert_close(found, bump.leaving_share(normal, surface, view, squared)[:, 0], atol=1e-4, rtol=1e-3)
     assert 100 < ((found > 0.01) & (found < 0.99)).sum()
