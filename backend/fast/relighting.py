@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..nerf.lighting import COEFFICIENTS, KnownSkin, LightFeatures
+from ..nerf.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
 from ..nerf.mirrored_sky import SIDE
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
@@ -84,7 +84,7 @@ def relit(
     width, height = size_px
     maps = feature_maps(features, pixel, size_px)
     out = torch.zeros(4 * width * height, 3)
-    skin = image.skin or KnownSkin.smooth(image.normal)
+    skin = image.skin or BumpedSkin.smooth(image.normal)
     normals = image.normal, skin.surface_normal, skin.blurred_normal, skin.alpha_squared
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness

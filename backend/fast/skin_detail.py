@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..nerf.detail_maps import GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ..nerf.fine_mesh import FineMesh, PixelSurface
-from ..nerf.lighting import KnownSkin
+from ..nerf.lighting import BumpedSkin
 from ..nerf.rays import CameraTensors, ray_origin
 from ..nerf.relighting import MIN_ALPHA, LitImage
 from ..nerf.skin_detail import (
@@ -50,9 +50,9 @@ def detailed_image(
     return changed._replace(depth=seen.depth.reshape(image.depth.shape), skin=skin)
 
 
-def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> KnownSkin:
+def _beside_the_surface(normal: Tensor, maps: DetailMaps) -> BumpedSkin:
     """What the kernel fills where the surface is seen."""
-    smooth = KnownSkin.smooth(normal)
+    smooth = BumpedSkin.smooth(normal)
     return smooth._replace(
         surface_normal=_copy(smooth.surface_normal),
         blurred_normal=_copy(smooth.blurred_normal),

@@ -278,7 +278,7 @@ LIT_FEATURES = 16
 """Features of a ray for super-resolution, beside its coefficients."""
 
 
-class KnownSkin(NamedTuple):
+class BumpedSkin(NamedTuple):
     """What is known of the skin at P points whose normals are bump mapped.
 
     Attributes:
@@ -296,7 +296,7 @@ class KnownSkin(NamedTuple):
     nail: Tensor
 
     @classmethod
-    def smooth(cls, normal: Float[Tensor, "P 3"]) -> KnownSkin:
+    def smooth(cls, normal: Float[Tensor, "P 3"]) -> BumpedSkin:
         """Skin with these normals, without bump mapping and nails, and as glossy everywhere."""
         count = len(normal)
         squared = normal.new_full((count,), alphas(None)[1] ** 2)
@@ -308,7 +308,7 @@ def lit_colour(
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
-    skin: KnownSkin | None = None,
+    skin: BumpedSkin | None = None,
 ) -> Float[Tensor, "P 3"]:
     """Scene-linear colours of P points, whose features are given for each.
 
@@ -319,7 +319,7 @@ def lit_colour(
         features: as `light_features`, at these points.
         skin: where it is known.
     """
-    return _colour_of_skin(coefficients, normal, view, features, skin or KnownSkin.smooth(normal))
+    return _colour_of_skin(coefficients, normal, view, features, skin or BumpedSkin.smooth(normal))
 
 
 def _colour_of_skin(
@@ -327,7 +327,7 @@ def _colour_of_skin(
     normal: Float[Tensor, "P 3"],
     view: Float[Tensor, "P 3"],
     features: LightFeatures,
-    skin: KnownSkin,
+    skin: BumpedSkin,
 ) -> Float[Tensor, "P 3"]:
     strength = features.lamp_vectors.norm(dim=-1)
     towards = features.lamp_vectors / strength.clamp(min=_TINY)[..., None]
@@ -353,7 +353,7 @@ def _colour_of_skin(
 
 
 def _diffuse_light_of(
-    skin: KnownSkin, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
+    skin: BumpedSkin, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
 ) -> Float[Tensor, "P 3"]:
     sharp, blurred = (
         diffuse_light(features, bent, bump_shadowing(bent[:, None], skin.surface_normal[:, None], towards))

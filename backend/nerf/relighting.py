@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, normalize
 
 from .at_least import at_least
-from .lighting import COEFFICIENTS, SMOOTH, KnownSkin, LightFeatures, SurfacePoints, lit_colour
+from .lighting import COEFFICIENTS, SMOOTH, BumpedSkin, LightFeatures, SurfacePoints, lit_colour
 from .maps import enlarge_maps, low_resolution_maps, ray_of_pixel
 from .rays import CameraTensors, HandInView, view_directions
 from .superres import enlarge
@@ -53,7 +53,7 @@ class LitImage(NamedTuple):
     share: Tensor
     alpha: Tensor
     depth: Tensor
-    skin: KnownSkin | None = None
+    skin: BumpedSkin | None = None
 
 
 class SkinDepth(NamedTuple):

@@ -19,7 +19,7 @@ from torch.nn.functional import normalize
 
 from .detail_maps import CHANNELS, GLOSS_STEP, DetailMaps
 from .fine_mesh import FineMesh, PixelSurface, barycentric, blend_corners
-from .lighting import DIFFUSE, GLOSS, SCATTERED, KnownSkin
+from .lighting import DIFFUSE, GLOSS, SCATTERED, BumpedSkin
 from .rays import CameraTensors
 from .relighting import MIN_ALPHA, LitImage
 
@@ -52,7 +52,7 @@ class PixelSkin(NamedTuple):
         depth: [P] m; infinite where none does.
         row: [K] of the pixels in the image.
         normal: [K, 3] unit, world, with the detail.
-        surface_normal, blurred_normal, alpha_squared, nail: [K, ...] as in `KnownSkin`.
+        surface_normal, blurred_normal, alpha_squared, nail: [K, ...] as in `BumpedSkin`.
         albedo: [K, 3] factor of colours.
         sharpness: [3] as there.
     """
@@ -137,7 +137,7 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     row, before = skin.row, image.alpha.flatten()[image.pixel].clamp(MIN_ALPHA, 1)
     coefficients = image.coefficients * (skin.coverage / before)[:, None]
     coefficients[row, SCATTERED.start : DIFFUSE.stop] *= skin.albedo.repeat(1, 3)
-    known, names = KnownSkin.smooth(image.normal), ("surface_normal", "blurred_normal", "alpha_squared", "nail")
+    known, names = BumpedSkin.smooth(image.normal), ("surface_normal", "blurred_normal", "alpha_squared", "nail")
     told = {name: getattr(known, name).index_put((row,), getattr(skin, name)) for name in names}
     coefficients[:, GLOSS] = torch.stack([told["nail"], 1 - told["nail"]], 1) * skin.coverage[:, None]
     alpha = torch.zeros_like(image.alpha).flatten().index_put((image.pixel,), skin.coverage)
@@ -145,7 +145,7 @@ def with_skin(image: LitImage, skin: PixelSkin) -> LitImage:
     return image._replace(
         normal=image.normal.index_put((row,), skin.normal),
         coefficients=coefficients,
-        skin=KnownSkin(**told, sharpness=skin.sharpness),
+        skin=BumpedSkin(**told, sharpness=skin.sharpness),
         alpha=alpha.reshape(image.alpha.shape),
         depth=depth.reshape(image.depth.shape),
     )

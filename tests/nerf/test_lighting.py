@@ -18,7 +18,7 @@ from livehand.backend.nerf.lighting import (
     FROM_SIDE,
     GLOSS,
     SCATTERED,
-    KnownSkin,
+    BumpedSkin,
     LightFeatures,
     LightShadows,
     ProbeLight,
@@ -264,7 +264,7 @@ def under_a_lamp(towards, normal, view, coefficients, **known):
         arriving=torch.ones(1, 3),
         reflected=torch.zeros(1, 3),
     )
-    return lit_colour(coefficients, normal, view, features, KnownSkin.smooth(up)._replace(**known))[0]
+    return lit_colour(coefficients, normal, view, features, BumpedSkin.smooth(up)._replace(**known))[0]
 
 
 def coefficients_of(part):

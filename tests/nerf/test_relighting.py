@@ -12,7 +12,7 @@ from livehand.backend.nerf.lighting import (
     DIFFUSE,
     LIT_FEATURES,
     SMOOTH,
-    KnownSkin,
+    BumpedSkin,
     LightFeatures,
     SurfacePoints,
 )
@@ -150,7 +150,7 @@ def test_both_backends_agree_on_any_rays(lamps):
         *(torch.rand(30, 3, generator=generator) for _ in range(2)),
     )
     bent = normalize(image.normal + 0.5 * torch.randn(len(image.pixel), 3, generator=generator), dim=-1)
-    skin = KnownSkin(
+    skin = BumpedSkin(
         surface_normal=image.normal,
         blurred_normal=normalize(image.normal + 0.3 * torch.randn(len(bent), 3, generator=generator), dim=-1),
         sharpness=torch.tensor([0.0, 0.6, 0.9]),
