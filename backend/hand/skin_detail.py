@@ -18,7 +18,7 @@ ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
 COARSEST_MM, WIDEST_MM = 0.8, 6.0
 """Deviations of the blurs that were subtracted from the fine and from the coarse maps."""
-RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, ROUGHNESS_STEP = 0.002, 0.01, 0.01, 0.01, 0.005
+RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, ROUGHNESS_STEP, SLOPE_STEP = 0.002, 0.01, 0.01, 0.01, 0.005, 0.01
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
 """Bend at which folds on the back of a joint are gone."""
@@ -71,6 +71,8 @@ class SkinDetail:
         coarse: what lies between that and `WIDEST_MM`.
         nail: [N / 4, N / 4] 1 on nails, 0 on skin.
         roughness: [N / 4, N / 4] of the skin's gloss; Blender's, the square root of the microfacets' alpha.
+        unresolved: [2, N / 4, N / 4] slopes along u and v that the fine surface's normals lack, m a m
+            (`builtin/unresolved_slopes.py`).
         bend: which folds follow.
     """
 
@@ -78,6 +80,7 @@ class SkinDetail:
     coarse: SkinMaps
     nail: np.ndarray
     roughness: np.ndarray
+    unresolved: np.ndarray
     bend: SkinBend
 
 
@@ -97,7 +100,8 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     ):
         bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
         nail, roughness = coarse["nail"] * np.float32(NAIL_STEP), coarse["roughness"] * np.float32(ROUGHNESS_STEP)
-        return SkinDetail(_maps(fine), _maps(coarse), nail, roughness, bend)
+        unresolved = coarse["unresolved"] * np.float32(SLOPE_STEP)
+        return SkinDetail(_maps(fine), _maps(coarse), nail, roughness, unresolved, bend)
 
 
 def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:

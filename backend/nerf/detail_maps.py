@@ -27,6 +27,8 @@ RESOLVED_PX = 1.5
 """Deviation of the blur beyond which the rays, two pixels apart, show all."""
 NAIL_FROM = 0.8
 """Of the map of nails, whose texels are half a millimetre: where it is less, slopes of their rims would glitter."""
+BUMP = 0.9
+"""Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
 SLOPE_STEP_MM, SHADE_STEP, GLOSS_STEP = 0.001, 0.01, 0.002
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
 CHANNELS = 11
@@ -97,6 +99,8 @@ class DetailMaps(NamedTuple):
                 strict=True,
             )
         ]
+        for axis, unresolved in enumerate(detail.unresolved):
+            slopes[axis] = slopes[axis] + _widened(unresolved, resolution) * (ATLAS_MM / resolution / BUMP)
         columns = [_halvings(slope, SLOPE_STEP_MM) for slope in slopes]
         for fine, coarse in zip(_shades(detail.fine, look), _shades(detail.coarse, look), strict=True):
             columns.append(_pyramid(fine, coarse, SHADE_STEP))

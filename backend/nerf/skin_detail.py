@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from .detail_maps import CHANNELS, GLOSS_STEP, DetailMaps
+from .detail_maps import BUMP, CHANNELS, GLOSS_STEP, DetailMaps
 from .fine_mesh import FineMesh, PixelSurface, barycentric, blend_corners
 from .lighting import DIFFUSE, GLOSS, SCATTERED, BumpedSkin
 from .rays import CameraTensors
@@ -27,8 +27,6 @@ FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.95, 0.75, 0.5
 """What bending a joint takes from the folds on its back, and what it makes of the creases below."""
 FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
-BUMP = 0.9
-"""Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
 FOLDS = 1.2
 """How much more shows of folds, which are wider than the way of light in the skin."""
 LEAST_COSINE = 0.25

@@ -18,6 +18,7 @@ import numpy as np
 from ...backend.captures.person import PERSONS, Person
 from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
+from ...backend.hand.builtin.unresolved_slopes import unresolved_slopes
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import WITH_ARM, load_default_hand
 from ...backend.hand.skin_detail import (
@@ -28,6 +29,7 @@ from ...backend.hand.skin_detail import (
     PIGMENT_STEP,
     RELIEF_STEP_MM,
     ROUGHNESS_STEP,
+    SLOPE_STEP,
     WIDEST_MM,
     write_skin_maps,
 )
@@ -155,6 +157,7 @@ def main() -> None:
     capture_scene(None)
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
+    coarse["unresolved"] = _steps(unresolved_slopes(model, surface, len(coarse["nail"])), SLOPE_STEP)
     write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
     write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
 

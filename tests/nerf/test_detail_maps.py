@@ -20,7 +20,14 @@ def skin_maps(side, **maps):
 def maps_of(fine, coarse):
     bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
     return DetailMaps.of(
-        SkinDetail(fine, coarse, np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32), bend),
+        SkinDetail(
+            fine,
+            coarse,
+            np.zeros((16, 16), np.float32),
+            np.full((16, 16), 0.5, np.float32),
+            np.zeros((2, 16, 16), np.float32),
+            bend,
+        ),
         SkinLook(0.0, 1.0, 0.0),
     )
 
@@ -71,7 +78,13 @@ def test_slopes_that_a_level_does_not_show_widen_the_gloss_by_their_variance(lev
 def test_deep_skin_shows_relief_more_sharply():
     flat = skin_maps(N), skin_maps(16)
     bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
-    detail = SkinDetail(*flat, np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32), bend)
+    detail = SkinDetail(
+        *flat,
+        np.zeros((16, 16), np.float32),
+        np.full((16, 16), 0.5, np.float32),
+        np.zeros((2, 16, 16), np.float32),
+        bend,
+    )
     light, half, deep = (DetailMaps.of(detail, SkinLook(melanin, 1.0, 0.0)) for melanin in (0.0, 0.5, 1.0))
     assert (light.blurred_level, deep.blurred_level) == BLURRED_LEVEL
     assert (light.sharpness, deep.sharpness) == SHARPNESS

@@ -1,5 +1,6 @@
 """A known skin at full size: slopes of known heights on a flat patch, folds that follow the pose, both backends."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import torch
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.hand.skin_detail import ATLAS_MM, SkinBend, SkinDetail, SkinMaps
-from livehand.backend.nerf.detail_maps import DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
+from livehand.backend.nerf.detail_maps import BUMP, DORSAL_MM, PALMAR_MM, PIGMENT_COLOUR, DetailMaps, SkinLook
 from livehand.backend.nerf.fine_mesh import FineMesh, seen_surface
 from livehand.backend.nerf.gloss import ROUGHNESS
 from livehand.backend.nerf.lighting import COEFFICIENTS, DIFFUSE, GLOSS, SCATTERED
@@ -15,7 +16,7 @@ from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors, view_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
-from livehand.backend.nerf.skin_detail import BUMP, FOLD_LOG_ALBEDO, FOLDS, SHARPER, PixelSkin, pixel_skin, with_skin
+from livehand.backend.nerf.skin_detail import FOLD_LOG_ALBEDO, FOLDS, SHARPER, PixelSkin, pixel_skin, with_skin
 from livehand.backend.records.camera import Camera
 from torch.nn.functional import normalize
 
@@ -28,11 +29,11 @@ ALONG_U = np.tile((np.arange(N) + 0.5) * TEXEL_MM, (N, 1)).astype(np.float32)  #
 
 
 NO_NAIL = ZERO[::4, ::4]
-ROUGH = np.full_like(NO_NAIL, 0.5)
+ROUGH, RESOLVED = np.full_like(NO_NAIL, 0.5), np.zeros((2, N // 4, N // 4), np.float32)
 
 
 def skin(nail=NO_NAIL, **maps):
-    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, ROUGH, BEND)
+    return SkinDetail(SkinMaps(**{**FLAT, **maps}), coarse_maps(), nail, ROUGH, RESOLVED, BEND)
 
 
 def coarse_maps(**maps):
@@ -108,7 +109,7 @@ def test_coarse_relief_shows_from_near_and_from_afar(backend, texels_a_pixel):
     """A ramp of the coarse maps, a quarter as wide: the mesh knows nothing of it, however near."""
     coarse = coarse_maps(relief_mm=0.02 * ALONG_U[::4, ::4])
     of = patch(focal_px=0.5 / (texels_a_pixel * TEXEL_MM / 1000))
-    found = detailed(backend, SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, ROUGH, BEND), of=of)
+    found = detailed(backend, SkinDetail(SkinMaps(**FLAT), coarse, NO_NAIL, ROUGH, RESOLVED, BEND), of=of)
     middle = len(found.normal) // 2 + SIZE[0] // 2
     torch.testing.assert_close(found.normal[middle], tilt(0.02), atol=4e-4, rtol=0)
 
@@ -189,6 +190,14 @@ def test_far_scattered_light_shows_relief_as_a_coarser_level_does(backend):
     assert light < 0.5 * near
     assert light < 0.7 * deep < 0.7 * near
     assert far == far_blurred
+
+
+def test_slopes_that_the_fine_surface_lacks_bend_its_normals(backend):
+    """By all of them: they are no relief, of which a share shows."""
+    detail = replace(skin(), unresolved=np.stack([np.full_like(NO_NAIL, 0.01), np.full_like(NO_NAIL, -0.02)]))
+    found = detailed(backend, detail)
+    expected = normalize(torch.tensor([-0.01, 0.02, 1.0]), dim=0)
+    torch.testing.assert_close(found.normal, expected.expand_as(found.normal), atol=4e-4, rtol=0)
 
 
 def test_gloss_is_as_wide_as_the_skin_is_rough(backend):
@@ -300,7 +309,7 @@ def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
         SkinMaps(**{name: generator.normal(0, 0.05, (size, size)).astype(np.float32) for name in FLAT})
         for size in (N, N // 4)
     )
-    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, BEND)
+    both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, RESOLVED, BEND)
     of_person, image = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4)), image_of(camera)
     seen = seen_surface(mesh, camera)
     ours, theirs = (
