@@ -70,6 +70,6 @@ def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> Detai
     bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
     folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
     numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, ONE_TAP_MORE, SHARPER, maps.blurred_level, *folds, bump
-    steps = SHADE_STEP, GLOSS_STEP
+    steps = SHADE_STEP, GLOSS_STEP, BUMP
     colours = (np.array(colour, np.float32) for colour in (maps.pigment_colour, FOLD_LOG_ALBEDO))
     return DetailConstants._make((*(np.float32(value) for value in (*numbers, *steps)), MOST_TAPS, *colours))

@@ -31,9 +31,9 @@ BUMP = 0.9
 """Share of the slopes that shows: light is scattered inside the skin and leaves beside where it entered."""
 SLOPE_STEP_MM, SHADE_STEP, GLOSS_STEP = 0.001, 0.01, 0.002
 """What one step of the stored whole numbers is worth: slopes in mm a texel."""
-CHANNELS = 11
+CHANNELS = 12
 """Slopes along u and v of relief, dorsal folds and palmar creases; pigment; dorsal folds; palmar creases; nail; squared
-alpha of the gloss of skin."""
+alpha of the gloss of skin, without folds; the variance of their slopes."""
 BLURRED_LEVEL = 2.0, 0.8
 """The level that is as blurred as red light shows relief, of a light and of a deep skin.
 
@@ -42,7 +42,7 @@ shares in red: 0.13, 0.29, 0.55 and 0.81 on a light palm, and 0.41, 0.68, 0.88 a
 SHARPNESS = (0.0, 0.65, 0.9), (0.0, 0.85, 0.97)
 """The share of relief that each colour shows as if nothing blurred it: of waves of 0.45 mm, green shows 0.6 and 0.89,
 and blue 0.87 and 0.96."""
-_STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4 + [GLOSS_STEP]
+_STEPS = [SLOPE_STEP_MM] * 6 + [SHADE_STEP] * 4 + [GLOSS_STEP] * 2
 _LEVELS = 6
 _BLUR_REACH = 3  # deviations
 _HALVING = (0.125, 0.375, 0.375, 0.125)  # binomial: means of two would alias ridges of three texels
@@ -66,7 +66,7 @@ class DetailMaps(NamedTuple):
     """A person's detail as a pyramid of maps, each level half as wide as the one before.
 
     Attributes:
-        table: [T, 11] int8: the texels of all levels, rows of the finest first, the smallest v first.
+        table: [T, 12] int8: the texels of all levels, rows of the finest first, the smallest v first.
         resolution: of the finest level.
         texel_m: its texels' side, template metres.
         pigment_colour: as `PIGMENT_COLOUR`, of the person.
@@ -106,7 +106,10 @@ class DetailMaps(NamedTuple):
             columns.append(_pyramid(fine, coarse, SHADE_STEP))
         nail = (_widened(detail.nail, resolution) - NAIL_FROM) / (1 - NAIL_FROM)
         columns.append(_halvings(nail.clip(min=0), SHADE_STEP))
-        columns.append(_gloss(slopes, _widened(detail.roughness, resolution)))
+        rough = _levels(_widened(detail.roughness, resolution) ** 4)
+        hidden, of_folds = (_variances(slopes[at], resolution) for at in (slice(0, 2), slice(2, 4)))
+        both = [base + variance for base, variance in zip(rough, hidden, strict=True)]
+        columns += [torch.cat([_in_steps(level, GLOSS_STEP) for level in levels]) for levels in (both, of_folds)]
         colour, sharpness = (_by_melanin(pair, look) for pair in (PIGMENT_COLOUR, SHARPNESS))
         level = float(np.interp(look.melanin, (0, 1), BLURRED_LEVEL))
         texel_m = ATLAS_MM / 1000 / resolution
@@ -118,7 +121,7 @@ class DetailMaps(NamedTuple):
         sizes = [self.resolution >> level for level in range(_LEVELS)]
         return [(sum(size**2 for size in sizes[:level]), sizes[level]) for level in range(_LEVELS)]
 
-    def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 11"]:
+    def sample(self, uv: Float[Tensor, "P 2"], level: Float[Tensor, " P"]) -> Float[Tensor, "P 12"]:
         """Trilinear, in mm a texel, logarithms, 1 on nails, and squares."""
         fine = level.clamp(0, _LEVELS - 1).floor().long()
         share = (level.clamp(0, _LEVELS - 1) - fine)[:, None]
@@ -126,7 +129,7 @@ class DetailMaps(NamedTuple):
         both = self._bilinear(uv, fine) * (1 - share) + self._bilinear(uv, coarse) * share
         return both * both.new_tensor(_STEPS)
 
-    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 11"]:
+    def _bilinear(self, uv: Tensor, level: Int[Tensor, " P"]) -> Float[Tensor, "P 12"]:
         start, size = torch.tensor(self.levels, device=uv.device)[level].unbind(1)
         place = (uv * size[:, None] - 0.5).clamp(min=0).minimum(size[:, None] - 1.0)
         first = place.floor().minimum(size[:, None] - 2.0)
@@ -172,13 +175,11 @@ def _widened(coarse: np.ndarray, resolution: int) -> np.ndarray:
     return interpolate(values, size=(resolution, resolution), mode="bilinear")[0, 0].numpy()
 
 
-def _gloss(slopes: list[np.ndarray], roughness: np.ndarray) -> Tensor:
-    """[T] int8: level after level of the skin's squared alpha, with the variance of the slopes of straight skin."""
-    texel_mm = ATLAS_MM / len(roughness)
-    along = [_levels((slopes[k] - slopes[2 + k] - slopes[4 + k]) / texel_mm) for k in (0, 1)]
-    squares = _levels(roughness**4 + sum(plane[0, 0].numpy() ** 2 for plane in (along[0][0], along[1][0])))
-    levels = [both - u * u - v * v for both, u, v in zip(squares, *along, strict=True)]
-    return torch.cat([_in_steps(values, GLOSS_STEP) for values in levels])
+def _variances(along: list[np.ndarray], resolution: int) -> list[Tensor]:
+    """Level after level: of slopes along u and v, mm a texel of the finest, what their means there do not show."""
+    u, v = (_levels(slope * (resolution / ATLAS_MM)) for slope in along)
+    squares = _levels((u[0] ** 2 + v[0] ** 2)[0, 0].numpy())
+    return [square - a * a - b * b for square, a, b in zip(squares, u, v, strict=True)]
 
 
 def _halvings(fine: np.ndarray, step: float) -> Tensor:

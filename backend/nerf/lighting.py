@@ -336,7 +336,6 @@ def _colour_of_skin(
     lobes = glossy(
         mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
     )
-    lobes = lobes * ((surface[:, None] * towards).sum(-1, keepdim=True) > 0)
     of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     leaving = leaving_share(mirroring, surface, view, _sky_alphas(nail))
     of_sky = features.mirrored.gloss(mirroring, view, nail) * (leaving * features.sky_seen)[..., None]

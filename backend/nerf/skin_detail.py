@@ -37,7 +37,7 @@ ONE_TAP_MORE = 0.75
 """Of a pixel: a footprint of a quarter more than its taps gets another, so that they lie 1.25 pixels apart at most."""
 SHARPER = 0.3
 """Levels finer than a pixel is wide: interpolation blurs, too."""
-NAIL, SQUARED = 9, 10
+NAIL, SQUARED, HIDDEN_FOLDS = 9, 10, 11
 """Where these are among the channels of the maps."""
 _TINY = 1e-12
 
@@ -105,6 +105,7 @@ def pixel_skin(
     flex = blend_corners(mesh.flex[corners][..., None], weights)
     dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
+    alpha_squared = values[:, SQUARED] + (BUMP * dorsal[:, 0]) ** 2 * values[:, HIDDEN_FOLDS]
     pigment = values[:, 6:7] * values.new_tensor(maps.pigment_colour)
     surface_normal = normalize(blend_corners(mesh.normals[corners], weights), dim=-1)
 
@@ -122,7 +123,7 @@ def pixel_skin(
         blurred_normal=bent(blurred),
         albedo=torch.exp(pigment + folded * values.new_tensor(FOLD_LOG_ALBEDO)),
         nail=values[:, NAIL],
-        alpha_squared=values[:, SQUARED].clamp(min=GLOSS_STEP),
+        alpha_squared=alpha_squared.clamp(min=GLOSS_STEP),
         sharpness=values.new_tensor(maps.sharpness),
     )
 
@@ -166,7 +167,7 @@ def _sampled(
     view: Float[Tensor, "K 3"],
     pixel_m: Float[Tensor, " K"],
     scale: Tensor,
-) -> Float[Tensor, "K 11"]:
+) -> Float[Tensor, "K 12"]:
     """The mean over what pixels show of faces, which are `pixel_m` wide where they are seen straight on."""
     normal = normalize(torch.linalg.cross(gradients[:, 0], gradients[:, 1]), dim=-1)
     facing = (normal * view).sum(-1, keepdim=True)

@@ -296,13 +296,6 @@ def test_light_that_gloss_reflects_does_not_enter_the_skin():
     assert even[0] > even[1] + 0.02
 
 
-def test_a_bump_does_not_shine_in_the_light_of_a_lamp_below_the_surface():
-    up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[0.6, 0, 0.8]])
-    above, below = (normalize(torch.tensor([[1.0, 0, height]]), dim=-1) for height in (0.01, -0.01))
-    assert under_a_lamp(above, bent, -up, coefficients_of(GLOSS)).min() > 0.01
-    assert under_a_lamp(below, bent, -up, coefficients_of(GLOSS)).max() == 0
-
-
 def test_gloss_takes_the_colour_of_the_light(lit):
     light, shadows, points = lit
     coefficients = torch.zeros(POINTS, COEFFICIENTS)

@@ -200,6 +200,17 @@ def test_slopes_that_the_fine_surface_lacks_bend_its_normals(backend):
     torch.testing.assert_close(found.normal, expected.expand_as(found.normal), atol=4e-4, rtol=0)
 
 
+@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
+def test_folds_that_a_pixel_hides_widen_its_gloss_as_far_as_they_show(backend, flex, factor):
+    """Waves of four texels, gone at a level of four."""
+    folds = np.tile(0.6 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
+    of = patch(flex=flex, focal_px=0.5 / (4 * 2**SHARPER * TEXEL_MM / 1000))
+    alpha_squared = detailed(backend, skin(dorsal=folds), of=of).skin.alpha_squared.reshape(SIZE[1], SIZE[0])
+    slope = 0.849 * pi / 2 * 0.6 * DORSAL_MM / TEXEL_MM * BUMP * FOLDS * factor
+    assert float(alpha_squared[SIZE[1] // 2, SIZE[0] // 2]) == pytest.approx(0.5**4 + slope**2 / 2, abs=1.5e-3)
+    assert flex > 0.5 or slope**2 / 2 > 5e-4
+
+
 def test_gloss_is_as_wide_as_the_skin_is_rough(backend):
     found = detailed(backend, skin())
     torch.testing.assert_close(

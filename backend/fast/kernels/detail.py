@@ -7,7 +7,7 @@ import numpy as np
 from .compiled import compiled_loosely as compiled
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
-_CHANNELS, _SLOPES, _NAIL, _SQUARED = 11, 6, 9, 10
+_CHANNELS, _SLOPES, _NAIL, _SQUARED, _HIDDEN_FOLDS = 12, 6, 9, 10, 11
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
@@ -80,7 +80,8 @@ def add_skin(seen, surface, maps, constants, first, last, image):
             image.surface_normal[index],
             image.blurred_normal[index],
         )
-        image.alpha_squared[index] = max(values[_SQUARED], _1) * constants.gloss
+        folds = dorsal * constants.bump_share
+        image.alpha_squared[index] = max(values[_SQUARED] + folds * folds * values[_HIDDEN_FOLDS], _1) * constants.gloss
         nail = values[_NAIL] * constants.shade
         image.nail[index] = nail
         _fill_gloss(nail, coverage, coefficients)

@@ -465,7 +465,7 @@ class DetailTable(NamedTuple):
     """A pyramid of maps.
 
     Attributes:
-        table: [T, 11] int8.
+        table: [T, 12] int8.
         first: the first row of each level.
         resolution: of the finest level.
     """
@@ -493,6 +493,7 @@ class DetailConstants(NamedTuple):
         bump: of a stored step of a slope, m.
         shade: what a stored step of shades and nails is worth.
         gloss: of squared alphas.
+        bump_share: as `BUMP`.
         most_taps: as `MOST_TAPS`.
         pigment_colour: [3].
         fold_log_albedo: [3].
@@ -512,6 +513,7 @@ class DetailConstants(NamedTuple):
     bump: np.float32
     shade: np.float32
     gloss: np.float32
+    bump_share: np.float32
     most_taps: int
     pigment_colour: np.ndarray
     fold_log_albedo: np.ndarray

@@ -77,7 +77,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
             facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
             gloss = _0
-            if facing_mirror > _0 and x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2] > _0:
+            if facing_mirror > _0:
                 radius_rad, squared = image.lamp_radius_rad[lamp], image.alpha_squared[index]
                 glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, squared, lobes, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
