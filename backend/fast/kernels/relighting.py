@@ -49,6 +49,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         mirroring_normal(normal, surface_normal, view, along, mirroring)
         mirror(sky, mirroring, view, nail, mirrored, even)
+        of_lobes = even[1] + nail * (even[0] - even[1])
+        under = (_1 - of_lobes) / not_mirrored(sky, -_dot(surface_normal, view), nail)
         to_eye = -_dot(mirroring, view)
         above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
         for lobe in range(2):
@@ -57,7 +59,6 @@ def relit_pixels(image, sky, lobes, first, last, out):
             even[lobe] *= leaving
             for c in range(3):
                 mirrored[lobe, c] *= leaving
-        under = not_mirrored(sky, to_eye, nail) / not_mirrored(sky, -_dot(surface_normal, view), nail)
         for c in range(3):
             x, y, z = here[sky_at + c], here[sky_at + 3 + c], here[sky_at + 6 + c]
             sharp = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
