@@ -23,7 +23,7 @@ from .fused_render import FusedRayRenderer
 from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
-from .lighting import light_features, openness
+from .lighting import bounced, light_features, openness
 from .part_edges import blended
 from .ray_hits import ray_hits
 from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
@@ -57,6 +57,7 @@ class NumbaBackend:
     first_hit = staticmethod(first_hit)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
+    bounced = staticmethod(bounced)
     near_light = staticmethod(near_light)
     surface_means = staticmethod(surface_means)
     decoder = staticmethod(decoder)

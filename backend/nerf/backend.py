@@ -19,6 +19,7 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..hand.lbs import SkinMotion
+from .bounce import Probes
 from .conditions import FrameConditions
 from .detail_maps import DetailMaps
 from .field import MlpField, PlaneField
@@ -92,6 +93,16 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def bounced(
+        self,
+        position: Float[Tensor, "R 3"],
+        normal: Float[Tensor, "R 3"],
+        probes: Probes,
+        shed: Float[Tensor, "P 3"],
+    ) -> Float[Tensor, "R 3"]:
+        """As `nerf.bounce.bounced`."""
         ...
 
     def near_light(

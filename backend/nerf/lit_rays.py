@@ -28,8 +28,8 @@ from .surrounding_light import SurroundingLight
 from .surroundings import Patches
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX, PATCH_MAP_PX = 64, 256, 64, 64
-"""Sides of the shadow maps of one direction of the sky and of one sample of a lamp: at rays, at probes, at patches."""
+SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
+"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at probes."""
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
 _STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
@@ -308,15 +308,17 @@ def surrounding_light(
     patches = Patches.around(light, hand.mesh.vertices)
     if len(patches.position) == 0:
         return None
-    occluders, position = occluding_triangles(light, patches.position.device), patches.position
-    bounds = Bounds.around(torch.cat([position, hand.mesh.vertices]))
-    lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / PATCH_MAP_PX, 0.5 * patches.area_m2.sqrt())
-    lifted = position + lift_m[:, None] * patches.normal
-    sky, lamps = (
-        backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, lifted, PATCH_MAP_PX, bounds)
-        for views in (samples.sky.views(), samples.lamps.views(bounds))
-    )
-    return SurroundingLight(patches, *light_at_probes(samples, sky, lamps, patches.probes))
+    points, occluders = patches.points, occluding_triangles(light, patches.position.device)
+    bounds = Bounds.around(torch.cat([points.position, hand.mesh.vertices]))
+
+    def cast(views: LightViews, map_px: int) -> PointShadows:
+        lift_m = torch.minimum(_PATCH_LIFT_PX * 2 * bounds.radius / map_px, 0.5 * points.area_m2.sqrt())
+        lifted = points.position + lift_m[:, None] * points.normal
+        return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, lifted, map_px, bounds)
+
+    sky, lamps = cast(samples.sky.views(), SKY_MAP_PX), cast(samples.lamps.views(bounds), LAMP_MAP_PX)
+    received = light_at_probes(samples, sky, lamps, points.probes)
+    return SurroundingLight(patches, *(patches.mean(values) for values in received))
 
 
 def features_among(
@@ -339,7 +341,8 @@ def features_among(
     """
     if around is None:
         return backend.light_features(light, shadows, points)
-    shed, skin = around.shed(light), shadows.probes
+    skin = shadows.probes
+    shed = around.shed(light, skin, backend.bounced)
     at_points, at_probes = split_points(open_sky, len(points.position))
     on_probes = backend.near_light(around.patches, at_probes, shed, SurfacePoints.of(skin.probes))
     skin = skin._replace(besides=on_probes.diffuse(skin.probes.normal))

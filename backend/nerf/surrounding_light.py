@@ -1,7 +1,8 @@
 """Light that what stands around a hand sheds on it: a sky that is near.
 
-Lamps and sky shine on the patches (`surroundings`), which shed it once on each other and then on the hand. There it
-is treated as the sky's: it arrives from a direction, which the hand may hide, on diffuse, scattering and glossy skin.
+Lamps, sky and the lit hand shine on the patches (`surroundings`), which shed it once on each other and then on the
+hand. There it is treated as the sky's: it arrives from a direction, which the hand may hide, on diffuse, scattering and
+glossy skin.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows
+from .bounce import Bounce, bounced
 from .gloss import glossy
 from .light_samples import LightSamples, SkySamples
-from .lighting import LightFeatures, SurfacePoints, around_surface
+from .lighting import LightFeatures, ProbeLight, SurfacePoints, around_surface
 from .octahedral import from_square, on_square
 from .surroundings import Patches
 
@@ -41,11 +43,19 @@ class SurroundingLight(NamedTuple):
     of_sky: Tensor
     of_lamps: Tensor
 
-    def shed(self, light: LightSamples) -> Float[Tensor, "P 3"]:
-        """Radiance of the patches, after one exchange among them."""
+    def shed(self, light: LightSamples, skin: ProbeLight, bounce: Bounce = bounced) -> Float[Tensor, "P 3"]:
+        """Radiance of the patches, after one exchange among them and with what the hand's skin sheds on them.
+
+        Args:
+            light: sampled.
+            skin: of the hand, in that light.
+            bounce: as `bounced`.
+        """
+        patches = self.patches
         received = self.of_sky.T @ light.sky.flux + self.of_lamps.T @ light.lamps.rgb
-        first = self.patches.albedo * received
-        return first + self.patches.albedo * (self.patches.exchanged() @ first)
+        first = patches.albedo * received
+        of_hand = bounce(patches.position, patches.normal, skin.probes, skin.shed(light))
+        return first + patches.albedo * (patches.exchanged() @ first + of_hand)
 
 
 class NearLight(NamedTuple):

@@ -147,19 +147,20 @@ def test_what_stands_around_lights_skin_that_lights_skin(backend, posed, seen_fr
         alone.reflected, light_features(samples, shadows, points).reflected, rtol=1e-3, atol=1e-6
     )
     at_points, at_probes = split_points(open_sky, len(position))
-    near = backend.near_light(around.patches, at_points, around.shed(samples), points)
+    shed = around.shed(samples, shadows.probes)
+    near = backend.near_light(around.patches, at_points, shed, points)
     torch.testing.assert_close(found.sky_vectors, alone.sky_vectors + near.sky_vectors)
     probes = shadows.probes.probes
-    received = near_on(backend, around, samples, at_probes, probes)
+    received = near_on(backend, around.patches, shed, at_probes, probes)
     more = bounced_on_skin(points.places, position, normal, probes, albedo * received)
     torch.testing.assert_close(found.reflected - alone.reflected, more, rtol=1e-3, atol=1e-5)
     assert more.mean() > 0.01 * near.sky_vectors.abs().mean()
 
 
-def near_on(backend, around, samples, at_probes, probes):
-    """What the probes receive of what stands around."""
+def near_on(backend, patches, shed, at_probes, probes):
+    """What the probes receive of patches."""
     seen = SurfacePoints(probes.position, probes.normal, probes.normal, -probes.normal, no_places(len(probes.chosen)))
-    vectors = backend.near_light(around.patches, at_probes, around.shed(samples), seen).sky_vectors
+    vectors = backend.near_light(patches, at_probes, shed, seen).sky_vectors
     return torch.einsum("pxc,px->pc", vectors, probes.normal).clamp(min=0)
 
 

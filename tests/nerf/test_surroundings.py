@@ -8,12 +8,14 @@ import torch
 from livehand.backend.captures.varied_light import box_triangles
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
-from livehand.backend.nerf.bounce import SkinPlaces
+from livehand.backend.nerf.bounce import Probes, SkinPlaces
 from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
-from livehand.backend.nerf.lighting import SurfacePoints
+from livehand.backend.nerf.lighting import ProbeLight, SurfacePoints
+from livehand.backend.nerf.lit_rays import surrounding_light
+from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.surrounding_light import SurroundingLight, cell_of, sky_cells
-from livehand.backend.nerf.surroundings import MOST_PATCHES, Patches
+from livehand.backend.nerf.surroundings import MOST_PATCHES, Patches, PatchPoints
 from livehand.backend.records.light import Lamp, Light
 from torch.nn.functional import normalize
 
@@ -37,13 +39,26 @@ def around(*boxes):
     return Patches.around(Light(occluders=triangles, occluder_albedo=np.repeat(RED, len(triangles), 0)), ball())
 
 
+def flat_patches(position, normal, area_m2, albedo):
+    """Patches, each its own point."""
+    points = PatchPoints(position, normal, area_m2, torch.arange(len(position)))
+    return Patches(position, normal, area_m2, albedo, points)
+
+
+def dark_skin():
+    """A hand that sheds no light."""
+    one = torch.zeros(1, 3)
+    probes = Probes(one, torch.tensor([[0.0, 0, 1]]), torch.tensor([0]), torch.ones(1))
+    return ProbeLight(probes, torch.zeros(3), torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(1, 1))
+
+
 def test_patches_have_the_area_that_the_hand_sees_and_face_it():
     """Of a wall, its near side alone: 0.8 x 0.8 m, a little before the surface."""
     patches = around(wall(-0.3))
     assert 4 < len(patches.position) <= MOST_PATCHES
     assert float(patches.area_m2.sum()) == pytest.approx(0.64, rel=0.01)
     torch.testing.assert_close(patches.normal, torch.tensor([[0.0, 0, 1]]).expand_as(patches.normal))
-    np.testing.assert_allclose(patches.position[:, 2], -0.3 + 0.005 + 0.001, atol=1e-4)
+    np.testing.assert_allclose(patches.position[:, 2], -0.3 + 0.005 + 0.0015, atol=6e-4)
     np.testing.assert_allclose(patches.albedo, np.repeat(RED, len(patches.albedo), 0), atol=1e-6)
 
 
@@ -96,7 +111,7 @@ def test_patches_shed_what_they_receive_and_exchange():
     """Two that face each other: of the light on one, the other sheds back the share of its form factor."""
     position = torch.tensor([[0.0, 0, 0], [0, 0, 0.2]])
     normal, albedo = torch.tensor([[0.0, 0, 1], [0, 0, -1]]), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]])
-    patches = Patches(position, normal, torch.full((2,), 0.01), albedo)
+    patches = flat_patches(position, normal, torch.full((2,), 0.01), albedo)
     factor = 0.01 / (pi * 0.04 + 0.01)
     torch.testing.assert_close(patches.exchanged(), torch.tensor([[0, factor], [factor, 0]]))
 
@@ -170,7 +185,7 @@ def test_a_patch_is_hidden_little_by_little(backend):
     )
     light = []
     for direction in directions:
-        patch = Patches(direction[None], -direction[None], torch.tensor([1e-4]), torch.ones(1, 3))
+        patch = flat_patches(direction[None], -direction[None], torch.tensor([1e-4]), torch.ones(1, 3))
         near = backend.near_light(patch, PointShadows(lit, 0 * lit), torch.full((1, 3), 1e4 * pi), point)
         light.append(float(near.sky_vectors[0, :, 0].norm()))
     assert light[0] < 0.2
@@ -181,11 +196,11 @@ def test_a_patch_is_hidden_little_by_little(backend):
 def test_patches_shed_light_a_second_time():
     """One in a lamp's light; of what it sheds, the other sheds its albedo's share of its form factor's."""
     position, normal = torch.tensor([[0.0, 0, 0], [0, 0, 0.2]]), torch.tensor([[0.0, 0, 1], [0, 0, -1]])
-    patches = Patches(position, normal, torch.full((2,), 0.01), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]]))
+    patches = flat_patches(position, normal, torch.full((2,), 0.01), torch.tensor([[0.5, 0.5, 0.5], [0.4, 0.2, 0.1]]))
     lamp = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), Bounds(torch.zeros(3), torch.tensor(0.1)))
     of_sky = torch.zeros(SKY_DIRECTIONS, 2)
     shed = SurroundingLight(patches, of_sky, torch.tensor([[1.0, 0]]).expand(len(lamp.rgb), 2)).shed(
-        LightSamples(SkySamples.of(None, "cpu"), lamp)
+        LightSamples(SkySamples.of(None, "cpu"), lamp), dark_skin()
     )
     direct = 0.5 * lamp.rgb.sum(0)
     torch.testing.assert_close(shed[0], direct)
@@ -201,7 +216,59 @@ def test_light_on_patches_adds_up_in_lamps_and_sky():
     light = SurroundingLight(patches, torch.rand(SKY_DIRECTIONS, count), torch.rand(1, count))
     dark = sky._replace(flux=0 * sky.flux)
     both, one, other = (
-        light.shed(LightSamples(s, lamp))
+        light.shed(LightSamples(s, lamp), dark_skin())
         for s, lamp in ((sky, lamps), (sky, lamps._replace(rgb=0 * lamps.rgb)), (dark, lamps))
     )
     torch.testing.assert_close(both, one + other)
+
+
+def test_a_wall_that_the_hand_reaches_through_is_seen_from_both_sides():
+    """Wholly, though the nearest of the hand lies behind much of it."""
+    patches = around(wall(0.02))
+    for side in (1, -1):
+        of_side = (patches.normal[:, 2] * side > 0.99) & ((patches.position[:, 2] - 0.02) * side > 0.005)
+        assert float(patches.area_m2[of_side].sum()) == pytest.approx(0.64, rel=0.05)
+
+
+def test_points_lie_on_their_patches_and_have_their_area():
+    patches = around(wall(-0.3), wall(0.02))
+    points, count = patches.points, len(patches.position)
+    assert len(points.position) > 2 * count
+    area = torch.zeros(count).index_add(0, points.patch, points.area_m2)
+    torch.testing.assert_close(area, patches.area_m2, rtol=1e-3, atol=1e-9)
+    middle = patches.mean(points.position.T).T
+    across = middle - patches.position - ((middle - patches.position) * patches.normal).sum(-1, True) * patches.normal
+    assert across.norm(dim=-1).max() < 1e-5
+    torch.testing.assert_close(patches.mean(torch.ones(2, len(points.patch))), torch.ones(2, count))
+
+
+@pytest.mark.parametrize("edge_m", [-0.11, 0.0, 0.07])
+def test_a_shadow_ends_within_a_patch(backend, spheres, seen_from, edge_m):
+    """Half a wall of 0.8 m in a sun that shines straight on it, but for what stands before the sun."""
+    mesh, topology = spheres(((0, 0, 0.3), 0.02))
+    hand = HandInView(mesh, topology, seen_from(mesh, (0.2, -1, 0.3)))
+    board = np.array([[[edge_m, -9, 1.0], [edge_m, 9, 1.0], [-9, 0, 1.0]]])
+    triangles = np.concatenate([wall(-0.1), board])
+    sun = Lamp("sun", np.full(3, pi), rotation=np.eye(3))
+    light = Light((sun,), None, triangles, np.repeat([[0.5, 0.5, 0.5], [0, 0, 0]], [12, 1], 0))
+    shed = surrounding_light(backend, hand, LightSamples.of(light, Bounds.of(mesh)), light)
+    assert shed is not None
+    of_sun = shed.of_lamps.sum(0) / shed.of_lamps.sum(0).max()
+    lit = (of_sun * shed.patches.area_m2)[shed.patches.normal[:, 2] > 0.99].sum()
+    assert float(lit) == pytest.approx(0.8 * (0.4 - edge_m), rel=0.04)
+
+
+def test_the_hand_lights_what_stands_around(backend):
+    """A disc of skin before a patch: its radiance by its form factor, and the patch's albedo of that."""
+    patches = flat_patches(
+        *torch.tensor([[[0.0, 0, 0]], [[0.0, 0, 1]]]), torch.tensor([0.01]), torch.tensor(RED).float()
+    )
+    disc = Probes(torch.tensor([[0.0, 0, 0.3]]), torch.tensor([[0.0, 0, -1]]), torch.tensor([0]), torch.tensor([0.02]))
+    lamp = LampSamples.of((Lamp("sun", np.array([1.0, 2, 3])),), Bounds(torch.zeros(3), torch.tensor(0.1)))
+    light = LightSamples(SkySamples.of(None, "cpu"), lamp)
+    skin = ProbeLight(disc, torch.tensor([0.7, 0.5, 0.4]), torch.zeros(SKY_DIRECTIONS, 1), torch.ones(len(lamp.rgb), 1))
+    around_it = SurroundingLight(patches, torch.zeros(SKY_DIRECTIONS, 1), torch.zeros(len(lamp.rgb), 1))
+    expected = (
+        0.02 / (pi * 0.09 + 0.02) * torch.tensor(RED[0]).float() * torch.tensor([0.7, 0.5, 0.4]) * lamp.rgb.sum(0)
+    )
+    torch.testing.assert_close(around_it.shed(light, skin, backend.bounced)[0], expected)
