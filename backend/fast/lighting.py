@@ -10,7 +10,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
 from ..nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ..nerf.light_samples import SKY_DIRECTIONS, LightSamples, SkySamples
+from ..nerf.light_samples import LightSamples, SkySamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
@@ -21,7 +21,6 @@ from ..nerf.lighting import (
     LightShadows,
     Openness,
     SurfacePoints,
-    sky_seen_from_side,
 )
 from .arrays import as_arrays, whole_rows
 from .kernels.bounce import bounce
@@ -35,12 +34,12 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     """The features of points."""
     sky, lamps = light
     count = len(points.position)
-    vectors, of_sky, seen, arriving, scattered = (
-        torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2,), (), (2, 3))
+    vectors, of_sky, seen, scattered = (
+        torch.zeros(count, *shape) for shape in ((len(lamps.rgb), 3), (3, 3), (2,), (2, 3))
     )
-    out = FeatureArrays(*as_arrays(vectors, of_sky, seen, arriving, scattered))
+    out = FeatureArrays(*as_arrays(vectors, of_sky, seen, scattered))
     arrays = PointArrays(*as_arrays(*points[:-1]))
-    of_sky_cells = as_arrays(sky.towards, sky.flux, sky.brightness, SKY_DIRECTIONS * sky.share)
+    of_sky_cells = as_arrays(sky.towards, sky.flux, sky.brightness, sky.share)
     sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
     in_parallel(
@@ -55,7 +54,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=of_sky,
-        sky_seen=sky_seen_from_side(seen, arriving, sky, points),
+        sky_seen=seen,
         mirrored=sky.mirrored,
         near_gloss=torch.zeros(count, 2, 3),
         scattered=scattered,

@@ -11,6 +11,7 @@ from ..nerf.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
 from ..nerf.mirrored_sky import SIDE
 from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
+from ..nerf.round_lobes import LEAST_ROUGHNESS
 from .arrays import as_arrays, row_of
 from .kernels.compiled import in_parallel
 from .kernels.enlarging import enlarge_rows
@@ -89,7 +90,7 @@ def relit(
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
     record, flat = RelitImage._make((*as_arrays(*large, maps), width, *as_arrays(*light))), out.numpy()
-    sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE))
+    sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE, np.float32(LEAST_ROUGHNESS)))
     in_parallel(
         lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat),
         len(image.pixel),

@@ -18,8 +18,8 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
 from .bump import bump_shadowing, leaving_share, mirroring_normal
-from .gloss import alphas, glossy
-from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
+from .gloss import alphas, glossy, squared_alphas
+from .light_samples import LampSamples, LightSamples, SkySamples
 from .mirrored_sky import MirroredSky
 
 SCATTER_M = (0.004, 0.0012)
@@ -35,10 +35,6 @@ BELOW_HORIZON = -0.25
 SKY_CELL_RAD = 0.6
 """Half the angle over which each of the sky's directions is spread where its share in a lobe is weighed: beyond its
 cell, so that all are even."""
-FROM_SIDE, ALONG_SKIN = 0.5, 0.2
-"""Cosines of the view between which the sky's gloss passes from the mirrored view to what arrives at the ray."""
-MOST_FROM_SIDE = 4.0
-"""Times the sky's gloss in the mirrored view: where it is next to nothing, the quotient tells nothing."""
 # Of the mean light, and how much brighter than ours measured light may be before it counts as another.
 _NEXT_TO_NOTHING, _MOST_ARRIVING = 0.02, 1.1
 _TINY = 1e-8
@@ -132,9 +128,9 @@ class LightFeatures(NamedTuple):
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L] half the angle of each lamp.
         sky_vectors: [R, 3, 3] the same of the sky, for each colour.
-        sky_seen: [R, 2] how much of the sky's gloss arrives in each lobe: what the hand and its surroundings do not
-            hide; from the side more or less than all of it (`sky_seen_from_side`).
-        mirrored: the whole sky in these lobes.
+        sky_seen: [R, 2] the share of the sky's gloss that arrives in each lobe: what the hand and its surroundings do
+            not hide.
+        mirrored: the whole sky.
         near_gloss: [R, 2, 3] what stands around, in these lobes.
         scattered: [R, 2, 3] light that arrives inside the skin, at the two depths of `SCATTER_M`.
         arriving: [R, 3] factor of all of the above, where light was measured; else 1.
@@ -185,7 +181,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
         lamp_rgb=lamps.rgb,
         lamp_radius_rad=lamps.radius_rad,
         sky_vectors=torch.einsum("kr,kx,kc->rxc", facing, sky.towards, sky.flux),
-        sky_seen=sky_seen_from_side(*_sky_seen(sky, shadows.sky.lit, points), sky, points),
+        sky_seen=_sky_seen(sky, shadows.sky.lit, points),
         mirrored=sky.mirrored,
         near_gloss=points.position.new_zeros(len(points.position), 2, 3),
         scattered=torch.einsum("lrs,lc->rsc", summed[1], lamps.rgb) + torch.einsum("krs,kc->rsc", of_sky, sky.flux),
@@ -230,43 +226,12 @@ def around_surface(cosine: Float[Tensor, "*n"]) -> Float[Tensor, "*n 2"]:
     return torch.stack([scale * (cosine + wrap).clamp(min=0) for wrap, scale in scales], -1)
 
 
-def _sky_seen(
-    sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints
-) -> tuple[Float[Tensor, "R 2"], Float[Tensor, " R"]]:
-    """The share of the sky in each lobe that nothing hides, and the brightness that arrives in the broad one."""
+def _sky_seen(sky: SkySamples, lit: Float[Tensor, "K R"], points: SurfacePoints) -> Float[Tensor, "R 2"]:
+    """The share of the sky in each lobe that nothing hides."""
     towards = sky.towards[:, None].expand(-1, len(points.view), -1)
     lobes = glossy(points.relief_normal, towards, points.view, sky.flux.new_full((), SKY_CELL_RAD))
     bright = lobes * sky.brightness[:, None, None]
-    seen = (bright * lit[..., None]).sum(0)
-    even = lobes[..., 1] * (SKY_DIRECTIONS * sky.share)[:, None]
-    return seen / bright.sum(0).clamp(min=_TINY), seen[:, 1] / even.sum(0).clamp(min=_TINY)
-
-
-def sky_seen_from_side(
-    seen: Float[Tensor, "R 2"], arriving: Float[Tensor, " R"], sky: SkySamples, points: SurfacePoints
-) -> Float[Tensor, "R 2"]:
-    """The shares of the sky, but the broad lobe's by what arrives in it where one looks along the skin.
-
-    There Fresnel's law weighs light from straight ahead ten times as much as the light around the mirrored view, which
-    is all that `MirroredSky` knows: a window behind a hand shines on its whole flank.
-
-    Args:
-        seen: the share of the sky in each lobe that nothing hides.
-        arriving: mean brightness (`SkySamples.brightness`) of what arrives in the broad lobe.
-        sky: sampled.
-        points: of the rays.
-    """
-    brightest = sky.brightest
-    to_eye = -(points.relief_normal * points.view).sum(-1)
-    along = ((FROM_SIDE - to_eye) / (FROM_SIDE - ALONG_SKIN)).clamp(0, 1)
-    at = (along > 0).nonzero()[:, 0]
-    if brightest <= 0 or len(at) == 0:
-        return seen
-    mirrored = sky.mirrored.gloss(points.relief_normal[at], points.view[at])[:, 1].mean(-1) / brightest
-    found = arriving[at] * sky.mirrored.reflected(to_eye[at])[:, 1]
-    share = (found / mirrored.clamp(min=_TINY)).clamp(max=MOST_FROM_SIDE)
-    broad = torch.lerp(seen[at, 1], share, along[at])
-    return torch.stack([seen[:, 0], seen[:, 1].index_put((at,), broad)], 1)
+    return (bright * lit[..., None]).sum(0) / bright.sum(0).clamp(min=_TINY)
 
 
 UNUSED, SCATTERED, DIFFUSE, GLOSS = slice(0, 3), slice(3, 9), slice(9, 12), slice(12, 14)
@@ -301,6 +266,12 @@ class BumpedSkin(NamedTuple):
         count = len(normal)
         squared = normal.new_full((count,), alphas(None)[1] ** 2)
         return cls(normal, normal, normal.new_ones(3), squared, normal.new_zeros(count))
+
+    @property
+    def alphas_squared(self) -> Float[Tensor, "P 2"]:
+        """Of both lobes."""
+        tight, broad = squared_alphas(self.nail, self.alpha_squared)
+        return torch.stack([torch.as_tensor(tight), torch.as_tensor(broad)], 1)
 
 
 def lit_colour(
@@ -337,14 +308,15 @@ def _colour_of_skin(
         mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
     )
     of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
-    leaving = leaving_share(mirroring, surface, view, _sky_alphas(nail))
-    of_sky = features.mirrored.gloss(mirroring, view, nail) * (leaving * features.sky_seen)[..., None]
+    squared = skin.alphas_squared
+    leaving = leaving_share(mirroring, surface, view, squared)
+    of_sky = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.sky_seen)[..., None]
     gloss = of_lamps + of_sky + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
     inside = coefficients[:, DIFFUSE] * _diffuse_light_of(skin, normal, towards, features)
     inside = inside + (scattering * features.scattered).sum(1)
-    even = features.mirrored.of_even_light(mirroring, view, nail)
-    under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(features.mirrored.of_even_light(surface, view, nail), nail))
+    even, of_surface = (features.mirrored.of_even_light(bent, view, squared) for bent in (mirroring, surface))
+    under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(of_surface, nail))
     direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * gloss).sum(1)
     # Gloss mirrors skin as well, which sheds about as much around the mirrored view as from everywhere.
     of_skin = (coefficients[:, GLOSS] * even * leaving).sum(1, keepdim=True)
@@ -364,12 +336,6 @@ def _diffuse_light_of(
 def _of_lobes(values: Float[Tensor, "P 2"], nail: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
     """Of the first lobe on nails, of the second on skin: what gloss reflects does not enter (as in Cycles)."""
     return torch.lerp(values[:, 1], values[:, 0], nail)
-
-
-def _sky_alphas(nail: Float[Tensor, " P"]) -> Float[Tensor, "P 2"]:
-    """Squared, of the lobes in which the sky is mirrored."""
-    tight, broad = alphas(nail)
-    return torch.stack([torch.as_tensor(tight).expand_as(nail), torch.full_like(nail, broad)], 1) ** 2
 
 
 def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:

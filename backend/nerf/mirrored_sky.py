@@ -1,14 +1,13 @@
 """The sky as glossy skin mirrors it: bright where the mirrored view meets it, brighter the flatter one looks.
 
-A pixel's gloss is the mean radiance of the sky around the mirrored view, times what a lobe reflects of even light at
-the cosine of the view (the split sum of Karis 2013, with the exact integral), times the share of that light which the
-hand lets through to the ray (`LightFeatures.sky_seen`).
+Each lobe of a pixel's gloss is a pair of round ones (`round_lobes`): the mean radiance of the sky around their
+directions, times what they reflect of even light, times the share of that light which the hand lets through to the ray
+(`LightFeatures.sky_seen`).
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -17,82 +16,81 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..records.light import Sky, sky_directions
-from .gloss import LEAST_TO_EYE, alphas, glossy
 from .octahedral import from_square, on_square
+from .round_lobes import AHEAD, SHARE, UP, WIDTH, WIDTHS, lobes_at, round_lobes, round_weight
 
 SIDE = 32
 """Texels along the square of directions; with a border of one they are `SIDE` + 2."""
-COSINES = 65
-"""Of the view, from 0 to 1, whose reflectance is tabulated."""
 _MOST_ROWS, _MOST_COLUMNS = 32, 64  # of the sky, whose finer texels are averaged
-_HALF_VECTORS = 64  # along each of their two coordinates
-_LEAST_COSINE = 1e-3  # so that a sky of few texels has some around every direction
 
 
 class MirroredSky(NamedTuple):
     """Gloss of a sky that nothing hides.
 
     Attributes:
-        radiance: [(SIDE + 2)^2, 3, 3] mean radiance around each direction of the octahedral map: in the tight, the
-            broad and the nails' lobe; RGB.
-        reflectance: [COSINES, 3] of these lobes, at cosines of the view from 0 to 1.
+        radiance: [(SIDE + 2)^2, W, 3] mean radiance around each direction of the octahedral map, in round lobes of
+            each of the W `WIDTHS`; RGB.
+        lobes: [A, C, 2, 4] `round_lobes`.
     """
 
     radiance: Tensor
-    reflectance: Tensor
+    lobes: Tensor
 
     @classmethod
     def of(cls, sky: Sky | None, device: torch.device | str) -> MirroredSky:
         """Of a sky; None is black."""
-        reflectance = torch.as_tensor(_reflectance(), device=device)
+        lobes = torch.as_tensor(round_lobes(), device=device)
         if sky is None:
-            return cls(torch.zeros((SIDE + 2) ** 2, 3, 3, device=device), reflectance)
+            return cls(torch.zeros((SIDE + 2) ** 2, len(WIDTHS), 3, device=device), lobes)
         coarse = _coarse(sky)
         radiance = _around_directions(coarse.tobytes(), coarse.shape[:2])
-        return cls(torch.as_tensor(radiance, device=device), reflectance)
+        return cls(torch.as_tensor(radiance, device=device), lobes)
 
     def gloss(
-        self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], nail: Float[Tensor, " P"] | None = None
-    ) -> Float[Tensor, "P 2 3"]:
-        """Light in both lobes; without gradients.
+        self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
+    ) -> Float[Tensor, "P G 3"]:
+        """Light in G lobes; without gradients.
 
         Args:
             normal: unit.
             view: unit, from the camera.
-            nail: 1 on nails, 0 on skin, which stands for None.
+            alpha_squared: of the lobes.
         """
         normal, view = normal.detach(), view.detach()
         along = (normal * view).sum(-1, keepdim=True)
-        around = self._around(view - 2 * along * normal)
-        lobes = around * self.reflected(-along[:, 0])[..., None]
-        share = normal.new_zeros(len(normal)) if nail is None else nail
-        tight = torch.lerp(lobes[:, 0], lobes[:, 2], share[:, None])
-        return torch.stack([tight, lobes[:, 1]], 1)
+        ahead = torch.nn.functional.normalize(view - along * normal, dim=-1)
+        gloss = []
+        for squared in alpha_squared.detach().unbind(1):
+            pair = lobes_at(-along[:, 0], squared, self.lobes)
+            towards = pair[..., AHEAD, None] * ahead[:, None] + pair[..., UP, None] * normal[:, None]
+            around = self._around(towards.flatten(0, 1), pair[..., WIDTH].flatten()).unflatten(0, (-1, 2))
+            gloss.append((pair[..., SHARE, None] * around).sum(1))
+        return torch.stack(gloss, 1)
 
     def of_even_light(
-        self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], nail: Float[Tensor, " P"] | None = None
-    ) -> Float[Tensor, "P 2"]:
-        """What both lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
-        lobes = self.reflected(-(normal.detach() * view.detach()).sum(-1))
-        share = normal.new_zeros(len(normal)) if nail is None else nail
-        return torch.stack([torch.lerp(lobes[:, 0], lobes[:, 2], share), lobes[:, 1]], 1)
+        self, normal: Float[Tensor, "P 3"], view: Float[Tensor, "P 3"], alpha_squared: Float[Tensor, "P G"]
+    ) -> Float[Tensor, "P G"]:
+        """What the lobes would reflect of light of radiance 1 from everywhere; arguments as in `gloss`."""
+        to_eye = -(normal.detach() * view.detach()).sum(-1)
+        pairs = (lobes_at(to_eye, squared, self.lobes) for squared in alpha_squared.detach().unbind(1))
+        return torch.stack([pair[..., SHARE].sum(1) for pair in pairs], 1)
 
-    def _around(self, towards: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3 3"]:
-        """The means around directions, bilinear in the map."""
+    def _around(self, towards: Float[Tensor, "P 3"], width: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+        """The means around directions in lobes of a width, bilinear in the map."""
         column, row = ((value + 1) * (SIDE / 2) + 0.5 for value in on_square(towards))
-        left, top = (value.floor().clamp(0, SIDE) for value in (column, row))
-        right, below = ((value - start)[:, None, None] for value, start in ((column, left), (row, top)))
-        at = (top * (SIDE + 2) + left).long()
-        upper = torch.lerp(self.radiance[at], self.radiance[at + 1], right)
-        lower = torch.lerp(self.radiance[at + SIDE + 2], self.radiance[at + SIDE + 3], right)
-        return torch.lerp(upper, lower, below)
+        left, top, narrow = (value.floor() for value in (column, row, width))
+        left, top, narrow = left.clamp(0, SIDE), top.clamp(0, SIDE), narrow.clamp(0, len(WIDTHS) - 2)
+        right, below, wide = (
+            (value - start)[:, None] for value, start in ((column, left), (row, top), (width, narrow))
+        )
+        at, level = (top * (SIDE + 2) + left).long(), narrow.long()
 
-    def reflected(self, to_eye: Float[Tensor, " P"]) -> Float[Tensor, "P 3"]:
-        """What the lobes reflect of even light, by the cosine of the view."""
-        place = to_eye.clamp(0, 1) * (COSINES - 1)
-        lower = place.floor().clamp(max=COSINES - 2)
-        at = lower.long()
-        return torch.lerp(self.reflectance[at], self.reflectance[at + 1], (place - lower)[:, None])
+        def texels(at: Tensor) -> Tensor:
+            return torch.lerp(self.radiance[at, level], self.radiance[at, level + 1], wide)
+
+        upper = torch.lerp(texels(at), texels(at + 1), right)
+        lower = torch.lerp(texels(at + SIDE + 2), texels(at + SIDE + 3), right)
+        return torch.lerp(upper, lower, below)
 
 
 def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
@@ -110,19 +108,15 @@ def _coarse(sky: Sky) -> Float[np.ndarray, "h w 3"]:
 
 
 @lru_cache(maxsize=8)
-def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarray, "N 3 3"]:
+def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarray, "N W 3"]:
     """`MirroredSky.radiance` of a sky [h, w, 3] fp32: the same for all frames of most animations."""
     sky = Sky(np.frombuffer(radiance, np.float32).reshape(*size, 3))
     texels = torch.as_tensor(sky_directions(*size).reshape(-1, 3), dtype=torch.float32)
     energy = torch.as_tensor((sky.radiance * sky.solid_angles[..., None]).reshape(-1, 3), dtype=torch.float32)
     angle = torch.as_tensor(sky.solid_angles.reshape(-1), dtype=torch.float32)
     cosine = _map_directions() @ texels.T
-    falloff, to_half = cosine.clamp(min=_LEAST_COSINE), (1 + cosine) / 2
-    means = []
-    for alpha in _lobes():
-        weight = falloff / (1 + to_half * (alpha**2 - 1)) ** 2
-        means.append((weight @ energy) / (weight @ angle)[:, None])
-    return torch.stack(means, 1).numpy()
+    weights = (round_weight(cosine, alpha) for alpha in WIDTHS)
+    return torch.stack([(weight @ energy) / (weight @ angle)[:, None] for weight in weights], 1).numpy()
 
 
 def _map_directions() -> Float[Tensor, "N 3"]:
@@ -130,30 +124,3 @@ def _map_directions() -> Float[Tensor, "N 3"]:
     middle = (torch.arange(-1, SIDE + 1) + 0.5) * (2 / SIDE) - 1
     v, u = torch.meshgrid(middle, middle, indexing="ij")
     return from_square(u, v).reshape(-1, 3)
-
-
-@lru_cache(maxsize=1)
-def _reflectance() -> Float[np.ndarray, "C 3"]:
-    """What each lobe reflects of even light: the mean over half vectors drawn after its distribution."""
-    to_eye = torch.linspace(0, 1, COSINES).clamp(min=LEAST_TO_EYE)
-    view = -torch.stack([(1 - to_eye**2).sqrt(), torch.zeros(COSINES), to_eye], -1)[:, None]
-    drawn, turn = torch.meshgrid(*[(torch.arange(_HALF_VECTORS) + 0.5) / _HALF_VECTORS] * 2, indexing="ij")
-    up, columns = torch.tensor([0.0, 0, 1]), []
-    for lobe, alpha in enumerate(_lobes()):
-        to_half = ((1 - drawn) / (1 + (alpha**2 - 1) * drawn)).sqrt().flatten()
-        across, angle = (1 - to_half**2).clamp(min=0).sqrt(), 2 * pi * turn.flatten()
-        half = torch.stack([across * angle.cos(), across * angle.sin(), to_half], -1)
-        along = (half * view).sum(-1, keepdim=True)
-        towards = view - 2 * along * half
-        lobes = glossy(up, towards, view, torch.zeros(()), torch.tensor(float(lobe == 2)))[..., lobe % 2]
-        # pi times the density of half vectors, and what is lost of it at the turn to directions of light.
-        density = alpha**2 * to_half / (1 + to_half**2 * (alpha**2 - 1)) ** 2
-        found = lobes * 4 * along[..., 0].abs() / density * (along[..., 0] < 0)
-        columns.append(found.mean(1))
-    return torch.stack(columns, 1).numpy()
-
-
-def _lobes() -> tuple[float, float, float]:
-    """Alpha of the tight, the broad and the nails' lobe."""
-    (tight, broad), (on_nails, _) = alphas(None), alphas(torch.tensor(1.0))
-    return float(tight), float(broad), float(on_nails)

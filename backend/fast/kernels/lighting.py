@@ -19,7 +19,7 @@ BLOCK = 128
 # Rows of a block, and of its sums.
 _NORMAL, _RELIEF, _VIEW, _TO_EYE, _EYE_TERM, _FACING, _ARRIVING, _VALUE = 0, 3, 6, 9, 10, 12, 13, 14
 _POSITION, _TOWARDS, _ROWS = 15, 18, 21
-_SCATTERED, _VECTORS, _SEEN, _WHOLE, _EVEN, _SUMS = 0, 6, 15, 17, 19, 20
+_SCATTERED, _VECTORS, _SEEN, _WHOLE, _SUMS = 0, 6, 15, 17, 19
 
 
 @compiled
@@ -33,7 +33,7 @@ def light_features(points, sky, lamps, lobes, first, last, out):
         _load(points, lobes, start, count, work)
         sums[:], vectors[:] = _0, _0
         for k in range(len(sky.towards)):
-            if sky.size[k] > _0:
+            if sky.share[k] > _0:
                 _add_direction(sky, lobes, k, shines, start, count, work, sums)
         for k in range(len(lamps.lamp)):
             _add_lamp(lamps, lobes, k, start, count, work, sums, vectors)
@@ -100,7 +100,6 @@ def _add_direction(sky, lobes, k, shines, start, count, work, sums):
         _lobe_row(sky.towards[k], lobes.squared_index, squared, count, work[_EYE_TERM + lobe], work, work[_VALUE])
         _add_row(sums[_WHOLE + lobe], work[_VALUE], sky.brightness[k], count)
         _add_lit_row(sums[_SEEN + lobe], work[_VALUE], lit, sky.brightness[k])
-    _add_row(sums[_EVEN], work[_VALUE], sky.size[k], count)  # of the second, broad lobe
 
 
 @part
@@ -178,7 +177,6 @@ def _store(start, count, sums, vectors, out):
                 out.lamp_vectors[start + index, lamp, c] = vectors[3 * lamp + c, index]
         for lobe in range(2):
             out.sky_seen[start + index, lobe] = sums[_SEEN + lobe, index] / max(sums[_WHOLE + lobe, index], TINY)
-        out.sky_arriving[start + index] = sums[_SEEN + 1, index] / max(sums[_EVEN, index], TINY)
 
 
 @part

@@ -7,49 +7,78 @@ import numpy as np
 from .compiled import compiled_part_loosely as part
 from .octahedral import on_square
 
-_0, _HALF, _1, _2 = (np.float32(value) for value in (0, 0.5, 1, 2))
+_0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
+SHARE, AHEAD, UP, WIDTH = range(4)
+"""As in `nerf.round_lobes`."""
 
 
 @part
-def not_mirrored(sky, to_eye, nail):
-    """What is left of even light below the gloss: the first lobe on nails, the second on skin."""
-    last = len(sky.reflectance) - 1
-    place = min(max(to_eye, _0), _1) * np.float32(last)
-    step = np.uintp(min(np.int64(place), last - 1))
-    over = place - np.float32(step)
-    below, above = sky.reflectance[step], sky.reflectance[step + 1]
-    tight, broad = below[0] + over * (above[0] - below[0]), below[1] + over * (above[1] - below[1])
-    tight += nail * (below[2] + over * (above[2] - below[2]) - tight)
-    return _1 - broad - nail * (tight - broad)
+def of_even_light(sky, to_eye, alpha_squared):
+    """What a lobe reflects of light of 1 from everywhere."""
+    row, below = _row(sky, alpha_squared)
+    at, over = _column(sky, to_eye)
+    return _mixed(sky.lobes, row, below, at, over, 0, SHARE) + _mixed(sky.lobes, row, below, at, over, 1, SHARE)
 
 
 @part
-def mirror(sky, normal, view, nail, gloss, even):
+def mirror(sky, normal, view, tight_squared, broad_squared, gloss, even):
     """Fill gloss [2, 3] with the light of a whole sky (`MirrorArrays`) in both lobes, and even [2] with that of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
-    twice = _2 * along
-    x, y, z = view[0] - twice * normal[0], view[1] - twice * normal[1], view[2] - twice * normal[2]
+    inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
+    x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
+    at, over = _column(sky, -along)
+    for lobe in range(2):
+        row, below = _row(sky, tight_squared if lobe == 0 else broad_squared)
+        even[lobe], gloss[lobe, 0], gloss[lobe, 1], gloss[lobe, 2] = _0, _0, _0, _0
+        for half in range(2):
+            share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
+            ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse
+            up = _mixed(sky.lobes, row, below, at, over, half, UP)
+            width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
+            even[lobe] += share
+            dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
+            _add_around(sky, dx, dy, dz, width, share, gloss[lobe])
+
+
+@part
+def _row(sky, alpha_squared):
+    """Of the table, for a lobe, and how far below it lies."""
+    last = len(sky.lobes) - 1
+    rough = (np.sqrt(np.sqrt(alpha_squared)) - sky.least_roughness) / (_1 - sky.least_roughness)
+    place = min(max(rough, _0), _1) * np.float32(last)
+    row = min(np.int64(place), last - 1)
+    return np.uintp(row), place - np.float32(row)
+
+
+@part
+def _column(sky, to_eye):
+    last = sky.lobes.shape[1] - 1
+    place = np.sqrt(_1 - min(max(to_eye, _0), _1)) * np.float32(last)
+    at = min(np.int64(place), last - 1)
+    return np.uintp(at), place - np.float32(at)
+
+
+@part
+def _mixed(lobes, row, below, at, over, half, value):
+    """A value of a round lobe, bilinear in the table."""
+    upper = (_1 - over) * lobes[row, at, half, value] + over * lobes[row, at + 1, half, value]
+    lower = (_1 - over) * lobes[row + 1, at, half, value] + over * lobes[row + 1, at + 1, half, value]
+    return (_1 - below) * upper + below * lower
+
+
+@part
+def _add_around(sky, x, y, z, width, share, light):
+    """Add to light [3] a share of the mean around a direction."""
     u, v = on_square(x, y, z)
-    half = np.float32(sky.side // 2)
+    half, wide = np.float32(sky.side // 2), np.uintp(sky.side + 2)
     column, row = (u + _1) * half + _HALF, (v + _1) * half + _HALF
     left, top = min(max(np.int64(column), 0), sky.side), min(max(np.int64(row), 0), sky.side)
     right, below = column - np.float32(left), row - np.float32(top)
-    at, wide = np.uintp(top * (sky.side + 2) + left), np.uintp(sky.side + 2)
-    last = len(sky.reflectance) - 1
-    place = min(max(-along, _0), _1) * np.float32(last)
-    step = np.uintp(min(np.int64(place), last - 1))
-    over = place - np.float32(step)
-    for lobe in range(3 if nail > _0 else 2):
-        reflected = (_1 - over) * sky.reflectance[step, lobe] + over * sky.reflectance[step + 1, lobe]
-        if lobe == 2:
-            even[0] += nail * (reflected - even[0])
-        else:
-            even[lobe] = reflected
+    place = min(np.int64(width), sky.radiance.shape[1] - 2)
+    level, wider = np.uintp(place), width - np.float32(place)
+    at = np.uintp(top) * wide + np.uintp(left)
+    for level_share, k in ((share * (_1 - wider), level), (share * wider, level + np.uintp(1))):
         for c in range(3):
-            upper = (_1 - right) * sky.radiance[at, lobe, c] + right * sky.radiance[at + 1, lobe, c]
-            lower = (_1 - right) * sky.radiance[at + wide, lobe, c] + right * sky.radiance[at + wide + 1, lobe, c]
-            light = reflected * ((_1 - below) * upper + below * lower)
-            if lobe == 2:
-                gloss[0, c] += nail * (light - gloss[0, c])
-            else:
-                gloss[lobe, c] = light
+            upper = (_1 - right) * sky.radiance[at, k, c] + right * sky.radiance[at + 1, k, c]
+            lower = (_1 - right) * sky.radiance[at + wide, k, c] + right * sky.radiance[at + wide + 1, k, c]
+            light[c] += level_share * ((_1 - below) * upper + below * lower)

@@ -219,12 +219,12 @@ class PointArrays(NamedTuple):
 
 
 class SkyArrays(NamedTuple):
-    """K directions of the sky: unit [K, 3], flux [K, 3], brightness [K], size [K] in cells; shadows [K, R]."""
+    """K directions of the sky: unit [K, 3], flux [K, 3], brightness [K], share [K] of the sphere; shadows [K, R]."""
 
     towards: np.ndarray
     flux: np.ndarray
     brightness: np.ndarray
-    size: np.ndarray
+    share: np.ndarray
     lit: np.ndarray
     depth_in_m: np.ndarray
 
@@ -249,12 +249,11 @@ class LampArrays(NamedTuple):
 
 
 class FeatureArrays(NamedTuple):
-    """As `nerf.lighting.LightFeatures` at R points, and `arriving` of `sky_seen_from_side` [R]; zero at the start."""
+    """As `nerf.lighting.LightFeatures` at R points; zero at the start."""
 
     lamp_vectors: np.ndarray
     sky_vectors: np.ndarray
     sky_seen: np.ndarray
-    sky_arriving: np.ndarray
     scattered: np.ndarray
 
 
@@ -317,11 +316,12 @@ class Lobes(NamedTuple):
 
 
 class MirrorArrays(NamedTuple):
-    """As `nerf.mirrored_sky.MirroredSky`, and the map's `SIDE`."""
+    """As `nerf.mirrored_sky.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `nerf.round_lobes`."""
 
     radiance: np.ndarray
-    reflectance: np.ndarray
+    lobes: np.ndarray
     side: int
+    least_roughness: np.float32
 
 
 class RelitImage(NamedTuple):

@@ -8,7 +8,7 @@ from .bump import bump_shadowing, leaving_share, mirroring_normal
 from .compiled import compiled_loosely as compiled
 from .compiled import compiled_part_loosely as part
 from .gloss import TINY, glossy, on_nail
-from .mirrored_sky import mirror, not_mirrored
+from .mirrored_sky import mirror, of_even_light
 
 _0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
 LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
@@ -48,14 +48,19 @@ def relit_pixels(image, sky, lobes, first, last, out):
         surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         mirroring_normal(normal, surface_normal, view, along, mirroring)
-        mirror(sky, mirroring, view, nail, mirrored, even)
+        tight_squared, broad_squared = on_nail(nail, lobes), image.alpha_squared[index]
+        mirror(sky, mirroring, view, tight_squared, broad_squared, mirrored, even)
+        # The first lobe on nails, the second on skin: what gloss reflects does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
-        under = (_1 - of_lobes) / not_mirrored(sky, -_dot(surface_normal, view), nail)
+        of_surface = of_even_light(sky, -_dot(surface_normal, view), broad_squared)
+        if nail > _0:
+            of_nail = of_even_light(sky, -_dot(surface_normal, view), tight_squared)
+            of_surface += nail * (of_nail - of_surface)
+        under = (_1 - of_lobes) / (_1 - of_surface)
         to_eye = -_dot(mirroring, view)
         above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
         for lobe in range(2):
-            squared = on_nail(nail, lobes) if lobe == 0 else lobes.alpha[1] * lobes.alpha[1]
-            leaving = leaving_share(above, to_eye, squared)
+            leaving = leaving_share(above, to_eye, tight_squared if lobe == 0 else broad_squared)
             even[lobe] *= leaving
             for c in range(3):
                 mirrored[lobe, c] *= leaving
@@ -79,8 +84,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
             facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
             gloss = _0
             if facing_mirror > _0:
-                radius_rad, squared = image.lamp_radius_rad[lamp], image.alpha_squared[index]
-                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, squared, lobes, both)
+                radius_rad = image.lamp_radius_rad[lamp]
+                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, broad_squared, lobes, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 diffuse = weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
