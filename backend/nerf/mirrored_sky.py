@@ -22,6 +22,7 @@ from .round_lobes import AHEAD, SHARE, UP, WIDTH, WIDTHS, lobes_at, round_lobes,
 SIDE = 32
 """Texels along the square of directions; with a border of one they are `SIDE` + 2."""
 _MOST_ROWS, _MOST_COLUMNS = 32, 64  # of the sky, whose finer texels are averaged
+_DIRECTIONS_AT_ONCE = 128  # whose weights stay in the cache
 
 
 class MirroredSky(NamedTuple):
@@ -114,9 +115,12 @@ def _around_directions(radiance: bytes, size: tuple[int, int]) -> Float[np.ndarr
     texels = torch.as_tensor(sky_directions(*size).reshape(-1, 3), dtype=torch.float32)
     energy = torch.as_tensor((sky.radiance * sky.solid_angles[..., None]).reshape(-1, 3), dtype=torch.float32)
     angle = torch.as_tensor(sky.solid_angles.reshape(-1), dtype=torch.float32)
-    cosine = _map_directions() @ texels.T
-    weights = (round_weight(cosine, alpha) for alpha in WIDTHS)
-    return torch.stack([(weight @ energy) / (weight @ angle)[:, None] for weight in weights], 1).numpy()
+    both, means = torch.cat([energy, angle[:, None]], 1), []
+    for directions in _map_directions().split(_DIRECTIONS_AT_ONCE):
+        cosine = directions @ texels.T
+        means.append(torch.stack([round_weight(cosine, alpha) @ both for alpha in WIDTHS], 1))
+    around = torch.cat(means)
+    return (around[..., :3] / around[..., 3:]).numpy()
 
 
 def _map_directions() -> Float[Tensor, "N 3"]:

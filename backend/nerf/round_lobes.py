@@ -33,7 +33,8 @@ _LEAST_COSINE = 1e-3  # so that a sky of few texels has some around every direct
 
 def round_weight(cosine: Float[Tensor, "*n"], alpha: float) -> Float[Tensor, "*n"]:
     """Weight of light in a round lobe, by the cosine of its direction and the lobe's."""
-    return cosine.clamp(min=_LEAST_COSINE) / (1 + (1 + cosine) / 2 * (alpha**2 - 1)) ** 2
+    to_half_squared = (1 + cosine) / 2
+    return cosine.clamp(min=_LEAST_COSINE) / (to_half_squared * (alpha**2 - 1)).add_(1).square_()
 
 
 @lru_cache(maxsize=1)
