@@ -10,6 +10,7 @@ from livehand.backend.nerf.bounce import SkinPlaces
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
+    GLOSS,
     LIT_FEATURES,
     SMOOTH,
     BumpedSkin,
@@ -155,9 +156,13 @@ def test_both_backends_agree_on_any_rays(lamps):
         blurred_normal=normalize(image.normal + 0.3 * torch.randn(len(bent), 3, generator=generator), dim=-1),
         sharpness=torch.tensor([0.0, 0.6, 0.9]),
         alpha_squared=0.02 + 0.2 * torch.rand(len(bent), generator=generator),
-        nail=torch.rand(len(bent), generator=generator),
+        nail=(3 * torch.rand(len(bent), generator=generator) - 1).clamp(0, 1),
     )
-    image = image._replace(normal=bent, skin=skin)
+    coefficients, known = image.coefficients.clone(), torch.arange(len(bent)) % 2 == 0
+    coefficients[known, GLOSS] *= torch.stack([skin.nail, 1 - skin.nail], 1)[known]
+    coefficients[::5, GLOSS] = 0
+    assert (coefficients[:, GLOSS] == 0).any(0).all()
+    image = image._replace(normal=bent, skin=skin, coefficients=coefficients)
     ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1

@@ -21,23 +21,22 @@ def of_even_light(sky, to_eye, alpha_squared):
 
 
 @part
-def mirror(sky, normal, view, tight_squared, broad_squared, gloss, even):
-    """Fill gloss [2, 3] with the light of a whole sky (`MirrorArrays`) in both lobes, and even [2] with that of 1."""
+def mirror(sky, normal, view, alpha_squared, gloss):
+    """Fill gloss [3] with the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
-    at, over = _column(sky, -along)
-    for lobe in range(2):
-        row, below = _row(sky, tight_squared if lobe == 0 else broad_squared)
-        even[lobe], gloss[lobe, 0], gloss[lobe, 1], gloss[lobe, 2] = _0, _0, _0, _0
-        for half in range(2):
-            share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
-            ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse
-            up = _mixed(sky.lobes, row, below, at, over, half, UP)
-            width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
-            even[lobe] += share
-            dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
-            _add_around(sky, dx, dy, dz, width, share, gloss[lobe])
+    (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
+    gloss[0], gloss[1], gloss[2] = _0, _0, _0
+    for half in range(2):
+        share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
+        ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse
+        up = _mixed(sky.lobes, row, below, at, over, half, UP)
+        width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
+        even += share
+        dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
+        _add_around(sky, dx, dy, dz, width, share, gloss)
+    return even
 
 
 @part

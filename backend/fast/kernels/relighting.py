@@ -49,7 +49,12 @@ def relit_pixels(image, sky, lobes, first, last, out):
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         mirroring_normal(normal, surface_normal, view, along, mirroring)
         tight_squared, broad_squared = on_nail(nail, lobes), image.alpha_squared[index]
-        mirror(sky, mirroring, view, tight_squared, broad_squared, mirrored, even)
+        for lobe in range(2):
+            even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
+            # Known skin has the second lobe alone, and its nails the first.
+            if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
+                squared = tight_squared if lobe == 0 else broad_squared
+                even[lobe] = mirror(sky, mirroring, view, squared, mirrored[lobe])
         # The first lobe on nails, the second on skin: what gloss reflects does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
         of_surface = of_even_light(sky, -_dot(surface_normal, view), broad_squared)
