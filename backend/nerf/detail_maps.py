@@ -106,7 +106,9 @@ class DetailMaps(NamedTuple):
             columns.append(_pyramid(fine, coarse, SHADE_STEP))
         nail = (_widened(detail.nail, resolution) - NAIL_FROM) / (1 - NAIL_FROM)
         columns.append(_halvings(nail.clip(min=0), SHADE_STEP))
-        rough = _levels(_widened(detail.roughness, resolution) ** 4)
+        # Where a texel's mean slope is steep, slopes within it are from none to twice that.
+        steep = sum(_widened(along, resolution) ** 2 for along in detail.unresolved)
+        rough = _levels(_widened(detail.roughness, resolution) ** 4 + steep)
         hidden, of_folds = (_variances(slopes[at], resolution) for at in (slice(0, 2), slice(2, 4)))
         both = [base + variance for base, variance in zip(rough, hidden, strict=True)]
         columns += [torch.cat([_in_steps(level, GLOSS_STEP) for level in levels]) for levels in (both, of_folds)]

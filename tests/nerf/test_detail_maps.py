@@ -75,16 +75,23 @@ def test_slopes_that_a_level_does_not_show_widen_the_gloss_by_their_variance(lev
     assert slope**2 / 2 > 0.01
 
 
+def flat_detail(unresolved=0.0):
+    """Even skin, whose fine surface lacks this slope everywhere."""
+    nail, rough = np.zeros((16, 16), np.float32), np.full((16, 16), 0.5, np.float32)
+    slopes = np.full((2, 16, 16), unresolved, np.float32)
+    return SkinDetail(skin_maps(N), skin_maps(16), nail, rough, slopes, SkinBend(np.zeros(4, int), np.zeros((16, 3))))
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1, 0.2])
+def test_slopes_of_steep_walls_vary_as_much_as_they_are(slope):
+    maps = DetailMaps.of(flat_detail(slope), SkinLook(0.5, 1.0, 0.0))
+    for first, size in maps.levels[:3]:
+        squared = maps.table[first : first + size**2, 10] * 0.002
+        torch.testing.assert_close(squared, torch.full((size**2,), 0.5**4 + 2 * slope**2), atol=2e-3, rtol=0)
+
+
 def test_deep_skin_shows_relief_more_sharply():
-    flat = skin_maps(N), skin_maps(16)
-    bend = SkinBend(np.zeros(4, int), np.zeros((16, 3)))
-    detail = SkinDetail(
-        *flat,
-        np.zeros((16, 16), np.float32),
-        np.full((16, 16), 0.5, np.float32),
-        np.zeros((2, 16, 16), np.float32),
-        bend,
-    )
+    detail = flat_detail()
     light, half, deep = (DetailMaps.of(detail, SkinLook(melanin, 1.0, 0.0)) for melanin in (0.0, 0.5, 1.0))
     assert (light.blurred_level, deep.blurred_level) == BLURRED_LEVEL
     assert (light.sharpness, deep.sharpness) == SHARPNESS
