@@ -35,20 +35,17 @@ def on_nail(nail, lobes):
 
 
 @part
-def glossy(to_light, x, y, z, normal, view, light_radius_rad, nail, broad_squared, lobes, both):
+def glossy(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
     """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
     hx, hy, hz = x - view[0], y - view[1], z - view[2]
     length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
     hx, hy, hz = hx / length, hy / length, hz / length
     to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), GRAZING)
     to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
-    reflectance = fresnel(x * hx + y * hy + z * hz, lobes.squared_index)
+    reflectance = fresnel(x * hx + y * hy + z * hz, squared_index)
     to_light = max(to_light, LEAST_COSINE)
     for lobe in range(2):
-        squared = broad_squared
-        if lobe == 0:
-            squared = on_nail(nail, lobes)
-        squared = min(squared + light_radius_rad * light_radius_rad * _QUARTER, _1)
+        squared = min(alphas_squared[lobe] + light_radius_rad * light_radius_rad * _QUARTER, _1)
         base = to_half * to_half * (squared - _1) + _1
         shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
             to_light * to_light * (_1 - squared) + squared

@@ -22,12 +22,11 @@ def of_even_light(sky, to_eye, alpha_squared):
 
 @part
 def mirror(sky, normal, view, alpha_squared, gloss):
-    """Fill gloss [3] with the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
+    """Add to gloss [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
     along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
     inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
     x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
     (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
-    gloss[0], gloss[1], gloss[2] = _0, _0, _0
     for half in range(2):
         share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
         ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse

@@ -40,7 +40,8 @@ def relit_pixels(image, sky, lobes, first, last, out):
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
     sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
-    mirrored, mirroring, even = np.empty((2, 3), np.float32), np.empty(3, np.float32), np.empty(2, np.float32)
+    mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
+    even, squared = np.empty(2, np.float32), np.empty(2, np.float32)
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
@@ -48,24 +49,23 @@ def relit_pixels(image, sky, lobes, first, last, out):
         surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
         mirroring_normal(normal, surface_normal, view, along, mirroring)
-        tight_squared, broad_squared = on_nail(nail, lobes), image.alpha_squared[index]
+        squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
         for lobe in range(2):
             even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
             # Known skin has the second lobe alone, and its nails the first.
             if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
-                squared = tight_squared if lobe == 0 else broad_squared
-                even[lobe] = mirror(sky, mirroring, view, squared, mirrored[lobe])
+                even[lobe] = mirror(sky, mirroring, view, squared[lobe], mirrored[lobe])
         # The first lobe on nails, the second on skin: what gloss reflects does not enter.
         of_lobes = even[1] + nail * (even[0] - even[1])
-        of_surface = of_even_light(sky, -_dot(surface_normal, view), broad_squared)
+        of_surface = of_even_light(sky, -_dot(surface_normal, view), squared[1])
         if nail > _0:
-            of_nail = of_even_light(sky, -_dot(surface_normal, view), tight_squared)
+            of_nail = of_even_light(sky, -_dot(surface_normal, view), squared[0])
             of_surface += nail * (of_nail - of_surface)
         under = (_1 - of_lobes) / (_1 - of_surface)
         to_eye = -_dot(mirroring, view)
         above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
         for lobe in range(2):
-            leaving = leaving_share(above, to_eye, tight_squared if lobe == 0 else broad_squared)
+            leaving = leaving_share(above, to_eye, squared[lobe])
             even[lobe] *= leaving
             for c in range(3):
                 mirrored[lobe, c] *= leaving
@@ -90,7 +90,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
             gloss = _0
             if facing_mirror > _0:
                 radius_rad = image.lamp_radius_rad[lamp]
-                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, nail, broad_squared, lobes, both)
+                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
                 diffuse = weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
