@@ -16,7 +16,6 @@ from ..nerf.skin_detail import (
     DEEPENED_FROM,
     FLATTENED,
     FOLD_LOG_ALBEDO,
-    FOLDS,
     LEAST_COSINE,
     MOST_TAPS,
     ONE_TAP_MORE,
@@ -68,7 +67,7 @@ def _constants(mesh: FineMesh, camera: CameraTensors, maps: DetailMaps) -> Detai
     texel_m = scale * maps.texel_m
     texels = 1 / (float(camera.focal_px) * texel_m)
     bump = -BUMP * 1e-3 * maps.resolution * scale * SLOPE_STEP_MM
-    folds = FOLDS, FOLDS * FLATTENED, FOLDS * DEEPENED_FROM, FOLDS * DEEPENED_BY
+    folds = FLATTENED, DEEPENED_FROM, DEEPENED_BY
     numbers = MIN_ALPHA, texels, texel_m, LEAST_COSINE, ONE_TAP_MORE, SHARPER, maps.blurred_level, *folds, bump
     steps = SHADE_STEP, GLOSS_STEP, BUMP
     colours = (np.array(colour, np.float32) for colour in (maps.pigment_colour, FOLD_LOG_ALBEDO))

@@ -307,14 +307,18 @@ def _colour_of_skin(
     lobes = glossy(
         mirroring[:, None], towards, view[:, None], features.lamp_radius_rad, nail[:, None], skin.alpha_squared[:, None]
     )
-    of_lamps = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
+    lamps_mirrored = torch.einsum("plg,lc->pgc", lobes * strength[..., None], features.lamp_rgb)
     squared = skin.alphas_squared
     leaving = leaving_share(mirroring, surface, view, squared)
-    of_sky = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.sky_seen)[..., None]
-    gloss = of_lamps + of_sky + features.near_gloss
+    sky_mirrored = features.mirrored.gloss(mirroring, view, squared) * (leaving * features.sky_seen)[..., None]
+    gloss = lamps_mirrored + sky_mirrored + features.near_gloss
     scattering = coefficients[:, SCATTERED].reshape(-1, 2, 3)
-    inside = coefficients[:, DIFFUSE] * _diffuse_light_of(skin, normal, towards, features)
-    inside = inside + (scattering * features.scattered).sum(1)
+    of_lamps, of_sky = _diffuse_light_of(skin, normal, towards, features)
+    inside = coefficients[:, DIFFUSE] * (of_lamps + of_sky)
+    # Light that enters a little deeper shows the relief, too.
+    relief = of_lamps - lamps_on(features, surface)
+    shallow = (features.scattered[:, 1] + SCATTERED_SCALE[1] * relief).clamp(min=0)
+    inside = inside + scattering[:, 0] * features.scattered[:, 0] + scattering[:, 1] * shallow
     even, of_surface = (features.mirrored.of_even_light(bent, view, squared) for bent in (mirroring, surface))
     under = (1 - _of_lobes(even, nail)) / (1 - _of_lobes(of_surface, nail))
     direct = inside * under[:, None] + (coefficients[:, GLOSS, None] * gloss).sum(1)
@@ -325,12 +329,14 @@ def _colour_of_skin(
 
 def _diffuse_light_of(
     skin: BumpedSkin, normal: Float[Tensor, "P 3"], towards: Float[Tensor, "P L 3"], features: LightFeatures
-) -> Float[Tensor, "P 3"]:
+) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"]]:
+    """That of lamps, and of the sky."""
+    both = (normal, skin.blurred_normal)
     sharp, blurred = (
-        diffuse_light(features, bent, bump_shadowing(bent[:, None], skin.surface_normal[:, None], towards))
-        for bent in (normal, skin.blurred_normal)
+        lamps_on(features, bent, bump_shadowing(bent[:, None], skin.surface_normal[:, None], towards)) for bent in both
     )
-    return torch.lerp(blurred, sharp, skin.sharpness)
+    sharp_sky, blurred_sky = (sky_on(features, bent) for bent in both)
+    return torch.lerp(blurred, sharp, skin.sharpness), torch.lerp(blurred_sky, sharp_sky, skin.sharpness)
 
 
 def _of_lobes(values: Float[Tensor, "P 2"], nail: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
@@ -343,15 +349,22 @@ def reflectance(coefficients: Float[Tensor, "P C"]) -> Float[Tensor, "P 3"]:
     return coefficients[:, DIFFUSE] + coefficients[:, SCATTERED].reshape(-1, 2, 3).sum(1)
 
 
-def diffuse_light(
-    features: LightFeatures, normal: Float[Tensor, "P 3"], lamp_share: Float[Tensor, "P L"] | None = None
+def diffuse_light(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+    """What a white diffuse surface with these normals reflects."""
+    return lamps_on(features, normal) + sky_on(features, normal)
+
+
+def lamps_on(
+    features: LightFeatures, normal: Float[Tensor, "P 3"], share: Float[Tensor, "P L"] | None = None
 ) -> Float[Tensor, "P 3"]:
-    """What a white diffuse surface with these normals reflects; of each lamp's light a share, all of it for None."""
+    """`diffuse_light` of the lamps; of each one's light a share, all of it for None."""
     of_lamps = (features.lamp_vectors * normal[:, None]).sum(-1).clamp(min=0)
-    if lamp_share is not None:
-        of_lamps = of_lamps * lamp_share
-    of_sky = torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
-    return of_lamps @ features.lamp_rgb + of_sky
+    return (of_lamps if share is None else of_lamps * share) @ features.lamp_rgb
+
+
+def sky_on(features: LightFeatures, normal: Float[Tensor, "P 3"]) -> Float[Tensor, "P 3"]:
+    """`diffuse_light` of the sky."""
+    return torch.einsum("px,pxc->pc", normal, features.sky_vectors).clamp(min=0)
 
 
 def corrected(

@@ -27,8 +27,6 @@ FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.95, 0.75, 0.5
 """What bending a joint takes from the folds on its back, and what it makes of the creases below."""
 FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
-FOLDS = 1.2
-"""How much more shows of folds, which are wider than the way of light in the skin."""
 LEAST_COSINE = 0.25
 """Of face and view: flatter views are filtered as this one."""
 MOST_TAPS = 4
@@ -103,7 +101,7 @@ def pixel_skin(
     is_sharp = (level < maps.blurred_level).nonzero()[:, 0]
     blurred[is_sharp] = maps.sample(uv[is_sharp], torch.full_like(level[is_sharp], maps.blurred_level))
     flex = blend_corners(mesh.flex[corners][..., None], weights)
-    dorsal, palmar = FOLDS * (1 - FLATTENED * flex).clamp(min=0), FOLDS * (DEEPENED_FROM + DEEPENED_BY * flex)
+    dorsal, palmar = (1 - FLATTENED * flex).clamp(min=0), DEEPENED_FROM + DEEPENED_BY * flex
     folded = dorsal * values[:, 7:8] + palmar * values[:, 8:9]
     alpha_squared = values[:, SQUARED] + (BUMP * dorsal[:, 0]) ** 2 * values[:, HIDDEN_FOLDS]
     pigment = values[:, 6:7] * values.new_tensor(maps.pigment_colour)

@@ -157,7 +157,7 @@ def main() -> None:
     capture_scene(None)
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
-    coarse["unresolved"] = _steps(unresolved_slopes(model, surface, len(coarse["nail"])), SLOPE_STEP)
+    coarse["unresolved"] = _steps(unresolved_slopes(model, surface, 2 * len(coarse["nail"])), SLOPE_STEP)
     write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
     write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
 

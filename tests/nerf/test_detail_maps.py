@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, SkinBend, SkinDetail, SkinMaps
-from livehand.backend.nerf.detail_maps import BLURRED_LEVEL, RESOLVED_PX, SHARPNESS, DetailMaps, SkinLook
+from livehand.backend.nerf.detail_maps import (
+    BLURRED_LEVEL,
+    RESOLVED_BETWEEN,
+    RESOLVED_PX,
+    SHARPNESS,
+    DetailMaps,
+    SkinLook,
+)
 
 N = 64
 TEXEL_MM = ATLAS_MM / N
@@ -73,6 +80,20 @@ def test_slopes_that_a_level_does_not_show_widen_the_gloss_by_their_variance(lev
     expected = torch.tensor(0.5**4 + share * slope**2 / 2).expand_as(squared)
     torch.testing.assert_close(squared, expected, atol=3e-3, rtol=0)
     assert slope**2 / 2 > 0.01
+
+
+@pytest.mark.parametrize("along", ["u", "v"])
+@pytest.mark.parametrize(("slope", "widened"), [(0.9, 0.0), (2.0, 0.0486 * 4 - RESOLVED_BETWEEN)])
+def test_steep_walls_of_a_texel_widen_the_gloss_and_gentle_ones_do_not(slope, widened, along):
+    """Differences of fourth order spread a step over four texels: -1/12, 7/12, 7/12 and -1/12 of it."""
+    heights = np.zeros((N, N), np.float32)
+    heights[:, N // 2 :] = slope * TEXEL_MM
+    wall = heights if along == "u" else heights.T
+    squared = maps_of(skin_maps(N, relief_mm=wall), skin_maps(16)).table[: N * N, 10].reshape(N, N) * 0.002
+    squared = squared if along == "u" else squared.T
+    beside = squared[:, N // 2 - 1 : N // 2 + 1]
+    torch.testing.assert_close(beside, torch.full((N, 2), 0.5**4 + widened), atol=2e-3, rtol=0)
+    torch.testing.assert_close(squared[:, : N // 2 - 4], torch.full((N, N // 2 - 4), 0.5**4), atol=2e-3, rtol=0)
 
 
 def flat_detail(unresolved=0.0):

@@ -248,7 +248,7 @@ def test_the_gloss_of_skin_is_as_wide_as_it_is_known():
     assert found[0, 0] == plain[0, 0]
 
 
-def under_a_lamp(towards, normal, view, coefficients, **known):
+def under_a_lamp(towards, normal, view, coefficients, scattered=(0.0, 0.0), **known):
     """The colour of one point of skin whose surface faces up, in the light of a white sun."""
     up = torch.tensor([[0.0, 0, 1]])
     features = LightFeatures(
@@ -259,7 +259,7 @@ def under_a_lamp(towards, normal, view, coefficients, **known):
         sky_seen=torch.zeros(1, 2),
         mirrored=MirroredSky.of(None, "cpu"),
         near_gloss=torch.zeros(1, 2, 3),
-        scattered=torch.zeros(1, 2, 3),
+        scattered=torch.tensor(scattered)[None, :, None].expand(1, 2, 3),
         arriving=torch.ones(1, 3),
         reflected=torch.zeros(1, 3),
     )
@@ -282,6 +282,21 @@ def test_colours_that_are_scattered_far_show_less_relief():
     assert float(red) == pytest.approx(0.8 * under)
     assert float(green) == pytest.approx((red + blue) / 2)
     assert under == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize(("bend", "scattered"), [(0.28, 1.0), (-0.28, 1.0), (-0.28, 0.1)])
+def test_light_that_enters_a_little_deeper_shows_the_relief_and_the_deepest_does_not(bend, scattered):
+    """As much of it as of light that does not enter at all; never less than none."""
+    up, bent = torch.tensor([[0.0, 0, 1]]), torch.tensor([[bend, 0, 0.96]])
+    towards = torch.tensor([[0.6, 0, 0.8]])
+    deep, shallow = slice(SCATTERED.start, SCATTERED.start + 3), slice(SCATTERED.start + 3, SCATTERED.stop)
+    lit = under_a_lamp(towards, bent, -up, coefficients_of(shallow), (0.0, scattered))
+    plain = under_a_lamp(towards, bent, -up, coefficients_of(deep), (1.0, 0.0))
+    direct = under_a_lamp(towards, bent, -up, coefficients_of(DIFFUSE)) / plain
+    expected = (scattered + EVEN_LIGHT[1] * (direct - 0.8)).clamp(min=0) * plain
+    torch.testing.assert_close(lit, expected)
+    assert (direct - 0.8).abs().min() > 0.03
+    torch.testing.assert_close(plain, torch.ones(3), atol=0.01, rtol=0)
 
 
 def test_light_that_gloss_reflects_does_not_enter_the_skin():

@@ -16,7 +16,7 @@ from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.rays import camera_tensors, view_directions
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.relighting import LitImage
-from livehand.backend.nerf.skin_detail import FOLD_LOG_ALBEDO, FOLDS, SHARPER, PixelSkin, pixel_skin, with_skin
+from livehand.backend.nerf.skin_detail import FOLD_LOG_ALBEDO, SHARPER, PixelSkin, pixel_skin, with_skin
 from livehand.backend.records.camera import Camera
 from torch.nn.functional import normalize
 
@@ -95,13 +95,13 @@ def test_a_larger_hand_has_larger_relief_and_the_same_slopes(backend):
 @pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
 def test_folds_on_the_back_flatten_as_the_joint_bends(backend, flex, factor):
     found = detailed(backend, skin(dorsal=0.05 * ALONG_U), flex)
-    torch.testing.assert_close(found.normal[0], tilt(-0.05 * FOLDS * DORSAL_MM * factor), atol=4e-4, rtol=0)
+    torch.testing.assert_close(found.normal[0], tilt(-0.05 * DORSAL_MM * factor), atol=4e-4, rtol=0)
 
 
 @pytest.mark.parametrize(("flex", "factor"), [(0.0, 0.75), (0.5, 1.0)])
 def test_creases_deepen_as_the_joint_bends_and_with_age(backend, flex, factor):
     found = detailed(backend, skin(palmar=0.03 * ALONG_U), flex, folds=1.4)
-    torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * FOLDS * PALMAR_MM * factor), atol=4e-4, rtol=0)
+    torch.testing.assert_close(found.normal[0], tilt(-0.03 * 1.4 * PALMAR_MM * factor), atol=4e-4, rtol=0)
 
 
 @pytest.mark.parametrize("texels_a_pixel", [0.25, 1, 4])
@@ -126,7 +126,7 @@ def test_pigment_is_mixed_by_melanin_and_darkens_colours_but_not_gloss(backend):
 
 def test_folds_have_their_colour(backend):
     found = detailed(backend, skin(palmar=np.full((N, N), 0.5, np.float32)), flex=0.5).coefficients
-    expected = torch.exp(FOLDS * 0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
+    expected = torch.exp(0.45 * 0.5 * torch.tensor(FOLD_LOG_ALBEDO))
     torch.testing.assert_close(found[0, DIFFUSE], expected, atol=2e-2, rtol=0)
 
 
@@ -206,7 +206,7 @@ def test_folds_that_a_pixel_hides_widen_its_gloss_as_far_as_they_show(backend, f
     folds = np.tile(0.6 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
     of = patch(flex=flex, focal_px=0.5 / (4 * 2**SHARPER * TEXEL_MM / 1000))
     alpha_squared = detailed(backend, skin(dorsal=folds), of=of).skin.alpha_squared.reshape(SIZE[1], SIZE[0])
-    slope = 0.849 * pi / 2 * 0.6 * DORSAL_MM / TEXEL_MM * BUMP * FOLDS * factor
+    slope = 0.849 * pi / 2 * 0.6 * DORSAL_MM / TEXEL_MM * BUMP * factor
     assert float(alpha_squared[SIZE[1] // 2, SIZE[0] // 2]) == pytest.approx(0.5**4 + slope**2 / 2, abs=1.5e-3)
     assert flex > 0.5 or slope**2 / 2 > 5e-4
 

@@ -50,7 +50,7 @@ def add_skin(seen, surface, maps, constants, first, last, image):
         for tap in range(taps):
             aside = np.float32(tap) - _HALF * np.float32(taps - 1)
             _add_sample(maps, u + aside * step[0], v + aside * step[1], level, _1 / np.float32(taps), corner, values)
-        dorsal = max(constants.straight - constants.flattened * flex, _0)
+        dorsal = max(_1 - constants.flattened * flex, _0)
         palmar = constants.deepened_from + constants.deepened_by * flex
         _fill_normal(surface, face, weights, image.surface_normal[index])
         _bend(

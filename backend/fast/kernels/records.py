@@ -486,8 +486,7 @@ class DetailConstants(NamedTuple):
         one_tap_more: as `ONE_TAP_MORE`.
         sharper: as `SHARPER`.
         blurred_level: of the maps, as red light shows them.
-        straight: how much of dorsal folds shows.
-        flattened: what bending takes of it.
+        flattened: what bending takes of dorsal folds.
         deepened_from: how much of palmar creases shows.
         deepened_by: what bending adds.
         bump: of a stored step of a slope, m.
@@ -506,7 +505,6 @@ class DetailConstants(NamedTuple):
     one_tap_more: np.float32
     sharper: np.float32
     blurred_level: np.float32
-    straight: np.float32
     flattened: np.float32
     deepened_from: np.float32
     deepened_by: np.float32

@@ -15,6 +15,8 @@ LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.1
 """As in `nerf.relighting`."""
 SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
 """Where these begin among the coefficients."""
+SHALLOW_SCALE = np.float32(1.25)
+"""The second `SCATTERED_SCALE` of `nerf.lighting`."""
 
 
 @compiled
@@ -41,7 +43,7 @@ def relit_pixels(image, sky, lobes, first, last, out):
     sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
     scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
     mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
-    even, squared = np.empty(2, np.float32), np.empty(2, np.float32)
+    even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     for index in range(first, last):
         _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
         _blend(image.maps, at, image.share[index], here)
@@ -76,16 +78,17 @@ def relit_pixels(image, sky, lobes, first, last, out):
             rgb[c] = (
                 weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
                 + weights[SCATTERED + c] * here[scattered_at + c] * under
-                + weights[SCATTERED + 3 + c] * here[scattered_at + 3 + c] * under
                 + weights[GLOSS] * (here[seen_at] * mirrored[0, c] + here[near_at + c])
                 + weights[GLOSS + 1] * (here[seen_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
             )
+        relief[:] = _0
         for lamp in range(lamps):
             x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
             strength = max(np.sqrt(x * x + y * y + z * z), TINY)
             x, y, z = x / strength, y / strength, z / strength
             sharp = _bumped(normal, x, y, z, along, surface_normal)
             wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
+            flat = max(x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2], _0)
             facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
             gloss = _0
             if facing_mirror > _0:
@@ -93,10 +96,14 @@ def relit_pixels(image, sky, lobes, first, last, out):
                 glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
                 gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
             for c in range(3):
-                diffuse = weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
-                rgb[c] += image.lamp_rgb[lamp, c] * (strength * diffuse + gloss)
+                bent = wide + image.sharpness[c] * (sharp - wide)
+                rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + gloss)
+                relief[c] += image.lamp_rgb[lamp, c] * strength * (bent - flat)
         of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
         for c in range(3):
+            # Light that enters a little deeper shows the relief, too.
+            shallow = max(here[scattered_at + 3 + c] + SHALLOW_SCALE * relief[c], _0)
+            rgb[c] += weights[SCATTERED + 3 + c] * shallow * under
             share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
             out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
 
