@@ -114,6 +114,13 @@ class FineTemplate(NamedTuple):
             coarse_faces=torch.as_tensor(coarse_faces, device=device),
         )
 
+    def rest_vertices(self) -> Float[Tensor, "N 3"]:
+        """At rest, m, in the template's frame."""
+        finer = self.skin.v_template
+        for level in self.levels:
+            finer = level(finer)
+        return finer + self.offset_m
+
 
 class FineMesh(NamedTuple):
     """A fine surface in one pose.

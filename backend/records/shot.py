@@ -77,6 +77,7 @@ class Shot:
             their capture's light whatever this is.
         wrist_fade_m: length along the hand at rest over which the frame turns transparent towards the cut end of arm or
             wrist; 0: it ends opaque.
+        hair: the share of its hairs that the hand shows, 0 to 1, where its avatar's skin is known.
     """
 
     pose: HandPose
@@ -84,6 +85,7 @@ class Shot:
     camera: Camera
     light: Light | None = None
     wrist_fade_m: float = 0.0
+    hair: float = 0.0
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:
@@ -92,6 +94,8 @@ class Shot:
             raise LiveHandError("the posed hand must be finite, got NaN or infinity in its vertices")
         if not (np.isfinite(self.wrist_fade_m) and self.wrist_fade_m >= 0):
             raise LiveHandError(f"the wrist's fade must be a length of 0 or more, got {self.wrist_fade_m} m")
+        if not 0 <= self.hair <= 1:
+            raise LiveHandError(f"the hand's hair must be a share from 0 to 1, got {self.hair}")
 
     def with_camera(self, camera: Camera) -> Shot:
         """The same hand from another view."""

@@ -13,12 +13,14 @@ from torch import Tensor
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.fine_surface import FineSurface, load_fine_surface
+from ..hand.hairs import Hairs, HairySkin, grown_hairs
 from ..hand.lbs import SkinMotion, skin_motion
-from ..hand.model import MIRROR_AXIS_ANGLE
+from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
 from ..nerf.detail_maps import DetailMaps, SkinLook
 from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh, motion_of_mesh
+from ..nerf.hairs import hair_albedo
 from ..records.shot import HandPose
 
 PosedFinely = Callable[[FineTemplate, SkinMotion, Tensor, Tensor, Tensor], FineMesh]
@@ -34,12 +36,14 @@ class KnownSkin:
         bend: how poses bend it.
         surface: on which it lies.
         veins_mm: height of veins.
+        hair_albedo: of hairs, RGB.
     """
 
     maps: DetailMaps
     bend: SkinBend
     surface: FineSurface
     veins_mm: float
+    hair_albedo: tuple[float, ...]
 
     def posed(
         self,
@@ -70,6 +74,16 @@ class KnownSkin:
         return finely(template, motion, height, flex, mesh.scale)
 
 
+def hairs_on(template: FineTemplate, hand: HandModel) -> Hairs:
+    """The hairs of a hand of either side, on the template of its side."""
+    mirror = template.mirror.cpu().numpy()
+    vertices, normals = (values.cpu().numpy() * mirror for values in (template.rest_vertices(), template.normals))
+    joints = (hand.J_regressor @ hand.v_template)[:16] * mirror
+    return grown_hairs(
+        HairySkin(vertices, normals, template.faces.cpu().numpy(), template.bones.of_face.cpu().numpy(), joints)
+    )
+
+
 def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:
     """The skin that the avatar was trained on; None: its capture showed another than the built-in one."""
     return skin_of_capture(avatar.provenance.get("capture"), avatar.hand_sha256, device)
@@ -83,7 +97,8 @@ def skin_of_capture(provenance: Any, hand_sha256: str, device: torch.device) -> 
     detail, surface = load_skin_detail(hand_sha256), load_fine_surface(hand_sha256)
     if detail is None or surface is None:
         return None
-    return KnownSkin(DetailMaps.of(detail, person, device), detail.bend, surface, person.veins_mm)
+    maps = DetailMaps.of(detail, person, device)
+    return KnownSkin(maps, detail.bend, surface, person.veins_mm, hair_albedo(person.melanin))
 
 
 def _person(capture: Any) -> SkinLook | None:

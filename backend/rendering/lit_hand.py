@@ -23,6 +23,7 @@ from ..nerf.clear_rays import completed, filled, without_strays
 from ..nerf.crop import Crop
 from ..nerf.detail_maps import DetailMaps
 from ..nerf.fine_mesh import FineMesh
+from ..nerf.hairs import PosedHairs, SeenHairs, seen_hairs, with_hairs
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
@@ -54,10 +55,11 @@ from .measured_light import measured_at, without_noise
 
 
 class PosedSkin(NamedTuple):
-    """A person's known skin in a pose: the maps of its detail, and its surface."""
+    """A person's known skin in a pose: the maps of its detail, its surface, and its hairs; None: it shows none."""
 
     maps: DetailMaps
     mesh: FineMesh
+    hairs: PosedHairs | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class LitHand:
         profile: of the rays; None: the image shows a surface that is known.
         albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
         surface: that the rays meet; None: it is not known.
+        hairs: over the skin; None: there are none.
     """
 
     shot: Shot
@@ -89,6 +92,7 @@ class LitHand:
     profile: DepthProfile | None
     albedo: Tensor
     surface: HitSurface | None
+    hairs: SeenHairs | None = None
 
     def shows(self, shot: Shot) -> bool:
         """Whether a shot differs by its light at most."""
@@ -96,6 +100,7 @@ class LitHand:
         return (
             ours.camera.size_px == theirs.camera.size_px
             and ours.pose.side == theirs.pose.side
+            and ours.hair == theirs.hair
             and np.array_equal(ours.vertices, theirs.vertices)
             and np.array_equal(ours.pose.theta, theirs.pose.theta)
             and np.array_equal(ours.camera.K, theirs.camera.K)
@@ -129,19 +134,21 @@ class LitHand:
         indirect = without_noise(indirect, places, backend.surface_means)
         return corrected(features, self.points.normal, direct, indirect)
 
-    def colours(self, backend: RenderBackend, light: Light) -> Float[Tensor, "3 H W"]:
-        """Scene-linear colours of the crop, premultiplied by alpha."""
-        colours = backend.relit(self.image, self.features(backend, light), self.pixel, self.hand.camera.size_px)
+    def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
+        """Scene-linear colours of the crop's skin, premultiplied by alpha."""
+        colours = backend.relit(self.image, features, self.pixel, self.hand.camera.size_px)
         if self.edges is None:
             return colours
         return backend.blended(colours, self.image.alpha, self.image.depth, self.edges)
 
     def frame(self, backend: RenderBackend, light: Light) -> Frame:
         """The hand in a light."""
-        colours = self.colours(backend, light)
-        return linear_frame(
-            colours, self.image.alpha, self.image.depth, self.crop, self.shot.camera.size_px, self.profile
-        )
+        features, alpha, depth = self.features(backend, light), self.image.alpha, self.image.depth
+        colours = self.colours(backend, features)
+        if self.hairs is not None:
+            colours, alpha = with_hairs(colours, alpha, self.hairs, features)
+            depth = self.hairs.depth
+        return linear_frame(colours, alpha, depth, self.crop, self.shot.camera.size_px, self.profile)
 
 
 def render_lit_hand(
@@ -180,6 +187,7 @@ def render_lit_hand(
         skin = skin_layers(backend, at_full_size(hand)).seen_by(rays, size_px)
         image = backend.lit_image(superres, low, points, rays.pixel, hand.camera, skin)
         profile, edges, surface = depth_profile(rays._replace(composite=low), crop, shot.camera.size_px), None, None
+        hairs = None
     else:
         low = filled(low, rays.pixel, size_px, hits, skin.edge_m)
         full = doubled(hand.camera)
@@ -190,4 +198,5 @@ def render_lit_hand(
         image = backend.detailed_image(image, seen, known.mesh, full, known.maps)
         profile, edges = None, seen.edges
         surface = HitSurface(known.mesh, hits.positions(hand.camera, directions, position))
-    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo, surface)
+        hairs = None if known.hairs is None else seen_hairs(known.hairs, full, image.depth, rays.pixel)
+    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo, surface, hairs)

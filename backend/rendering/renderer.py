@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry.mesh import Topology, posed_mesh
+from ..hand.hairs import Hairs
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
@@ -28,6 +29,7 @@ from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
 from ..nerf.fine_mesh import FineTemplate
+from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
@@ -40,7 +42,7 @@ from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
 from .device import rendering_device
-from .known_skin import KnownSkin, skin_of
+from .known_skin import KnownSkin, hairs_on, skin_of
 from .lit_hand import LitHand, PosedSkin, render_lit_hand
 from .rough_light import baked_light, roughly_relit
 
@@ -198,17 +200,23 @@ class Renderer:
         check: Callable[[], None],
     ) -> LitHand:
         backend, superres = self._backend, _asking(self._superres, check)
-        skin = None if self._skin is None else self._posed_skin(self._skin, shot.pose, hand)
+        skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
         return render_lit_hand(
             shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, skin, on_stage
         )
 
-    def _posed_skin(self, skin: KnownSkin, pose: HandPose, hand: HandInView) -> PosedSkin:
-        templates = self._fine_templates
+    def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
+        templates, pose = self._fine_templates, shot.pose
         if pose.side not in templates:
             templates[pose.side] = FineTemplate.of(skin.surface, self.hand.for_side(pose.side), self.torch_device)
         frames, finely = hand.topology.frames, self._backend.fine_mesh
-        return PosedSkin(skin.maps, skin.posed(templates[pose.side], pose, hand.mesh, frames, finely))
+        mesh = skin.posed(templates[pose.side], pose, hand.mesh, frames, finely)
+        if shot.hair == 0:
+            return PosedSkin(skin.maps, mesh)
+        if pose.side not in self._hairs:
+            self._hairs[pose.side] = hairs_on(templates[pose.side], self.hand.for_side(pose.side))
+        shown = self._hairs[pose.side].first(shot.hair)
+        return PosedSkin(skin.maps, mesh, PosedHairs.of(shown, mesh, skin.hair_albedo))
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
@@ -218,6 +226,11 @@ class Renderer:
     @cached_property
     def _fine_templates(self) -> dict[Side, FineTemplate]:
         """Of the sides that have been rendered."""
+        return {}
+
+    @cached_property
+    def _hairs(self) -> dict[Side, Hairs]:
+        """Of the sides that have been rendered with hair."""
         return {}
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:

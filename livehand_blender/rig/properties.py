@@ -126,6 +126,13 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
         min=0.0,
         soft_max=100.0,
     )
+    hair: _Float(
+        name="Hair",
+        description="How much hair grows on the back of hand, fingers and arm, in the scene's light; on avatars whose "
+        "skin is known: those that ship",
+        min=0.0,
+        max=1.0,
+    )
 
 
 class LIVEHAND_PG_scene(bpy.types.PropertyGroup):

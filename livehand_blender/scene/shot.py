@@ -34,7 +34,8 @@ def read_shot(
             f"the mesh of '{hand.name}' must keep its hand model's {vertex_count} vertices, it has "
             f"{len(vertices)} after modifiers; hide those that add or remove vertices (Subdivision, Mask) from renders"
         )
-    return Shot(seen_pose(hand, depsgraph), vertices, camera, light, seen_wrist_fade_m(hand, depsgraph))
+    fade_m, hair = seen_wrist_fade_m(hand, depsgraph), seen_hair(hand, depsgraph)
+    return Shot(seen_pose(hand, depsgraph), vertices, camera, light, fade_m, hair)
 
 
 def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
@@ -50,6 +51,11 @@ def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
 def seen_wrist_fade_m(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> float:
     """How long the hand's fade is, on the hand at rest."""
     return 0.001 * hand.armature.evaluated_get(depsgraph).livehand.wrist_fade
+
+
+def seen_hair(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> float:
+    """The share of its hairs that the hand shows."""
+    return hand.armature.evaluated_get(depsgraph).livehand.hair
 
 
 def seen_vertices(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

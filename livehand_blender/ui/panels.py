@@ -53,6 +53,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
             column.prop(*slider_property(armature, "beta"), index=index, text=name, slider=True)
+        column.prop(armature.livehand, "hair", slider=True)
         row = self.layout.row(align=True)
         row.operator("livehand.random_shape", text="Random")
         row.operator("livehand.reset_shape", text="Reset")

@@ -178,8 +178,9 @@ def test_pixels_on_edges_of_the_known_surface_show_both_parts(renderer, shot):
     (lit,) = renderer._lit_hands
     backend, edges = renderer._backend, lit.edges
     assert len(edges.pixel) > 10
-    sharp = replace(lit, edges=None).colours(backend, LIGHT)
-    found = lit.colours(backend, LIGHT)
+    features = lit.features(backend, LIGHT)
+    sharp = replace(lit, edges=None).colours(backend, features)
+    found = lit.colours(backend, features)
     torch.testing.assert_close(found, backend.blended(sharp, lit.image.alpha, lit.image.depth, edges))
     changed = (found - sharp).abs().amax(0).flatten() > 1e-3 * float(sharp.max())
     assert 5 < changed.sum() == changed[edges.pixel].sum()

@@ -16,7 +16,7 @@ from ....backend.rendering.grade import Grade
 from ...scene.light import SceneLight, read_hand_lights
 from ...scene.local_triangles import LocalTriangles
 from ...scene.seen_hands import Place, SeenHand, visible_hands
-from ...scene.shot import seen_pose, seen_vertices, seen_wrist_fade_m
+from ...scene.shot import seen_hair, seen_pose, seen_vertices, seen_wrist_fade_m
 from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
@@ -36,6 +36,7 @@ class ViewportHand:
     vertices: np.ndarray
     light: SceneLight | None = None
     wrist_fade_m: float = 0.0
+    hair: float = 0.0
 
     def task(self, session: Session, camera: Camera, penumbra: Penumbra = "coarse") -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
@@ -43,7 +44,7 @@ class ViewportHand:
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
             light = replace(light, penumbra=penumbra)
-        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m))
+        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair))
 
 
 def read_viewport_hands(
@@ -68,6 +69,7 @@ def read_viewport_hands(
             seen_vertices(hand, depsgraph),
             lights.get(hand.name),
             seen_wrist_fade_m(hand, depsgraph),
+            seen_hair(hand, depsgraph),
         )
         for hand in shown
     )
