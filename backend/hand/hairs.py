@@ -20,7 +20,7 @@ _SPREAD_RAD, _BEND_RAD = 0.35, 0.6  # deviations of directions on the skin, and 
 _DISTAL, _DORSAL, _ULNAR = (-1.0, 0, 0), (0, 1.0, 0), (0, 0, -1.0)  # template frame, right hand
 
 
-class Region(NamedTuple):
+class HairRegion(NamedTuple):
     """How hairs grow in a region.
 
     Attributes:
@@ -38,10 +38,10 @@ class Region(NamedTuple):
 
 
 REGIONS = {
-    "forearm": Region(12e4, 0.0085, 33e-6, 0.35, 1.0),
-    "back": Region(5e4, 0.005, 27e-6, 0.3, 0.8),
-    "proximal": Region(20e4, 0.0045, 33e-6, 0.4, 0.6),
-    "middle": Region(4e4, 0.003, 27e-6, 0.4, 0.6),
+    "forearm": HairRegion(12e4, 0.0085, 33e-6, 0.35, 1.0),
+    "back": HairRegion(5e4, 0.005, 27e-6, 0.3, 0.8),
+    "proximal": HairRegion(20e4, 0.0045, 33e-6, 0.4, 0.6),
+    "middle": HairRegion(4e4, 0.003, 27e-6, 0.4, 0.6),
 }
 
 
@@ -49,16 +49,16 @@ class Hairs(NamedTuple):
     """N hairs on the fine surface, in an order in which the first of them are as good a sample as all.
 
     A hair is the curve root + t * rise + t^2 * bend, t from 0 to 1; both are in the axes of its face: two sides from
-    its first corner, and its normal in metres.
+    its first corner, and its normal in metres. So they stand on the left hand's surface, whose vertices are the same.
 
     Attributes:
-        face: [N] of its root.
+        corners: [N, 3] vertices of the face in which its root is.
         weights: [N, 3] barycentric.
         rise, bend: [N, 3].
         radius_m: [N] at the root; towards the tip it goes to 0.
     """
 
-    face: np.ndarray
+    corners: np.ndarray
     weights: np.ndarray
     rise: np.ndarray
     bend: np.ndarray
@@ -66,7 +66,7 @@ class Hairs(NamedTuple):
 
     def first(self, share: float) -> Hairs:
         """A share of the hairs, evenly spread."""
-        count = round(share * len(self.face))
+        count = round(share * len(self.corners))
         return Hairs(*(values[:count] for values in self))
 
 
@@ -90,16 +90,14 @@ class HairySkin(NamedTuple):
 def grown_hairs(skin: HairySkin) -> Hairs:
     """The hairs of a hand; the same each time."""
     random, corners = np.random.default_rng(SEED), skin.vertices[skin.faces]
-    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area_m2 = np.linalg.norm(np.cross(ab, ac), axis=-1) / 2
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area_m2 = np.linalg.norm(normal, axis=-1) / 2
     parts = []
     for name, per_m2 in _densities(skin, corners.mean(1)).items():
         face = np.repeat(np.arange(len(area_m2)), random.poisson(per_m2 * area_m2))
-        parts.append((face, _curves(REGIONS[name], skin, face, (ab, ac), random)))
-    face = np.concatenate([face for face, _ in parts])
-    values = (np.concatenate(values) for values in zip(*(curves for _, curves in parts), strict=True))
-    order = random.permutation(len(face))
-    return Hairs(*(column[order] for column in (face, *values)))
+        parts.append(_hairs_on(skin, face, REGIONS[name], random))
+    order = random.permutation(sum(len(part.corners) for part in parts))
+    return Hairs(*(np.concatenate(columns)[order] for columns in zip(*parts, strict=True)))
 
 
 def _densities(skin: HairySkin, middle: np.ndarray) -> dict[str, np.ndarray]:
@@ -129,18 +127,13 @@ def _on_phalanx(skin: HairySkin, bone: int, middle: np.ndarray, normal: np.ndarr
     return (skin.bone == bone) * between * _step(normal @ (dorsal / np.linalg.norm(dorsal)), 0.55, 0.9)
 
 
-def _curves(
-    region: Region,
-    skin: HairySkin,
-    face: np.ndarray,
-    sides: tuple[np.ndarray, np.ndarray],
-    random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, rise, bend and radius of hairs on these faces."""
+def _hairs_on(skin: HairySkin, face: np.ndarray, region: HairRegion, random: np.random.Generator) -> Hairs:
+    """Hairs of a region on these faces, one on each."""
     count = len(face)
     u, v = np.sort(random.random((2, count)), 0)
     weights = np.stack([u, v - u, 1 - v], 1)
-    normal = (skin.normals[skin.faces[face]] * weights[..., None]).sum(1)
+    corners = skin.faces[face]
+    places, normal = skin.vertices[corners], (skin.normals[corners] * weights[..., None]).sum(1)
     normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
     lie = np.array(_DISTAL) + region.ulnar * np.array(_ULNAR)
     lie = lie - normal * (normal @ lie)[:, None]
@@ -153,9 +146,9 @@ def _curves(
     up = region.rise * random.uniform(0.6, 1.4, count)[:, None]
     rise = length_m * (np.sqrt(1 - up**2) * forth + up * normal)
     curve = length_m * (0.5 * bend[:, None] * across - 0.75 * up * normal)
-    axes = np.stack([*(side[face] for side in sides), normal], -1)
-    radius_m = region.radius_m * random.uniform(0.7, 1.2, count)
-    return weights, *(np.linalg.solve(axes, way[..., None])[..., 0] for way in (rise, curve)), radius_m
+    axes = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], normal], -1)
+    rise, bend = (np.linalg.solve(axes, way[..., None])[..., 0] for way in (rise, curve))
+    return Hairs(corners, weights, rise, bend, region.radius_m * random.uniform(0.7, 1.2, count))
 
 
 def _step(values: np.ndarray, low: float, high: float) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Hairs on a lit image: thin curves on the fine surface (`hand.hairs`), drawn over the skin in its light.
 
 A hair is far thinner than a pixel: pixels take of it the area that it covers. It is lit as a fibre: as a diffuse
-cylinder (Kajiya and Kay 1989), whose surface mirrors a cone of light (the R lobe of Marschner et al. 2003, which keeps
-energy as d'Eon et al. 2011 have it). The light is what arrives at the skin where the hair grows.
+cylinder (Kajiya and Kay 1989), whose surface mirrors a cone of light (the R lobe of Marschner et al. 2003, normalised
+as d'Eon et al. 2011 have it). The light is what arrives at the skin where the hair grows.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..geometry.tolerances import NEAR_M
 from ..hand.hairs import Hairs
 from .fine_mesh import FineMesh, blend_corners
 from .lighting import LightFeatures, sky_on
@@ -65,7 +66,7 @@ class PosedHairs(NamedTuple):
         def own(values: np.ndarray) -> Tensor:
             return torch.as_tensor(values).to(mesh.vertices)
 
-        corners = mesh.faces[torch.as_tensor(hairs.face, device=mesh.faces.device)]
+        corners = torch.as_tensor(hairs.corners, device=mesh.faces.device)
         weights, places = own(hairs.weights), mesh.vertices[corners]
         normal = normalize(blend_corners(mesh.normals[corners], weights), dim=-1)
         axes = torch.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], mesh.scale * normal], 1)
@@ -118,9 +119,9 @@ def seen_hairs(
         ray_pixel: of the rays, in the image of half that size.
     """
     width, height = camera.size_px
-    root_px, root_depth = project(camera, hairs.points[:, 0])
-    ray = _rays_at(root_px, ray_pixel, (width // 2, height // 2))
-    shown = (ray >= 0) & (root_depth > 0)
+    place_px, place_depth = project(camera, hairs.points)
+    ray = _rays_at(place_px[:, 0].nan_to_num(), ray_pixel, (width // 2, height // 2))
+    shown = (ray >= 0) & (place_depth > NEAR_M).all(1)
     points, ray = hairs.points[shown], ray[shown]
     drawn = _drawn(points, hairs.radius_m[shown], camera)
     pixel, weights = _around(drawn.place_px, camera.size_px)
@@ -227,7 +228,7 @@ def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera
     share = (torch.arange(count, device=points.device) + 0.5) / count
     along = (torch.arange(ends - 1, device=points.device)[:, None] + share) / (ends - 1)
     depth_at = depth[:, :-1, None] + share * depth.diff(dim=1)[..., None]
-    width_px = 2 * radius_m[:, None, None] * (1 - along) * camera.focal_px / depth_at.clamp(min=_TINY)
+    width_px = 2 * radius_m[:, None, None] * (1 - along) * camera.focal_px / depth_at
     piece = torch.arange(hairs * (ends - 1), device=points.device).repeat_interleave(count)
     place_at = place_px[:, :-1, None] + share[:, None] * way_px[:, :, None]
     return _DrawnPoints(piece, place_at.flatten(0, 2), (width_px * length_px / count).flatten(), depth_at.flatten())

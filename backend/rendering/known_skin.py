@@ -75,13 +75,10 @@ class KnownSkin:
 
 
 def hairs_on(template: FineTemplate, hand: HandModel) -> Hairs:
-    """The hairs of a hand of either side, on the template of its side."""
-    mirror = template.mirror.cpu().numpy()
-    vertices, normals = (values.cpu().numpy() * mirror for values in (template.rest_vertices(), template.normals))
-    joints = (hand.J_regressor @ hand.v_template)[:16] * mirror
-    return grown_hairs(
-        HairySkin(vertices, normals, template.faces.cpu().numpy(), template.bones.of_face.cpu().numpy(), joints)
-    )
+    """The hairs of a hand of either side; both are of the right hand."""
+    tensors = template.rest_vertices(), template.normals, template.faces, template.bones.of_face
+    vertices, normals, faces, bone = (values.cpu().numpy() for values in tensors)
+    return grown_hairs(HairySkin(vertices, normals, faces, bone, hand.joints))
 
 
 def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:

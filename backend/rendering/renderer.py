@@ -206,17 +206,16 @@ class Renderer:
         )
 
     def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
-        templates, pose = self._fine_templates, shot.pose
-        if pose.side not in templates:
-            templates[pose.side] = FineTemplate.of(skin.surface, self.hand.for_side(pose.side), self.torch_device)
-        frames, finely = hand.topology.frames, self._backend.fine_mesh
-        mesh = skin.posed(templates[pose.side], pose, hand.mesh, frames, finely)
-        if shot.hair == 0:
-            return PosedSkin(skin.maps, mesh)
-        if pose.side not in self._hairs:
-            self._hairs[pose.side] = hairs_on(templates[pose.side], self.hand.for_side(pose.side))
-        shown = self._hairs[pose.side].first(shot.hair)
-        return PosedSkin(skin.maps, mesh, PosedHairs.of(shown, mesh, skin.hair_albedo))
+        template = self._fine_template(skin, shot.pose.side)
+        mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
+        hairs = None if shot.hair == 0 else self._hairs.first(shot.hair)
+        return PosedSkin(skin.maps, mesh, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
+
+    def _fine_template(self, skin: KnownSkin, side: Side) -> FineTemplate:
+        templates = self._fine_templates
+        if side not in templates:
+            templates[side] = FineTemplate.of(skin.surface, self.hand.for_side(side), self.torch_device)
+        return templates[side]
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
@@ -229,9 +228,10 @@ class Renderer:
         return {}
 
     @cached_property
-    def _hairs(self) -> dict[Side, Hairs]:
-        """Of the sides that have been rendered with hair."""
-        return {}
+    def _hairs(self) -> Hairs:
+        """Of either hand, where its skin is known."""
+        assert self._skin is not None
+        return hairs_on(self._fine_template(self._skin, "right"), self.hand.for_side("right"))
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

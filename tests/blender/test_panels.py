@@ -168,7 +168,7 @@ def test_the_panel_reports_a_missing_avatar():
 
 def test_a_hand_shows_ten_sliders():
     add_hand(bpy.context, load_default_hand())
-    assert draw(panels.LIVEHAND_PT_shape)[:11] == ["beta"] * 10 + ["livehand.random_shape"]
+    assert draw(panels.LIVEHAND_PT_shape)[:12] == ["beta"] * 10 + ["hair", "livehand.random_shape"]
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -89,3 +89,12 @@ def test_the_wrists_fade_is_of_the_shot_in_metres_and_can_be_keyed(armature):
         armature.keyframe_insert("livehand.wrist_fade", frame=frame)
     bpy.context.scene.frame_set(2)
     assert shot_now(armature).wrist_fade_m == pytest.approx(0.02, abs=1e-6)
+
+
+def test_hair_is_of_the_shot_and_can_be_keyed(armature):
+    assert shot_now(armature).hair == 0
+    for frame, share in ((1, 0.0), (3, 1.0)):
+        armature.livehand.hair = share
+        armature.keyframe_insert("livehand.hair", frame=frame)
+    bpy.context.scene.frame_set(2)
+    assert shot_now(armature).hair == pytest.approx(0.5, abs=1e-6)

@@ -15,6 +15,7 @@ from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.nerf.sampler import SamplerConfig
 from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera, look_at
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
@@ -243,3 +244,41 @@ def test_old_avatars_ignore_the_light(hand, shot):
     baked = Renderer(new_avatar("old", hand.name, hand.sha256, config), hand, "cpu")
     assert not baked.is_relightable
     assert np.array_equal(baked.render(shot).rgb, baked.render(replace(shot, light=None)).rgb)
+
+
+def test_hair_lies_over_the_skin_and_its_light_adds_up(renderer, shot):
+    bare, hairy = renderer.render(shot), renderer.render(replace(shot, hair=1.0))
+    changed = np.abs(hairy.rgb - bare.rgb).max(-1) > 1e-3 * bare.rgb.mean()
+    on_hand = bare.alpha > 0.99
+    assert 0.02 < (changed & on_hand).sum() / on_hand.sum() < 0.7
+    assert (hairy.alpha >= bare.alpha - 1e-6).all()
+    np.testing.assert_array_equal(hairy.depth[on_hand], bare.depth[on_hand])
+    parts = [renderer.render(replace(shot, hair=1.0, light=LIGHT.of_group(name))) for name in LIGHT.groups]
+    assert np.abs(sum(part.rgb for part in parts) - hairy.rgb).mean() / hairy.rgb.mean() < 1e-5
+    again = renderer.render(shot)
+    np.testing.assert_allclose(again.rgb, bare.rgb, atol=1e-6)
+
+
+def test_hair_of_the_left_hand_is_the_mirror_image_of_that_of_the_right(hand, renderer, shot):
+    """Lit evenly, for lamps' maps are not mirrored."""
+    even = Light(sky=Sky(np.full((4, 8, 3), 0.25)))
+    mirror = np.diag(MIRROR_POINT).astype(float)
+    pose = replace(
+        shot.pose, theta=shot.pose.theta * MIRROR_AXIS_ANGLE, transl=shot.pose.transl * MIRROR_POINT, side="left"
+    )
+    cam2world = shot.camera.cam2world.copy()
+    cam2world[:3, :3] = mirror @ cam2world[:3, :3] @ np.diag([-1, 1, 1])
+    cam2world[:3, 3] = mirror @ cam2world[:3, 3]
+    left = Shot(pose, posed_vertices(hand.for_side("left"), pose), replace(shot.camera, cam2world=cam2world), even)
+    changes = [
+        renderer.render(replace(one, hair=1.0)).rgb - renderer.render(one).rgb
+        for one in (replace(shot, light=even), left)
+    ]
+    right, mirrored = changes[0], changes[1][:, ::-1]
+    assert np.abs(right - mirrored).mean() < 0.05 * np.abs(right).mean()
+
+
+@pytest.mark.parametrize("hair", [-0.1, 1.1, float("nan")])
+def test_hair_is_a_share(shot, hair):
+    with pytest.raises(LiveHandError, match="a share from 0 to 1"):
+        replace(shot, hair=hair)
