@@ -97,8 +97,9 @@ def test_a_hair_covers_the_pixels_that_it_crosses_and_no_others():
 
 def test_a_hair_beside_the_image_does_not_come_in_on_the_other_side():
     leaving = seen_hairs(one_hair(start=(0.008, 0.0, 0.0), way=(0.008, 0, 0)), camera(), NOWHERE, EVERY_RAY)
-    column = leaving.pixel % SIZE[0]
-    assert column[leaving.area > 0].min() > SIZE[0] // 2
+    assert (leaving.pixel % SIZE[0]).min() > SIZE[0] // 2
+    within = 0.4375 * 4e-5 * (FOCAL_PX / DEPTH_M) ** 2 * 0.008  # a quarter of its length, where it is thickest
+    assert float(leaving.area.sum()) == pytest.approx(within, rel=0.03)
 
 
 @pytest.mark.parametrize(("before_m", "share"), [(0.0, 1.0), (-0.0001, 1.0), (-0.001, 0.0), (0.1, 1.0)])
