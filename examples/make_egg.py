@@ -30,7 +30,6 @@ LAMPS = {  # place, m; side, m; power, W; colour. A window at the left above, an
     "Window": ((-0.60, -0.46, 0.50), 0.40, 15.0, (1.0, 0.95, 0.88)),
     "Edge": ((0.35, 0.45, 0.35), 0.25, 6.0, (0.85, 0.92, 1.0)),
 }
-HAIR = 0.6
 ROOM_RGBA, WALL_RGBA, SHELL_RGBA = (0.030, 0.034, 0.042, 1), (0.045, 0.055, 0.06, 1), (0.56, 0.31, 0.19, 1)
 
 
@@ -49,7 +48,6 @@ def build_egg() -> bpy.types.Scene:
     armature = bpy.context.active_object
     armature.rotation_euler = np.deg2rad(TURN_DEG)
     write_theta(RiggedHand.of(armature), theta_of(GRASP.angles_deg(), FingerAxes.of_default_hand()))
-    armature.livehand.hair = HAIR
     add_egg(scene).parent = armature
     add_wall(scene)
     for name, (place_m, side_m, power_w, rgb) in LAMPS.items():

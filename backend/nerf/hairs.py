@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -26,7 +26,7 @@ from .relighting import ray_rows, with_ray_rows
 
 SEGMENTS = 6
 """Pieces of a hair, each of which is lit by itself."""
-STEP_PX = 0.5
+STEP_PX = 0.8
 """Between the points that a piece is drawn as, at most."""
 MOST_POINTS = 64
 ABOVE_SKIN_M = 0.0002
@@ -118,10 +118,11 @@ def seen_hairs(
         depth: of the skin there, m; infinite beside it.
         ray_pixel: of the rays, in the image of half that size.
     """
-    width, height = camera.size_px
     place_px, place_depth = project(camera, hairs.points)
-    ray = _rays_at(place_px[:, 0].nan_to_num(), ray_pixel, (width // 2, height // 2))
-    shown = (ray >= 0) & (place_depth > NEAR_M).all(1)
+    half_px = camera.size_px[0] // 2, camera.size_px[1] // 2
+    ray = _at_places(ray_of_pixel(ray_pixel, half_px[0] * half_px[1]), place_px[:, 0] / 2, half_px, -1)
+    skin_depth = _at_places(depth.flatten(), place_px, camera.size_px, -torch.inf)
+    shown = (ray >= 0) & (place_depth > NEAR_M).all(1) & (place_depth - hairs.behind_m <= skin_depth).any(1)
     points, ray = hairs.points[shown], ray[shown]
     drawn = _drawn(points, hairs.radius_m[shown], camera)
     pixel, weights = _around(drawn.place_px, camera.size_px)
@@ -234,12 +235,14 @@ def _drawn(points: Float[Tensor, "N S 3"], radius_m: Float[Tensor, " N"], camera
     return _DrawnPoints(piece, place_at.flatten(0, 2), (width_px * length_px / count).flatten(), depth_at.flatten())
 
 
-def _rays_at(places_px: Float[Tensor, "N 2"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]) -> Int[Tensor, " N"]:
-    """The ray of the pixel of the half-size image that each place lies in; -1 for none."""
-    column, row = (places_px / 2).floor().long().unbind(-1)
+def _at_places(
+    image: Shaped[Tensor, " P"], place_px: Float[Tensor, "*n 2"], size_px: tuple[int, int], besides: int | float
+) -> Shaped[Tensor, "*n"]:
+    """The pixel of an image in which each place lies."""
+    column, row = place_px.nan_to_num(-1.0).floor().long().unbind(-1)
     is_inside = (column >= 0) & (column < size_px[0]) & (row >= 0) & (row < size_px[1])
     at = (row * size_px[0] + column).clamp(0, size_px[0] * size_px[1] - 1)
-    return torch.where(is_inside, ray_of_pixel(pixel, size_px[0] * size_px[1])[at], -1)
+    return torch.where(is_inside, image[at], besides)
 
 
 def _around(
