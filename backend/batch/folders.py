@@ -10,6 +10,8 @@ from pathlib import Path
 
 from ..records.errors import LiveHandError
 
+_TRIES = 5
+
 
 @contextlib.contextmanager
 def writable_folder(folder: Path) -> Iterator[int]:
@@ -23,9 +25,7 @@ def writable_folder(folder: Path) -> Iterator[int]:
     """
     is_new = not folder.exists()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as file:
-            now_ns = os.fstat(file.fileno()).st_mtime_ns
+        now_ns = _made_ns(folder)
     except OSError as error:
         raise LiveHandError(
             f"the output folder {folder} must be writable ({error.strerror}); choose another"
@@ -36,6 +36,18 @@ def writable_folder(folder: Path) -> Iterator[int]:
         if is_new:
             with contextlib.suppress(OSError):  # it holds frames, or another process uses it
                 folder.rmdir()
+
+
+def _made_ns(folder: Path, tries: int = _TRIES) -> int:
+    """Make the folder, and a file in it: the file's time. Again if another process that ended meanwhile removed it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            return os.fstat(file.fileno()).st_mtime_ns
+    except FileNotFoundError:
+        if tries <= 1:
+            raise
+        return _made_ns(folder, tries - 1)
 
 
 def not_written(path: Path, reason: str) -> LiveHandError:
