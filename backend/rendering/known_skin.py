@@ -75,7 +75,7 @@ class KnownSkin:
 
 
 def hairs_on(template: FineTemplate, hand: HandModel) -> Hairs:
-    """The hairs of a hand of either side; both are of the right hand."""
+    """The hairs, which serve both sides; template and hand are the right one's."""
     tensors = template.rest_vertices(), template.normals, template.faces, template.bones.of_face
     vertices, normals, faces, bone = (values.cpu().numpy() for values in tensors)
     return grown_hairs(HairySkin(vertices, normals, faces, bone, hand.joints))
