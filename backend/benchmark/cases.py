@@ -15,6 +15,7 @@ from ..avatars.file import load_avatar
 from ..hand.model import HandModel
 from ..nerf.avatar import PRESETS, Avatar, new_avatar
 from ..nerf.backend import Precision, Stage
+from ..nerf.sampler import SamplerConfig
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.shot import Shot
@@ -40,12 +41,14 @@ class Configuration:
         avatar: the networks.
         precision: of the networks.
         render: (shot, `on_stage`) -> frame.
+        sampler: how its rays are sampled.
     """
 
     name: str
     avatar: Avatar
     precision: Precision
     render: Render
+    sampler: SamplerConfig
 
     @property
     def is_paper(self) -> bool:
@@ -70,7 +73,8 @@ def load_configurations(
     ours = [_configuration(f"default_{p}", load_avatar(avatar), hand, device, p) for p in PRECISIONS]
     paper = [_configuration(f"paper_{p}", load_paper_avatar(hand, paper_avatar), hand, device, p) for p in PRECISIONS]
     published = PublishedRenderer(load_paper_avatar(hand, paper_avatar), hand, device)
-    return [*ours, *paper, Configuration(PUBLISHED, published.avatar, "fp32", published.render)]
+    sampler = published.avatar.config.sampler
+    return [*ours, *paper, Configuration(PUBLISHED, published.avatar, "fp32", published.render, sampler)]
 
 
 def load_paper_avatar(hand: HandModel, path: Path | None) -> Avatar:
@@ -125,4 +129,4 @@ def _configuration(
         renderer.forget()  # else a hand that was rendered to warm up would only be lit
         return renderer.render(shot, on_stage=on_stage)
 
-    return Configuration(name, avatar, precision, render)
+    return Configuration(name, avatar, precision, render, renderer.sampler)

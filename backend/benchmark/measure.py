@@ -165,5 +165,5 @@ class Bench:
 
     def _works(self, configuration: Configuration, motion: MovingHand, frame: MotionFrame) -> dict[str, Work]:
         avatar = configuration.avatar
-        counts = counts_of(motion.shot(frame), self.hand, avatar.config.sampler)
+        counts = counts_of(motion.shot(frame), self.hand, configuration.sampler)
         return stage_work(counts, avatar, _NUMBER_BYTES[configuration.precision])

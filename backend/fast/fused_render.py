@@ -75,7 +75,7 @@ class FusedRayRenderer:
         hooks.on_stage("sample")
         pixel, directions, rays = live_rays(crossings, hand)
         surface, skin, units = surface_of(hand.mesh, hand.topology), self._skin(hand, conditions), self._units(hand)
-        gathered, t, dt = self._buffers(len(pixel))
+        gathered, t, dt = self._buffers(len(pixel), units.samples)
         out = RayOutputs(*(values.numpy() for values in (*gathered, t, dt)))
         for start in range(0, len(pixel), self.rays_per_chunk):
             hooks.before_chunk()
@@ -100,11 +100,10 @@ class FusedRayRenderer:
 
     def _units(self, hand: HandInView) -> RayUnits:
         values = (self.config.shell_m, hand.camera.focal_px, hand.mesh.scale)
-        return RayUnits(self.config.samples_per_ray, *(np.float32(value) for value in values))
+        return RayUnits(self.config.samples_along(hand), *(np.float32(value) for value in values))
 
-    def _buffers(self, rays: int) -> tuple[Composite, Tensor, Tensor]:
+    def _buffers(self, rays: int, samples: int) -> tuple[Composite, Tensor, Tensor]:
         """Composited gathered features, sample depths [R, N] and steps [R]; all zero."""
-        samples = self.config.samples_per_ray
         sizes = ((rays, self.field.gathered_channels), (rays,), (rays,), (rays, samples))
         return Composite(*(torch.zeros(size) for size in sizes)), torch.zeros(rays, samples), torch.zeros(rays)
 

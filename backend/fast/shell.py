@@ -9,7 +9,7 @@ from torch import Tensor
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
 from ..nerf.rays import HandInView, project, ray_directions, ray_origin
-from ..nerf.sampler import SamplerConfig
+from ..nerf.sampler import BEFORE_M, BEHIND_M, LEAST_REACH_M, SamplerConfig
 from .fronts import find_fronts
 from .kernels.compiled import in_parallel
 from .kernels.raster import find_crossings, nearest_depth
@@ -20,7 +20,7 @@ from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     """The crossings of the inflated mesh, and the first front face of the deflated one."""
-    mesh, topology, camera = hand
+    mesh, topology, camera, known_depth = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     faces, (width, height) = topology.faces.numpy(), camera.size_px
     outer, inner = (
@@ -33,6 +33,10 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
         face=np.empty((pixels, config.max_layers), np.int32),
         counts=np.zeros(pixels, np.int32),
         inner=np.full(pixels, np.inf, np.float32),
+        known=np.full(pixels, np.inf, np.float32) if known_depth is None else known_depth.numpy(),
+        before=np.float32(BEFORE_M * mesh.scale),
+        behind=np.float32(BEHIND_M * mesh.scale),
+        least_reach=np.float32(LEAST_REACH_M * mesh.scale),
     )
 
     def rasterise_rows(first: int, last: int) -> None:

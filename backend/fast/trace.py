@@ -17,7 +17,7 @@ def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | 
     """Sample the rays that meet the shell and project the samples onto the surface."""
     crossings = rasterise_shell(hand, config)
     pixel, directions, rays = live_rays(crossings, hand)
-    surface, shape = surface_of(hand.mesh, hand.topology), (len(pixel), config.samples_per_ray)
+    surface, shape = surface_of(hand.mesh, hand.topology), (len(pixel), config.samples_along(hand))
     offsets = strata(*shape, directions, generator).numpy()
     t, height, barycentric = torch.empty(shape), torch.empty(shape), torch.empty(*shape, 3)
     dt, is_stopped = torch.empty(shape[0]), torch.empty(shape[0], dtype=torch.bool)

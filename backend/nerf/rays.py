@@ -33,11 +33,20 @@ class CameraTensors(NamedTuple):
 
 
 class HandInView(NamedTuple):
-    """A posed hand and the (low-resolution) camera that sees it."""
+    """A posed hand and the (low-resolution) camera that sees it.
+
+    Attributes:
+        mesh: the mesh.
+        topology: of the mesh.
+        camera: sees it.
+        known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
+            none is known.
+    """
 
     mesh: PosedMesh
     topology: Topology
     camera: CameraTensors
+    known_depth: Tensor | None = None
 
 
 class SurfaceRays(NamedTuple):

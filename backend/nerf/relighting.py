@@ -348,7 +348,7 @@ def covered_pixels(pixel: Tensor, size_px: tuple[int, int]) -> Int[Tensor, " P"]
 
 def at_full_size(hand: HandInView) -> HandInView:
     """The hand in an image of twice the size."""
-    return hand._replace(camera=doubled(hand.camera))
+    return hand._replace(camera=doubled(hand.camera), known_depth=None)
 
 
 def doubled(camera: CameraTensors) -> CameraTensors:

@@ -6,12 +6,15 @@ opaque whatever the field returns: where two parts of the skin touch, a sample i
 and would count as air. So a ray past a fingertip over the palm gets one interval on each and no samples in the gap,
 and a ray that only grazes the finger continues to what lies behind it.
 
+Where the skin's own surface is known, a ray that meets it is sampled there alone: from `BEFORE_M` before it to
+`BEHIND_M` behind it, where it ends opaque. Few samples then do what many did along the whole shell.
+
 Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -21,6 +24,13 @@ from torch import Tensor
 from ..geometry.mesh import Topology
 from ..geometry.rasterise import Fragments, NearestFronts, nearest_fronts, rasterise
 from .rays import CameraTensors, HandInView, project, ray_directions, ray_origin
+
+BEFORE_M, BEHIND_M = 0.0015, 0.0025
+"""How far before and behind a known surface its rays are sampled: depth, template metres."""
+LEAST_REACH_M = 0.0003
+"""Rays with less of the shell there are sampled along all of it: the surface lies outside."""
+SAMPLES_AT_SURFACE = 4
+"""Samples per ray where the surface is known."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,15 @@ class SamplerConfig:
     max_layers: int = 10
     """Surface crossings (front and back) kept per ray; the farthest are dropped."""
 
+    def samples_along(self, hand: HandInView) -> int:
+        """N of rays in this view: fewer where a surface is known."""
+        return self.samples_per_ray if hand.known_depth is None else self.at_surface.samples_per_ray
+
+    @property
+    def at_surface(self) -> SamplerConfig:
+        """How the rays of a hand whose surface is known are sampled."""
+        return replace(self, samples_per_ray=min(self.samples_per_ray, SAMPLES_AT_SURFACE))
+
 
 class RaySamples(NamedTuple):
     """R rays of N samples.
@@ -44,7 +63,7 @@ class RaySamples(NamedTuple):
         t: [R, N] depth of each sample, m.
         dt: [R] depth step of each ray's samples, m (its intervals' total length / N).
         points: [R, N, 3] world, m.
-        is_stopped: [R] whether the ray ends at the deflated mesh, which is opaque.
+        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind a known surface.
         entry_face: [R, L] faces whose inflated fronts the ray crosses, nearest first.
         is_open: [R, N, L] which of the crossings lie before each sample, in the sample's own interval.
     """
@@ -66,7 +85,8 @@ class Intervals(NamedTuple):
         pixel: [R].
         start: [R, M] m.
         end: [R, M] m; an empty interval has end = start.
-        is_stopped: [R] whether the last interval ends at the deflated mesh.
+        since: [R, M] depth at which the ray enters the shell there, m: `start` may lie behind it.
+        is_stopped: [R] whether the ray ends opaque: at the deflated mesh, or behind a known surface.
         entry: [R, L] depths of the inflated mesh's fronts, nearest first, infinite where there is none, m.
         entry_face: [R, L] the faces of those fronts.
     """
@@ -74,6 +94,7 @@ class Intervals(NamedTuple):
     pixel: Tensor
     start: Tensor
     end: Tensor
+    since: Tensor
     is_stopped: Tensor
     entry: Tensor
     entry_face: Tensor
@@ -105,7 +126,7 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
     """
     intervals, camera = shell_intervals(hand, config), hand.camera
     directions = ray_directions(camera, intervals.pixel)
-    t, dt, since = _place_samples(intervals, config.samples_per_ray, generator)
+    t, dt, since = _place_samples(intervals, config.samples_along(hand), generator)
     points = ray_origin(camera) + t[..., None] * directions[:, None, :]
     entry = intervals.entry[:, None, :]
     is_open = (entry <= t[..., None]) & (entry >= since[..., None])
@@ -114,13 +135,16 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    mesh, topology, camera = hand
+    mesh, topology, camera, known_depth = hand
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, camera)
     inner = _fragments_of(mesh.vertices - shell, topology, camera)
     crossings = _by_ray(outer, config.max_layers)
     inside, pixel = _inside_intervals(crossings), crossings.pixel
-    return _without_empty(_stop_at(inside, nearest_fronts(inner, camera.size_px).depth[pixel]))
+    intervals = _stop_at(inside, nearest_fronts(inner, camera.size_px).depth[pixel])
+    if known_depth is not None:
+        intervals = _about(intervals, known_depth[pixel], mesh.scale)
+    return _without_empty(intervals)
 
 
 def _fragments_of(vertices: Tensor, topology: Topology, camera: CameraTensors) -> Fragments:
@@ -165,9 +189,8 @@ def _inside_intervals(crossings: Crossings) -> Intervals:
     start = torch.where(opens, depth, torch.zeros_like(depth))
     end = torch.where(opens, torch.maximum(next_exit, start), start)
     entry = torch.where(is_front, depth, torch.full_like(depth, torch.inf))
-    return Intervals(
-        crossings.pixel, start, end, torch.zeros_like(crossings.pixel, dtype=torch.bool), entry, crossings.face
-    )
+    is_stopped = torch.zeros_like(crossings.pixel, dtype=torch.bool)
+    return Intervals(crossings.pixel, start, end, start, is_stopped, entry, crossings.face)
 
 
 def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
@@ -175,6 +198,18 @@ def _stop_at(intervals: Intervals, depth: Float[Tensor, " R"]) -> Intervals:
     end = torch.minimum(intervals.end, depth[:, None])
     is_stopped = depth < intervals.end.amax(1)
     return intervals._replace(start=torch.minimum(intervals.start, end), end=end, is_stopped=is_stopped)
+
+
+def _about(intervals: Intervals, depth: Float[Tensor, " R"], scale: Float[Tensor, ""]) -> Intervals:
+    """Clip the intervals to what lies about a surface; where that leaves next to nothing, they stay."""
+    near, far = (depth - BEFORE_M * scale)[:, None], (depth + BEHIND_M * scale)[:, None]
+    start, end = (torch.minimum(torch.maximum(values, near), far) for values in (intervals.start, intervals.end))
+    is_about = depth.isfinite() & ((end - start).sum(1) > LEAST_REACH_M * scale)
+    return intervals._replace(
+        start=torch.where(is_about[:, None], start, intervals.start),
+        end=torch.where(is_about[:, None], end, intervals.end),
+        is_stopped=intervals.is_stopped | (is_about & (intervals.end > far).any(1)),
+    )
 
 
 def _without_empty(intervals: Intervals) -> Intervals:
@@ -185,15 +220,15 @@ def _without_empty(intervals: Intervals) -> Intervals:
 def _place_samples(
     intervals: Intervals, count: int, generator: torch.Generator | None
 ) -> tuple[Float[Tensor, "R N"], Float[Tensor, " R"], Float[Tensor, "R N"]]:
-    """Equal strata over the union of each ray's intervals: depths, their common step, and their intervals' starts."""
+    """Equal strata over the union of each ray's intervals: depths, their common step, and their intervals' `since`."""
     length = intervals.end - intervals.start
     filled = length.cumsum(1)
     total = filled[:, -1]
     offset = strata(len(total), count, length, generator) * total[:, None]
     index = torch.searchsorted(filled, offset.contiguous()).clamp(max=length.shape[1] - 1)
     before = (filled - length).gather(1, index)
-    start = intervals.start.gather(1, index)
-    return start + offset - before, total / count, start
+    start, since = (values.gather(1, index) for values in (intervals.start, intervals.since))
+    return start + offset - before, total / count, since
 
 
 def strata(rays: int, count: int, like: Tensor, generator: torch.Generator | None) -> Float[Tensor, "R N"]:

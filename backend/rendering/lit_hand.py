@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -43,6 +42,7 @@ from ..nerf.lit_rays import (
 )
 from ..nerf.maps import depth_profile
 from ..nerf.part_edges import PartEdges
+from ..nerf.ray_hits import RayHits
 from ..nerf.rays import HandInView, RenderedRays, ray_directions
 from ..nerf.relighting import LitImage, at_full_size, doubled
 from ..nerf.surface_means import RayPlaces, smoothed_light
@@ -55,10 +55,18 @@ from .measured_light import measured_at, without_noise
 
 
 class PosedSkin(NamedTuple):
-    """A person's known skin in a pose: the maps of its detail, its surface, and its hairs; None: it shows none."""
+    """A person's known skin in a pose.
+
+    Attributes:
+        maps: of its detail.
+        mesh: its surface.
+        hits: where the rays of all low-resolution pixels meet that.
+        hairs: on it; None: it shows none.
+    """
 
     maps: DetailMaps
     mesh: FineMesh
+    hits: RayHits
     hairs: PosedHairs | None = None
 
 
@@ -168,8 +176,7 @@ def render_lit_hand(
     device = rays.t.device
     on_stage("light")
     size_px = hand.camera.size_px
-    every = torch.arange(size_px[0] * size_px[1], device=device)
-    rays, hits = (rays, None) if known is None else completed(rays, backend.ray_hits(known.mesh, hand.camera, every))
+    rays, hits = (rays, None) if known is None else completed(rays, known.hits)
     directions = ray_directions(hand.camera, rays.pixel)
     view = normalize(directions, dim=-1)
     layers = skin_layers(backend, hand)

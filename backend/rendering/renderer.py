@@ -33,6 +33,7 @@ from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
 from ..nerf.rays import HandInView, RenderedRays, camera_tensors
+from ..nerf.sampler import SamplerConfig
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
@@ -119,9 +120,12 @@ class Renderer:
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
+        skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
+        if skin is not None:
+            hand = hand._replace(known_depth=skin.hits.depth)
         rays = self._render_rays(hand, self._conditions(shot, hand), RenderHooks(on_stage, check))
         if isinstance(self._field, LitField):
-            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, on_stage, check)]
+            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
         superres, scale = _asking(self._superres, check), self.avatar.config.superres.scale
@@ -134,6 +138,12 @@ class Renderer:
             return frame
         on_stage("light")
         return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
+
+    @property
+    def sampler(self) -> SamplerConfig:
+        """How rays that meet the hand are sampled."""
+        config = self.avatar.config.sampler
+        return config if self._skin is None else config.at_surface
 
     def forget(self) -> None:
         """Forget the last hand, so that the next frame is rendered from its pose on, whatever it shows."""
@@ -196,11 +206,11 @@ class Renderer:
         hand: HandInView,
         rays: RenderedRays,
         field: LitField,
+        skin: PosedSkin | None,
         on_stage: OnStage,
         check: Callable[[], None],
     ) -> LitHand:
         backend, superres = self._backend, _asking(self._superres, check)
-        skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
         return render_lit_hand(
             shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, skin, on_stage
         )
@@ -209,7 +219,9 @@ class Renderer:
         template = self._fine_template(skin, shot.pose.side)
         mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
         hairs = None if shot.hair == 0 else self._hairs.first(shot.hair)
-        return PosedSkin(skin.maps, mesh, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
+        every = torch.arange(hand.camera.size_px[0] * hand.camera.size_px[1], device=self.torch_device)
+        hits = self._backend.ray_hits(mesh, hand.camera, every)
+        return PosedSkin(skin.maps, mesh, hits, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
 
     def _fine_template(self, skin: KnownSkin, side: Side) -> FineTemplate:
         templates = self._fine_templates
@@ -219,8 +231,9 @@ class Renderer:
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
-        """The avatar's skin, where it is known."""
-        return skin_of(self.avatar, self.torch_device) if self.has_skin_detail else None
+        """The avatar's skin, where it is known and its field can be lit."""
+        is_lit = isinstance(self._field, LitField)
+        return skin_of(self.avatar, self.torch_device) if self.has_skin_detail and is_lit else None
 
     @cached_property
     def _fine_templates(self) -> dict[Side, FineTemplate]:

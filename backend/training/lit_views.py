@@ -38,7 +38,7 @@ from ..nerf.lit_rays import (
     with_parts,
 )
 from ..nerf.ray_hits import RayHits
-from ..nerf.rays import HandInView, view_directions
+from ..nerf.rays import CameraTensors, HandInView, view_directions
 from ..nerf.relighting import covered_pixels, doubled
 from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import PixelSkin, pixel_skin
@@ -207,7 +207,7 @@ class LitTrainingViews(TrainingViews):
         together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
 
         def surface() -> HitSurface | None:
-            mesh = self._fine_mesh(index, view)
+            mesh = self._fine_mesh(index, view.mesh)
             if mesh is None or hits is None:
                 return None
             return HitSurface(mesh, hits.positions(view.camera, directions, position))
@@ -236,19 +236,27 @@ class LitTrainingViews(TrainingViews):
     def _fine_template(self) -> FineTemplate | None:
         return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
-    def _fine_mesh(self, index: int, view: TrainingView) -> FineMesh | None:
+    def _known_depth(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> Tensor | None:
+        """As in `HandInView`."""
+        surface = self._fine_mesh(index, mesh)
+        if surface is None:
+            return None
+        every = torch.arange(camera.size_px[0] * camera.size_px[1], device=self.device)
+        return self.backend.ray_hits(surface, camera, every).depth
+
+    def _fine_mesh(self, index: int, mesh: PosedMesh) -> FineMesh | None:
         """The known surface in the pose of an instant."""
         if self._skin is None or self._fine_template is None:
             return None
         pose = self._hand_poses[self.views[index].pose_index]
-        return self._skin.posed(self._fine_template, pose, view.mesh, self.topology.frames)
+        return self._skin.posed(self._fine_template, pose, mesh, self.topology.frames)
 
     def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
         """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""
         if self._skin is None:
             return None
         if index not in self._kept_skin:
-            mesh, camera = self._fine_mesh(index, view), doubled(view.camera)
+            mesh, camera = self._fine_mesh(index, view.mesh), doubled(view.camera)
             assert mesh is not None
             seen = self.backend.seen_surface(mesh, camera)
             pixel = covered_pixels(view.rays.pixel, view.camera.size_px)

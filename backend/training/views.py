@@ -185,12 +185,14 @@ class TrainingViews:
         y = torch.arange(rows, device=self.device) + crop.scale * crop.y0
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
+    def _known_depth(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> Tensor | None:
+        """As in `HandInView`: no surface is known here."""
+
     def _rays(self, index: int, jitter: int, camera: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
-            self._traced[index, jitter] = _packed(
-                self.backend.trace(HandInView(mesh, self.topology, camera), self.sampler, generator)
-            )
+            hand = HandInView(mesh, self.topology, camera, self._known_depth(index, mesh, camera))
+            self._traced[index, jitter] = _packed(self.backend.trace(hand, self.sampler, generator))
         return _unpacked(self._traced[index, jitter], camera)
 
 

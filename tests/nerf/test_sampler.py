@@ -5,7 +5,14 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions
-from livehand.backend.nerf.sampler import SamplerConfig, sample_rays, shell_intervals
+from livehand.backend.nerf.sampler import (
+    BEFORE_M,
+    BEHIND_M,
+    SAMPLES_AT_SURFACE,
+    SamplerConfig,
+    sample_rays,
+    shell_intervals,
+)
 from livehand.backend.records.camera import Camera, look_at
 
 SHELL_M, RADIUS_M = 0.004, 0.05
@@ -192,6 +199,75 @@ def test_the_camera_within_the_shell_is_no_error(spheres):
     rays = sample_rays(HandInView(mesh, topology, a_view(origin=(0.0, -RADIUS_M - 0.002, 0.0))), CONFIG)
     assert rays.t.isfinite().all()
     assert rays.points.isfinite().all()
+
+
+def known(mesh, topology, view, depth):
+    """The spheres in a view, with a known surface at a depth [P]."""
+    return HandInView(mesh, topology, view, depth.float())
+
+
+@pytest.mark.slow
+def test_rays_that_meet_a_known_surface_are_sampled_about_it_and_end_there(spheres):
+    """A surface half a millimetre within the large sphere; the small one, before it, stays as it is."""
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    depth = crossings(view, FAR[0], RADIUS_M - 0.0005)[0].nan_to_num(torch.inf)
+    small = ~crossings(view, NEAR[0], NEAR[1] + SHELL_M + FACET_M)[0].isnan()
+    plain, about = (
+        shell_intervals(hand, CONFIG) for hand in (HandInView(mesh, topology, view), known(mesh, topology, view, depth))
+    )
+    assert torch.equal(plain.pixel, about.pixel)
+    length = [(intervals.end - intervals.start).sum(1) for intervals in (plain, about)]
+    entry, grazes = (
+        crossings(view, FAR[0], RADIUS_M + SHELL_M)[0],
+        crossings(view, FAR[0], RADIUS_M - SHELL_M)[0].isnan(),
+    )
+    # Far enough from the rims that the shell holds all of the reach.
+    clear = (depth.isfinite() & ~grazes & ~small & (depth - entry > BEFORE_M + 1e-3))[plain.pixel]
+    inner = crossings(view, FAR[0], RADIUS_M - SHELL_M)[0][plain.pixel]
+    expected = torch.minimum(torch.tensor(BEFORE_M + BEHIND_M), inner - depth[plain.pixel] + BEFORE_M)
+    assert int(clear.sum()) > 200
+    torch.testing.assert_close(length[1][clear].double(), expected[clear].double(), atol=8 * FACET_M, rtol=0)
+    assert about.is_stopped[clear].all()
+    first = torch.where(about.end > about.start, about.start, torch.inf).amin(1)
+    torch.testing.assert_close(first[clear].double(), depth[plain.pixel][clear] - BEFORE_M, atol=1e-6, rtol=0)
+    assert torch.equal(length[0][~depth.isfinite()[plain.pixel]], length[1][~depth.isfinite()[plain.pixel]])
+    assert torch.equal(about.since, plain.since)
+
+
+@pytest.mark.slow
+def test_a_known_surface_takes_few_samples_which_skip_what_lies_before_it(spheres):
+    """Past the small sphere's rim, the large one is seen: no sample lies on the small one."""
+    mesh, topology = spheres(NEAR, FAR)
+    view = a_view()
+    depth = crossings(view, FAR[0], RADIUS_M)[0].nan_to_num(torch.inf)
+    rays = sample_rays(known(mesh, topology, view, depth), CONFIG)
+    assert rays.t.shape[1] == SAMPLES_AT_SURFACE == 4
+    past_core = crossings(view, NEAR[0], NEAR[1] - SHELL_M + 3 * FACET_M)[0].isnan()
+    meets = (depth.isfinite() & past_core)[rays.pixel]
+    gap = rays.t - depth[rays.pixel, None]
+    within = (gap > -BEFORE_M - 1e-6) & (gap < BEHIND_M + 1e-6)
+    assert within[meets].double().mean() > 0.99  # beside the rim, facets may have no shell there
+    on_small = ((rays.points - torch.tensor(NEAR[0])).norm(dim=-1) - NEAR[1]).abs() < SHELL_M
+    assert not (on_small & meets[:, None]).any()
+    plain = sample_rays(HandInView(mesh, topology, view), CONFIG)
+    assert ((plain.points - torch.tensor(NEAR[0])).norm(dim=-1) - NEAR[1] < SHELL_M)[meets].any()
+    assert rays.is_open[meets].any(2).all()
+    few = SamplerConfig(samples_per_ray=2, shell_m=SHELL_M)
+    assert sample_rays(known(mesh, topology, view, depth), few).t.shape[1] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside_m", [-0.05, 0.2])
+def test_a_known_surface_outside_the_shell_changes_no_interval(spheres, beside_m):
+    mesh, topology = spheres(FAR)
+    view = a_view()
+    depth = crossings(view, FAR[0], RADIUS_M)[0].nan_to_num(torch.inf) + beside_m
+    plain, other = (
+        shell_intervals(hand, CONFIG) for hand in (HandInView(mesh, topology, view), known(mesh, topology, view, depth))
+    )
+    for name in ("pixel", "start", "end", "is_stopped"):
+        assert torch.equal(getattr(plain, name), getattr(other, name))
 
 
 def test_a_ray_is_stopped_by_the_deflated_mesh_only(spheres):

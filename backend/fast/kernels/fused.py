@@ -31,6 +31,7 @@ def render_rays(rays, crossings, surface, skin, field, units, first, last, out):
     buffers = RayBuffers(
         np.empty(capacity, np.float32),
         np.empty(capacity, np.float32),
+        np.empty(capacity, np.float32),
         np.empty(capacity, np.int64),
         np.empty((3, surface.around.shape[2]), np.float32),
         np.zeros(out.features.shape[1], np.float32),
@@ -45,17 +46,19 @@ def render_rays(rays, crossings, surface, skin, field, units, first, last, out):
 @part
 def _render_ray(ray, rays, crossings, surface, skin, field, units, buffers, out):
     samples, scale = units.samples, units.scale
-    start, end, current, gathered = buffers.start, buffers.end, buffers.part, buffers.gathered
+    start, end, since, current, gathered = buffers.start, buffers.end, buffers.since, buffers.part, buffers.gathered
     pixel = rays.pixel[ray]
-    intervals, total, is_stopped = begin_ray(pixel, crossings, start, end, current)
+    intervals, total, is_stopped = begin_ray(pixel, crossings, start, end, since, current)
     out.dt[ray] = total / np.float32(samples)
     step_mm = out.dt[ray] * _length(rays.directions, ray) / scale * _MM
     transmittance, weighted_depth = _1, _0
     for index in range(samples):
         offset = (np.float32(index) + _HALF) / np.float32(samples) * total
-        since, depth = place_sample(offset, start, end, intervals)
+        interval, depth = place_sample(offset, start, end, intervals)
         x, y, z = point_at(rays, ray, depth)
-        face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, current, buffers.tried)
+        face, wb, wc, height = deepest_part(
+            x, y, z, depth, since[interval], pixel, crossings, surface, current, buffers.tried
+        )
         height /= scale * units.shell_m
         footprint_m = depth / (units.focal_px * scale)
         _gather(face, wb, wc, height, footprint_m, surface.faces, skin, field, buffers)

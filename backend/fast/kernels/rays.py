@@ -8,16 +8,16 @@ from .compiled import compiled
 from .compiled import compiled_part as part
 from .surface import closest_on_part, signed_height
 
-_0, _1 = np.float32(0), np.float32(1)
+_0, _1, _FAR = np.float32(0), np.float32(1), np.float32(np.inf)
 
 
 @compiled
 def find_live(crossings, first, last, is_live):
     """Mark the pixels in [first, last) whose rays have anything to sample."""
-    start, end, part = ray_buffers(crossings)
+    start, end, since, part = ray_buffers(crossings)
     for pixel in range(first, last):
         if crossings.counts[pixel] > 0:
-            _, total, _ = begin_ray(pixel, crossings, start, end, part)
+            _, total, _ = begin_ray(pixel, crossings, start, end, since, part)
             is_live[pixel] = total > _0
 
 
@@ -28,17 +28,17 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
     `offsets` [R, N] in (0, 1) are the samples' places in the union of a ray's intervals; `out` is `TracedSamples`.
     """
     samples = offsets.shape[1]
-    start, end, part = ray_buffers(crossings)
+    start, end, since, part = ray_buffers(crossings)
     tried = np.empty((3, surface.around.shape[2]), np.float32)
     for ray in range(first, last):
         pixel = rays.pixel[ray]
-        intervals, total, out.is_stopped[ray] = begin_ray(pixel, crossings, start, end, part)
+        intervals, total, out.is_stopped[ray] = begin_ray(pixel, crossings, start, end, since, part)
         out.dt[ray] = total / np.float32(samples)
         for index in range(samples):
-            since, depth = place_sample(offsets[ray, index] * total, start, end, intervals)
+            interval, depth = place_sample(offsets[ray, index] * total, start, end, intervals)
             out.t[ray, index] = depth
             x, y, z = point_at(rays, ray, depth)
-            face, wb, wc, height = deepest_part(x, y, z, depth, since, pixel, crossings, surface, part, tried)
+            face, wb, wc, height = deepest_part(x, y, z, depth, since[interval], pixel, crossings, surface, part, tried)
             out.face[ray, index], out.height[ray, index] = face, height
             out.barycentric[ray, index, 0] = _1 - wb - wc
             out.barycentric[ray, index, 1], out.barycentric[ray, index, 2] = wb, wc
@@ -46,18 +46,33 @@ def trace_samples(rays, offsets, crossings, surface, first, last, out):
 
 @compiled
 def ray_buffers(crossings):
-    """Buffers of one ray: starts and ends of its intervals, and the current face of each part that it has entered."""
+    """Buffers of one ray: starts, ends and `since` of its intervals, and the current face of each part it entered."""
     capacity = crossings.depth.shape[1]
-    return np.empty(capacity, np.float32), np.empty(capacity, np.float32), np.empty(capacity, np.int64)
+    start, end, since = np.empty(capacity, np.float32), np.empty(capacity, np.float32), np.empty(capacity, np.float32)
+    return start, end, since, np.empty(capacity, np.int64)
 
 
 @part
-def begin_ray(pixel, crossings, start, end, part):
-    """Fill a ray's buffers; returns (number of intervals, their total length, whether the hand itself stops it)."""
+def begin_ray(pixel, crossings, start, end, since, part):
+    """Fill a ray's buffers; returns (number of intervals, their total length, whether the ray ends opaque)."""
     depths, faces, count = crossings.depth[pixel], crossings.face[pixel], crossings.counts[pixel]
     for crossing in range(count):
         part[crossing] = faces[crossing]
-    return interval_list(depths, faces, count, crossings.inner[pixel], start, end)
+    intervals, total, is_stopped = interval_list(depths, faces, count, crossings.inner[pixel], start, end)
+    for index in range(intervals):
+        since[index] = start[index]
+    known = crossings.known[pixel]
+    if known == _FAR:
+        return intervals, total, is_stopped
+    near, far, about = known - crossings.before, known + crossings.behind, _0
+    for index in range(intervals):
+        about += max(min(end[index], far) - max(start[index], near), _0)
+    if about <= crossings.least_reach:
+        return intervals, total, is_stopped
+    for index in range(intervals):
+        is_stopped = is_stopped or end[index] > far
+        start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
+    return intervals, about, is_stopped
 
 
 @part
@@ -120,9 +135,9 @@ def _exit(depths, faces, count, crossing, nesting):
 
 @part
 def place_sample(offset, start, end, intervals):
-    """(start of the interval, depth) at an offset into the union of the intervals."""
+    """(interval, depth) at an offset into the union of the intervals."""
     index = 0
     while index < intervals - 1 and offset > end[index] - start[index]:
         offset -= end[index] - start[index]
         index += 1
-    return start[index], start[index] + offset
+    return index, start[index] + offset

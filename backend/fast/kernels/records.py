@@ -23,12 +23,20 @@ class ShellCrossings(NamedTuple):
         face: [P, L] their faces; a back face f is stored as -1 - f.
         counts: [P] number of crossings.
         inner: [P] depth of the deflated mesh's first front face, m; infinite where there is none.
+        known: [P] depth of a known surface, m; infinite where there is none.
+        before: as `nerf.sampler.BEFORE_M`, m.
+        behind: as `nerf.sampler.BEHIND_M`, m.
+        least_reach: as `nerf.sampler.LEAST_REACH_M`, m.
     """
 
     depth: np.ndarray
     face: np.ndarray
     counts: np.ndarray
     inner: np.ndarray
+    known: np.ndarray
+    before: np.float32
+    behind: np.float32
+    least_reach: np.float32
 
 
 class SurfaceTables(NamedTuple):
@@ -119,6 +127,7 @@ class RayBuffers(NamedTuple):
     Attributes:
         start: [L] of its intervals, m.
         end: [L] m.
+        since: [L] depth at which it enters the shell there, m.
         part: [L] the current face of each part that it has entered.
         tried: [3, K] distances^2 and weights of the faces around.
         gathered: [features].
@@ -129,6 +138,7 @@ class RayBuffers(NamedTuple):
 
     start: np.ndarray
     end: np.ndarray
+    since: np.ndarray
     part: np.ndarray
     tried: np.ndarray
     gathered: np.ndarray

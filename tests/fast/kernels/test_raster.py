@@ -40,7 +40,8 @@ def layers_of(positions_px, depth, faces, size_px, layers=LAYERS, rows=None):
     )
     count = np.zeros(width * height, np.int32)
     mesh = ProjectedMesh(positions_px.numpy(), depth.numpy(), faces.numpy())
-    crossings = ShellCrossings(layer_depth, layer_face, count, np.empty(0, np.float32))
+    unread = np.empty(0, np.float32)
+    crossings = ShellCrossings(layer_depth, layer_face, count, unread, unread, *np.zeros(3, np.float32))
     rows = rows or height
     for first in range(0, height, rows):
         find_crossings(mesh, width, first, min(first + rows, height), crossings)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.fast import trace as tracing
-from livehand.backend.fast.shell import live_rays, rasterise_shell
+from livehand.backend.fast.shell import first_hit, live_rays, rasterise_shell
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.nerf.rays import CameraTensors, HandInView
@@ -19,11 +19,11 @@ CONFIG = SamplerConfig(8, 0.003)
 ELSEWHERE = 2e-4
 
 
-def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True):
+def assert_same(mesh, topology, view, config=CONFIG, seed=None, has_signs=True, known_depth=None):
     """Both roads' rays are the same, but for the signs of heights where there are no signs; returns them."""
     generators = (None, None) if seed is None else [torch.Generator().manual_seed(seed) for _ in range(2)]
-    ours = tracing.trace(HandInView(mesh, topology, view), config, generators[0])
-    theirs = trace_reference(HandInView(mesh, topology, view), config, generators[1])
+    hand = HandInView(mesh, topology, view, known_depth)
+    ours, theirs = tracing.trace(hand, config, generators[0]), trace_reference(hand, config, generators[1])
     assert torch.equal(ours.pixel, theirs.pixel)
     assert torch.equal(ours.is_stopped, theirs.is_stopped)
     torch.testing.assert_close(ours.directions, theirs.directions)
@@ -51,6 +51,24 @@ def test_rays_and_samples_are_those_of_torch(posed, seen_from, direction, gestur
     assert len(rays.pixel) > 200
     assert rays.is_stopped.any()
     assert not rays.is_stopped.all()
+
+
+@pytest.mark.parametrize(("gesture", "direction"), [("open", (0.1, -1, 0.2)), ("fist", (-1, -0.5, 0.3))])
+@pytest.mark.parametrize("seed", [None, 5])
+def test_samples_about_a_known_surface_are_those_of_torch(posed, seen_from, gesture, direction, seed):
+    """Up to a millimetre before or behind the mesh; at every seventh pixel none, at every ninth elsewhere."""
+    hand = posed(gesture)
+    view = seen_from(hand.mesh, direction)
+    depth = first_hit(HandInView(hand.mesh, hand.topology, view)).depth
+    depth = depth + 0.001 * torch.sin(torch.arange(len(depth)))
+    depth[::7], depth[::9] = torch.inf, depth[::9] + 0.02
+    rays = assert_same(hand.mesh, hand.topology, view, seed=seed, known_depth=depth)
+    assert rays.t.shape[1] == 4
+    plain = assert_same(hand.mesh, hand.topology, view, seed=seed)
+    assert rays.is_stopped.double().mean() > plain.is_stopped.double().mean() + 0.02
+    meets = depth.isfinite()[rays.pixel]
+    assert 4 * rays.dt[meets].median() < 0.7 * 8 * plain.dt[meets].median()
+    assert torch.equal(2 * plain.dt[~meets], rays.dt[~meets])
 
 
 def test_the_same_generator_jitters_both_alike_and_another_otherwise(posed, seen_from):
