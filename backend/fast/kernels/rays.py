@@ -62,17 +62,25 @@ def begin_ray(pixel, crossings, start, end, since, part):
     for index in range(intervals):
         since[index] = start[index]
     known = crossings.known[pixel]
-    if known == _FAR:
-        return intervals, total, is_stopped
-    near, far, about = known - crossings.before, known + crossings.behind, _0
+    if known < _FAR:
+        near, far = known - crossings.before, known + crossings.behind
+        about, is_cut = _about(near, far, crossings.least_reach, start, end, intervals)
+        if about > crossings.least_reach:
+            return intervals, about, is_stopped or is_cut
+    return intervals, total, is_stopped
+
+
+@part
+def _about(near, far, least, start, end, intervals):
+    """Clip the intervals, unless little would be left; returns (what is left, whether any goes on behind)."""
+    total, is_cut = _0, False
     for index in range(intervals):
-        about += max(min(end[index], far) - max(start[index], near), _0)
-    if about <= crossings.least_reach:
-        return intervals, total, is_stopped
-    for index in range(intervals):
-        is_stopped = is_stopped or end[index] > far
-        start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
-    return intervals, about, is_stopped
+        total += max(min(end[index], far) - max(start[index], near), _0)
+        is_cut = is_cut or end[index] > far
+    if total > least:
+        for index in range(intervals):
+            start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
+    return total, is_cut
 
 
 @part
