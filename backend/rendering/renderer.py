@@ -120,6 +120,7 @@ class Renderer:
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
+        on_stage("rasterise")
         skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
         if skin is not None:
             hand = hand._replace(known_depth=skin.hits.depth)
