@@ -89,8 +89,12 @@ def test_the_user_is_asked_and_progress_moves_while_a_stage_is_silent(
         return render(self, shot)
 
     monkeypatch.setattr(fake_renderer, "render", slow)
+    # Its progress is a share of the questions of the render before, which other tests may have left.
+    background = BackgroundWork()
+    monkeypatch.setattr(LiveHandRender, "background", background)
     questions = Questions(monkeypatch)
     bpy.ops.render.render()
+    background.close()
     assert questions.count > 12
     assert len(set(questions.progress)) > 4
     assert questions.longest_s < BUSY_S
