@@ -120,11 +120,12 @@ class Renderer:
         if crop is None:
             return empty_frame(shot.camera.size_px)
         hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
+        conditions = self._conditions(shot, hand)
         on_stage("rasterise")
         skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
         if skin is not None:
             hand = hand._replace(known_depth=skin.hits.depth)
-        rays = self._render_rays(hand, self._conditions(shot, hand), RenderHooks(on_stage, check))
+        rays = self._render_rays(hand, conditions, RenderHooks(on_stage, check))
         if isinstance(self._field, LitField):
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
