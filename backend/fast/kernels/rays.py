@@ -8,7 +8,7 @@ from .compiled import compiled
 from .compiled import compiled_part as part
 from .surface import closest_on_part, signed_height
 
-_0, _1, _FAR = np.float32(0), np.float32(1), np.float32(np.inf)
+_0, _1 = np.float32(0), np.float32(1)
 
 
 @compiled
@@ -61,25 +61,22 @@ def begin_ray(pixel, crossings, start, end, since, part):
     intervals, total, is_stopped = interval_list(depths, faces, count, crossings.inner[pixel], start, end)
     for index in range(intervals):
         since[index] = start[index]
-    known = crossings.known[pixel]
-    if known < _FAR:
-        near, far = known - crossings.before, known + crossings.behind
-        about, is_cut = _about(near, far, crossings.least_reach, start, end, intervals)
-        if about > crossings.least_reach:
-            return intervals, about, is_stopped or is_cut
+    near, far = crossings.known[pixel] - crossings.before, crossings.known[pixel] + crossings.behind
+    about, is_cut = _reach(near, far, start, end, intervals)
+    if about > crossings.least_reach:  # nothing where no surface is known: `near` is infinite
+        for index in range(intervals):
+            start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
+        return intervals, about, is_stopped or is_cut
     return intervals, total, is_stopped
 
 
 @part
-def _about(near, far, least, start, end, intervals):
-    """Clip the intervals, unless little would be left; returns (what is left, whether any goes on behind)."""
+def _reach(near, far, start, end, intervals):
+    """(Length of the intervals from `near` to `far`, whether any goes on behind)."""
     total, is_cut = _0, False
     for index in range(intervals):
         total += max(min(end[index], far) - max(start[index], near), _0)
         is_cut = is_cut or end[index] > far
-    if total > least:
-        for index in range(intervals):
-            start[index], end[index] = min(max(start[index], near), far), min(max(end[index], near), far)
     return total, is_cut
 
 
