@@ -165,7 +165,7 @@ def box_rays(mesh: PosedMesh, camera: CameraTensors) -> PixelRays:
     """The rays that meet the box around the hand's shell, from where they enter it to where they leave."""
     reach = SHELL_M * mesh.scale
     low, high = mesh.vertices.amin(0) - reach, mesh.vertices.amax(0) + reach
-    pixel = torch.arange(camera.size_px[0] * camera.size_px[1], device=mesh.vertices.device)
+    pixel = camera.every_pixel
     origin, directions = ray_origin(camera), ray_directions(camera, pixel)
     slope = torch.where(directions.abs() < 1e-9, torch.full_like(directions, 1e-9), directions)
     ends = torch.stack([(low - origin) / slope, (high - origin) / slope])

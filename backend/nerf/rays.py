@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -30,6 +30,12 @@ class CameraTensors(NamedTuple):
     def focal_px(self) -> Tensor:
         """[] focal length, px: the geometric mean of both axes."""
         return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
+    @property
+    def every_pixel(self) -> Int[Tensor, " P"]:
+        """Of the image, row by row."""
+        width, height = self.size_px
+        return torch.arange(width * height, device=self.K.device)
 
 
 class HandInView(NamedTuple):

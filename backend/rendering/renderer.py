@@ -221,8 +221,7 @@ class Renderer:
         template = self._fine_template(skin, shot.pose.side)
         mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
         hairs = None if shot.hair == 0 else self._hairs.first(shot.hair)
-        every = torch.arange(hand.camera.size_px[0] * hand.camera.size_px[1], device=self.torch_device)
-        hits = self._backend.ray_hits(mesh, hand.camera, every)
+        hits = self._backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
         return PosedSkin(skin.maps, mesh, hits, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
 
     def _fine_template(self, skin: KnownSkin, side: Side) -> FineTemplate:

@@ -239,10 +239,7 @@ class LitTrainingViews(TrainingViews):
     def _known_depth(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> Tensor | None:
         """As in `HandInView`."""
         surface = self._fine_mesh(index, mesh)
-        if surface is None:
-            return None
-        every = torch.arange(camera.size_px[0] * camera.size_px[1], device=self.device)
-        return self.backend.ray_hits(surface, camera, every).depth
+        return None if surface is None else self.backend.ray_hits(surface, camera, camera.every_pixel).depth
 
     def _fine_mesh(self, index: int, mesh: PosedMesh) -> FineMesh | None:
         """The known surface in the pose of an instant."""
