@@ -6,15 +6,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..hand.skin_detail import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from ..nerf.detail_maps import BUMP, GLOSS_STEP, SHADE_STEP, SLOPE_STEP_MM, DetailMaps
 from ..nerf.fine_mesh import FineMesh, PixelSurface
 from ..nerf.lighting import BumpedSkin
 from ..nerf.rays import CameraTensors, ray_origin
 from ..nerf.relighting import MIN_ALPHA, LitImage
 from ..nerf.skin_detail import (
-    DEEPENED_BY,
-    DEEPENED_FROM,
-    FLATTENED,
     FOLD_LOG_ALBEDO,
     LEAST_COSINE,
     MOST_TAPS,

@@ -21,7 +21,9 @@ COARSEST_MM, WIDEST_MM = 0.8, 6.0
 RELIEF_STEP_MM, FOLD_STEP, PIGMENT_STEP, NAIL_STEP, ROUGHNESS_STEP, SLOPE_STEP = 0.002, 0.01, 0.01, 0.01, 0.005, 0.01
 """What one step of the stored whole numbers is worth."""
 FULL_FLEX_RAD = float(np.deg2rad(65))
-"""Bend at which folds on the back of a joint are gone."""
+"""What counts as a bend of 1."""
+FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.72, 0.75, 0.5
+"""What bending a joint by 1 takes from the folds on its back, and what it makes of the creases below."""
 # Skin far from any joint moves with a share of the mean bend of the four knuckles.
 _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
 

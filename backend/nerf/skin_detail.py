@@ -17,14 +17,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from ..hand.skin_detail import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from .detail_maps import BUMP, CHANNELS, GLOSS_STEP, DetailMaps
 from .fine_mesh import FineMesh, PixelSurface, barycentric, blend_corners
 from .lighting import DIFFUSE, GLOSS, SCATTERED, BumpedSkin
 from .rays import CameraTensors
 from .relighting import MIN_ALPHA, LitImage
 
-FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.95, 0.75, 0.5
-"""What bending a joint takes from the folds on its back, and what it makes of the creases below."""
 FOLD_LOG_ALBEDO = (-0.45, -0.65, -0.60)
 """Logarithm of the colour of folds over that of the skin around them."""
 LEAST_COSINE = 0.25

@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from ...backend.captures.person import Person
+from ...backend.hand.skin_detail import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (
@@ -28,6 +29,7 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
+_LINES_MM, _LINES_PIGMENT = 0.24, 0.7  # how deep and how dark the fine lines of the back are
 _INNER_ARM_PALM = 0.36  # of the mask `palm` on the forearm, which has no ridges
 MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
@@ -37,7 +39,7 @@ class SkinTone:
     """The colours of a skin, linear Rec.709, and how strongly its folds and freckles show."""
 
     dorsal: tuple[float, float, float] = (0.625, 0.350, 0.236)
-    forearm: tuple[float, float, float] = (0.440, 0.236, 0.150)
+    forearm: tuple[float, float, float] = (0.355, 0.190, 0.121)
     palm: tuple[float, float, float] = (0.769, 0.542, 0.463)
     warm_patch: tuple[float, float, float] = (0.64, 0.31, 0.22)
     pale_patch: tuple[float, float, float] = (0.74, 0.485, 0.375)
@@ -47,6 +49,7 @@ class SkinTone:
     vein: tuple[float, float, float] = (0.42, 0.30, 0.28)
     freckle: tuple[float, float, float] = (0.36, 0.17, 0.10)
     pore: tuple[float, float, float] = (0.50, 0.25, 0.175)
+    furrow: tuple[float, float, float] = (0.59, 0.318, 0.215)
     fold: tuple[float, float, float] = (0.45, 0.185, 0.125)
     blanch: tuple[float, float, float] = (0.76, 0.53, 0.41)
     nail_bed: tuple[float, float, float] = (0.697, 0.473, 0.404)
@@ -72,17 +75,18 @@ class SkinTone:
 _LIGHT = SkinTone()
 # Dark back and light palm; creases are more visible than veins and redness.
 _DEEP = SkinTone(
-    dorsal=(0.118, 0.042, 0.019),
-    forearm=(0.113, 0.040, 0.018),
+    dorsal=(0.132, 0.047, 0.021),
+    forearm=(0.127, 0.045, 0.020),
     palm=(0.493, 0.248, 0.141),
-    warm_patch=(0.126, 0.040, 0.017),
-    pale_patch=(0.155, 0.063, 0.031),
-    dark_patch=(0.082, 0.029, 0.014),
+    warm_patch=(0.141, 0.045, 0.019),
+    pale_patch=(0.174, 0.071, 0.035),
+    dark_patch=(0.092, 0.032, 0.016),
     redness=(0.203, 0.069, 0.037),
-    knuckle=(0.052, 0.016, 0.007),
-    vein=(0.092, 0.041, 0.027),
-    freckle=(0.056, 0.021, 0.011),
-    pore=(0.095, 0.036, 0.018),
+    knuckle=(0.058, 0.018, 0.008),
+    vein=(0.103, 0.046, 0.030),
+    freckle=(0.063, 0.024, 0.012),
+    pore=(0.106, 0.040, 0.020),
+    furrow=(0.062, 0.022, 0.011),
     fold=(0.062, 0.022, 0.011),
     blanch=(0.190, 0.081, 0.040),
     nail_bed=(0.335, 0.186, 0.130),
@@ -154,7 +158,7 @@ def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
 
 
 def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, tone: SkinTone) -> Socket:
-    """From back to palm and forearm: patches, redness at tips and knuckles, veins, freckles and pores."""
+    """From back to palm and forearm: patches, redness at tips and knuckles, veins, freckles, fine lines and pores."""
     outer = graph.mix(masks["arm"], tone.dorsal, tone.forearm)
     colour = graph.mix(masks["palm"], outer, tone.palm)
     on_back = graph.one_minus(graph.product(masks["palm"], 0.55))
@@ -172,6 +176,9 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, min(0.40 * tone.freckles, 0.9))
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
+    lines = graph.smooth(_fine_lines(graph, noises), 0.52, 0.38, 0, _LINES_PIGMENT)
+    darker = tuple(furrow / back for furrow, back in zip(tone.furrow, tone.dorsal, strict=True))
+    colour = graph.mix(graph.product(lines, graph.one_minus(masks["palm"])), colour, darker, "MULTIPLY")
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
     colour = graph.mix(pores, colour, tone.pore)
     root = graph.smooth(masks["naily"], 0.95, 0.7, 0, 0.5)
@@ -226,12 +233,17 @@ def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, 
     return graph.product(line, graph.smooth(noises.mid, 0.46, 0.58, 0, 1))
 
 
+def _fine_lines(graph: NodeGraph, noises: _Noises) -> Socket:
+    """Noise that is drawn out across the digits; the fine lines of the back lie where it is low."""
+    return graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
+
+
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
     """On the back fine diamonds that are drawn out across the digits, in the palm ridges; veins and soft forms, mm."""
     cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
     diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
-    drawn_out = graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
-    on_back = graph.product(graph.total(diamonds, graph.product(drawn_out, 0.12)), graph.one_minus(masks["palm"]))
+    lines = graph.product(_fine_lines(graph, noises), _LINES_MM)
+    on_back = graph.product(graph.total(diamonds, lines), graph.one_minus(masks["palm"]))
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
     on_palm = graph.product(ridges, graph.smooth(masks["palm"], _INNER_ARM_PALM, 1.0, 0, 1), 0.012)
@@ -257,8 +269,8 @@ def shade(graph: NodeGraph, shader: bpy.types.Node, channels: SkinChannels, tone
     """
     flex = graph.attribute("flex")
     blanch = graph.product(graph.math("MULTIPLY", channels.knuckle, flex, clamp=True), 0.42)
-    dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, 0.95), clamp=True))
-    palmar = graph.product(channels.fold_palmar, graph.total(0.75, graph.product(flex, 0.5)))
+    dorsal = graph.product(channels.fold_dorsal, graph.one_minus(graph.product(flex, FLATTENED), clamp=True))
+    palmar = graph.product(channels.fold_palmar, graph.total(DEEPENED_FROM, graph.product(flex, DEEPENED_BY)))
     in_fold = graph.math("ADD", graph.product(dorsal, 0.42), graph.product(palmar, 0.45), clamp=True)
     colour = graph.mix(in_fold, graph.mix(blanch, channels.albedo, tone.blanch), tone.fold)
     depth = graph.total(graph.product(dorsal, 0.36 * tone.folds), graph.product(palmar, 0.55 * tone.folds))

@@ -17,16 +17,13 @@ from ...backend.hand.builtin.detailed_surface import DetailedSurface
 from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, forearm_offsets, joint_transforms
 from ...backend.hand.model import HandModel
+from ...backend.hand.skin_detail import SkinBend
 from ...backend.records.shot import HandPose
 from .skin import MASKS, UV_LAYER
 
 with needs("scipy"):
     from scipy.spatial import KDTree
 
-FULL_FLEX_RAD = np.deg2rad(65)
-# Vertices far from any joint (palm, back) get a share of the mean bend of the four knuckles.
-_KNUCKLES = [1, 4, 7, 10]
-_PALM_SHARE = 0.6
 _POSE_ATTRIBUTES = ("flex", "crossing")
 _CROSSING_REACH_M = 0.005  # from a line where parts cross: as far as light is scattered under the skin
 
@@ -78,9 +75,7 @@ class SkinSurface:
         return np.einsum("vab,vb->va", blended[..., :3], v_posed) + blended[..., 3] + pose.transl
 
     def _flex(self, theta: np.ndarray) -> np.ndarray:
-        bend = np.clip((theta * self.detail.flex_axis).sum(1) / FULL_FLEX_RAD, 0, 1.3)
-        joint = self.detail.masks["jid"].astype(int)
-        return np.where(joint > 0, bend[joint], bend[_KNUCKLES].mean() * _PALM_SHARE)
+        return SkinBend(self.detail.masks["jid"].astype(int), self.detail.flex_axis).flex(theta)
 
 
 def crossing(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -72,6 +72,9 @@ def _finger_forms(view: _DigitView) -> list[PoseForm]:
         PoseForm(mcp, 15, 85, _pressed_flesh(view, 0.5 * view.ray.bones.proximal + 2, 0.8)),
         PoseForm(pip, 15, 85, _bent_joint(view, view.ray.joints_along[1], 1.0)),
         PoseForm(dip, 15, 70, _bent_joint(view, view.ray.joints_along[2], 0.5)),
+        PoseForm(mcp, 20, 100, _kept_volume(view, 3.0, 1.0, 3.0)),
+        PoseForm(pip, 15, 100, _kept_volume(view, view.ray.joints_along[1], 0.7, 0.1)),
+        PoseForm(dip, 15, 90, _kept_volume(view, view.ray.joints_along[2], 0.35, 0.0)),
     ]
 
 
@@ -81,6 +84,8 @@ def _thumb_forms(view: _DigitView) -> list[PoseForm]:
         PoseForm(cmc, 0, -16, _snuffbox(view)),
         PoseForm(mcp, 10, 55, _bent_joint(view, view.ray.joints_along[1], 0.8)),
         PoseForm(ip, 10, 75, _bent_joint(view, view.ray.joints_along[2], 0.8)),
+        PoseForm(mcp, 10, 90, _kept_volume(view, view.ray.joints_along[1], 1.8, 3.0)),
+        PoseForm(ip, 10, 90, _kept_volume(view, view.ray.joints_along[2], 0.7, 0.1)),
     ]
 
 
@@ -127,6 +132,14 @@ def _pressed_flesh(view: _DigitView, crease_mm: float, size: float) -> np.ndarra
     along = view.at.along - crease_mm
     bulges = 0.8 * (bump(along - 4.6, 2.1) + bump(along + 4.6, 2.1))
     return size * view.near * view.on_palm * (bulges - 0.8 * bump(along, 0.9))
+
+
+def _kept_volume(view: _DigitView, joint_mm: float, back_mm: float, palm_mm: float) -> np.ndarray:
+    """What skinning draws in at a bent joint: neither the heads of its bones nor the flesh beside its crease shrink."""
+    along = view.at.along - joint_mm
+    over_bones = back_mm * bump(along - 0.8, 3.8) * view.on_back
+    flesh = palm_mm * bump(along, 6.0) * (1 - view.on_back)
+    return view.near * (over_bones + flesh)
 
 
 def _snuffbox(view: _DigitView) -> np.ndarray:
