@@ -92,7 +92,7 @@ def test_a_larger_hand_has_larger_relief_and_the_same_slopes(backend):
     torch.testing.assert_close(found.normal, tilt(0.02).expand_as(found.normal), atol=2e-4, rtol=0)
 
 
-@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
+@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.64), (1.4, 0.0)])
 def test_folds_on_the_back_flatten_as_the_joint_bends(backend, flex, factor):
     found = detailed(backend, skin(dorsal=0.05 * ALONG_U), flex)
     torch.testing.assert_close(found.normal[0], tilt(-0.05 * DORSAL_MM * factor), atol=4e-4, rtol=0)
@@ -200,7 +200,7 @@ def test_slopes_that_the_fine_surface_lacks_bend_its_normals(backend):
     torch.testing.assert_close(found.normal, expected.expand_as(found.normal), atol=4e-4, rtol=0)
 
 
-@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.525), (1.2, 0.0)])
+@pytest.mark.parametrize(("flex", "factor"), [(0.0, 1.0), (0.5, 0.64), (1.4, 0.0)])
 def test_folds_that_a_pixel_hides_widen_its_gloss_as_far_as_they_show(backend, flex, factor):
     """Waves of four texels, gone at a level of four."""
     folds = np.tile(0.6 * np.sin(pi / 2 * np.arange(N)), (N, 1)).astype(np.float32)
