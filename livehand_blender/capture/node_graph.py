@@ -93,6 +93,13 @@ class NodeGraph:
         self.connect(factors, node.inputs[1])
         return node.outputs[0]
 
+    def turned(self, vector: Socket, angle_rad: float) -> Socket:
+        """A vector turned about the second axis."""
+        node = self.node("ShaderNodeVectorRotate", rotation_type="Y_AXIS")
+        self.connect(vector, node.inputs["Vector"])
+        node.inputs["Angle"].default_value = angle_rad
+        return node.outputs[0]
+
     def attribute(self, name: str, output: str = "Fac") -> Socket:
         """A mesh attribute: `Fac` or `Vector`."""
         return self.node("ShaderNodeAttribute", attribute_name=name).outputs[output]

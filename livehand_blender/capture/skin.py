@@ -29,7 +29,8 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
-_LINES_MM, _LINES_PIGMENT = 0.24, 0.7  # how deep and how dark the fine lines of the back are
+_LINES_MM, _LINES_PIGMENT = 0.26, 0.8  # how deep and how dark the fine lines of the back are
+_LINES_RAD = (0.6, -0.6)  # in which directions they run, from across the digits
 _INNER_ARM_PALM = 0.36  # of the mask `palm` on the forearm, which has no ridges
 MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
@@ -176,7 +177,8 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, min(0.40 * tone.freckles, 0.9))
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
-    lines = graph.smooth(_fine_lines(graph, noises), 0.52, 0.38, 0, _LINES_PIGMENT)
+    lines = graph.smooth(_fine_lines(graph, noises), 0.47, 0.34, 0, _LINES_PIGMENT)
+    lines = graph.product(lines, graph.remap(masks["arm"], 0, 1, 1, 0.7))
     darker = tuple(furrow / back for furrow, back in zip(tone.furrow, tone.dorsal, strict=True))
     colour = graph.mix(graph.product(lines, graph.one_minus(masks["palm"])), colour, darker, "MULTIPLY")
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
@@ -234,8 +236,9 @@ def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, 
 
 
 def _fine_lines(graph: NodeGraph, noises: _Noises) -> Socket:
-    """Noise that is drawn out across the digits; the fine lines of the back lie where it is low."""
-    return graph.noise(graph.scaled(noises.position, (0.75, 0.16, 0.16)), 1.0, 2, 0.6)
+    """Low in the fine lines of the back: two sets that cross each other, as the net of a hand's back does."""
+    drawn_out = (graph.scaled(graph.turned(noises.position, angle), (0.95, 0.2, 0.2)) for angle in _LINES_RAD)
+    return graph.math("MINIMUM", *(graph.noise(position, 1.0, 2, 0.6) for position in drawn_out))
 
 
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
