@@ -100,13 +100,24 @@ def test_an_edge_of_depth_goes_on_where_its_parts_touch(backend):
     torch.testing.assert_close(share_of_plate, torch.full_like(share_of_plate, 0.7), atol=0.06, rtol=0)
 
 
+def places_around(pixel, size_px):
+    """[9, K] the pixels around each and itself, inside the image."""
+    width, height = size_px
+    steps = torch.arange(-1, 2)
+    x = (pixel % width + steps.repeat(3)[:, None]).clamp(0, width - 1)
+    y = (pixel // width + steps.repeat_interleave(3)[:, None]).clamp(0, height - 1)
+    return y * width + x
+
+
 def test_both_backends_find_the_same_edges(fine_hand, seen_from):
     mesh = fine_hand("fist", "right")
     view = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
-    ours, theirs = (each().seen_surface(mesh, view).edges for each in (NumbaBackend, ReferenceBackend))
+    seen = [each().seen_surface(mesh, view) for each in (NumbaBackend, ReferenceBackend)]
+    ours, theirs = (each.edges for each in seen)
     assert torch.equal(ours.pixel, theirs.pixel)
     assert len(ours.pixel) > 100
-    assert torch.equal(ours.shows_first, theirs.shows_first)
+    is_skin = seen[0].face[places_around(ours.pixel, (120, 110))] >= 0  # beside the surface they tell nothing
+    assert torch.equal(ours.shows_first & is_skin, theirs.shows_first & is_skin)
     by_bones = ours.shows_first.any(0) & ~ours.shows_first.all(0)
     assert by_bones.sum() > 100
     torch.testing.assert_close(ours.share, theirs.share, atol=0.14, rtol=0)  # a sample or two on an edge
