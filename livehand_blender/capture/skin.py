@@ -124,18 +124,20 @@ class SkinChannels:
 
 @dataclass(frozen=True)
 class _Noises:
-    """Noise of three feature sizes, shared by the channels."""
+    """Noise of three feature sizes, and the fine lines of the back, which are low in it; shared by the channels."""
 
     position: Socket
     low: Socket
     mid: Socket
     high: Socket
+    lines: Socket
 
     @classmethod
     def of(cls, graph: NodeGraph) -> _Noises:
         rest_mm = graph.attribute("rest", "Vector")
         sizes = ((0.045, 3, 0.55), (0.16, 3, 0.5), (0.9, 3, 0.6))
-        return cls(rest_mm, *(graph.noise(rest_mm, *size) for size in sizes))
+        low, mid, high = (graph.noise(rest_mm, *size) for size in sizes)
+        return cls(rest_mm, low, mid, high, _fine_lines(graph, rest_mm))
 
 
 def procedural_channels(graph: NodeGraph, tone: SkinTone) -> SkinChannels:
@@ -177,7 +179,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, min(0.40 * tone.freckles, 0.9))
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
-    lines = graph.smooth(_fine_lines(graph, noises), 0.47, 0.34, 0, _LINES_PIGMENT)
+    lines = graph.smooth(noises.lines, 0.47, 0.34, 0, _LINES_PIGMENT)
     lines = graph.product(lines, graph.remap(masks["arm"], 0, 1, 1, 0.7))
     darker = tuple(furrow / back for furrow, back in zip(tone.furrow, tone.dorsal, strict=True))
     colour = graph.mix(graph.product(lines, graph.one_minus(masks["palm"])), colour, darker, "MULTIPLY")
@@ -235,9 +237,9 @@ def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, 
     return graph.product(line, graph.smooth(noises.mid, 0.46, 0.58, 0, 1))
 
 
-def _fine_lines(graph: NodeGraph, noises: _Noises) -> Socket:
+def _fine_lines(graph: NodeGraph, position: Socket) -> Socket:
     """Low in the fine lines of the back: two sets that cross each other, as the net of a hand's back does."""
-    drawn_out = (graph.scaled(graph.turned(noises.position, angle), (0.95, 0.2, 0.2)) for angle in _LINES_RAD)
+    drawn_out = (graph.scaled(graph.turned(position, angle), (0.95, 0.2, 0.2)) for angle in _LINES_RAD)
     return graph.math("MINIMUM", *(graph.noise(position, 1.0, 2, 0.6) for position in drawn_out))
 
 
@@ -245,7 +247,7 @@ def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Sock
     """On the back fine diamonds that are drawn out across the digits, in the palm ridges; veins and soft forms, mm."""
     cells = graph.voronoi(graph.scaled(noises.position, (1.8, 0.85, 0.85)), 1.0, EDGE)
     diamonds = graph.product(graph.smooth(cells, 0, 0.22, 0, 0.06), graph.remap(noises.mid, 0.35, 0.6, 0.6, 1))
-    lines = graph.product(_fine_lines(graph, noises), _LINES_MM)
+    lines = graph.product(noises.lines, _LINES_MM)
     on_back = graph.product(graph.total(diamonds, lines), graph.one_minus(masks["palm"]))
     bend = graph.product(graph.noise(noises.position, 0.035, 0, 0.5), 14.0)
     ridges = graph.math("SINE", graph.product(graph.total(masks["ridge"], bend), 2 * pi / RIDGE_SPACING_MM))
