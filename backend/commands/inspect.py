@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,8 @@ def _motion_facts(path: Path) -> dict:
 def _avatar_facts(path: Path) -> dict:
     from ..avatars.file import read_header
 
-    return {"kind": "avatar", **read_header(path)}
+    header = read_header(path)
+    return {"kind": "avatar", **header, **_skin_facts(header["provenance"].get("capture"))}
 
 
 def _capture_facts(folder: Path) -> dict:
@@ -93,7 +95,16 @@ def _capture_facts(folder: Path) -> dict:
         "splits": dict(Counter(view.split for view in capture.views)),
         "sizes_px": dict(sizes),
         "provenance": capture.provenance,
+        **_skin_facts(capture.provenance),
     }
+
+
+def _skin_facts(capture: Any) -> dict[str, bool]:
+    """Whether a capture, by its provenance, shows the built-in skin as it is now; nothing where it does not tell."""
+    from ..hand.skin_version import is_current_skin
+
+    is_current = is_current_skin(capture) if isinstance(capture, dict) else None
+    return {} if is_current is None else {"skin_is_current": is_current}
 
 
 def _hand_facts(path: Path) -> dict:

@@ -24,6 +24,8 @@ FULL_FLEX_RAD = float(np.deg2rad(65))
 """What counts as a bend of 1."""
 FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.72, 0.75, 0.5
 """What bending a joint by 1 takes from the folds on its back, and what it makes of the creases below."""
+FINE_FILE, COARSE_FILE = f"skin_of_{WITH_ARM}.npz", f"coarse_skin_of_{WITH_ARM}.npz"
+"""Beside the hand's own."""
 # Skin far from any joint moves with a share of the mean bend of the four knuckles.
 _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
 
@@ -97,8 +99,8 @@ def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
         return None
     beside = builtin_hand_path(WITH_ARM).with_name
     with (
-        np.load(beside(f"skin_of_{WITH_ARM}.npz")) as fine,
-        np.load(beside(f"coarse_skin_of_{WITH_ARM}.npz")) as coarse,
+        np.load(beside(FINE_FILE)) as fine,
+        np.load(beside(COARSE_FILE)) as coarse,
     ):
         bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
         nail, roughness = coarse["nail"] * np.float32(NAIL_STEP), coarse["roughness"] * np.float32(ROUGHNESS_STEP)

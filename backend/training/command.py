@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..avatars.library import avatar_path
 from ..records.errors import LiveHandError
-from ..runtime.command import Command
+from ..runtime.command import Command, warn
 from ..runtime.options import add_options, from_options
 from .config import LossConfig, ReportConfig, TrainConfig
 
@@ -116,6 +116,7 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     from ..captures.check import check_capture
     from ..captures.half_size import half_size
     from ..hand.model_file import load_hand_model, load_hand_of
+    from ..hand.skin_version import is_current_skin
     from ..nerf.avatar import PRESETS
     from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
@@ -123,6 +124,8 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     capture = load_capture(args.capture)
     hand = load_hand_of(capture.hand_sha256, args.hand)
     check_capture(capture, hand)
+    if is_current_skin(capture.provenance) is False:
+        warn(f"{args.capture} shows the built-in skin of another version, whose detail differs; capture it anew")
     if args.half_size:
         capture = half_size(capture)
     if args.from_hand and not args.base:

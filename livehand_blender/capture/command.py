@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from ...backend.captures.capture import Split
-from ...backend.captures.person import PERSONS, find_person
+from ...backend.captures.person import PERSONS, Person, find_person
 from ...backend.captures.plan import CapturePlan
 from ...backend.hand.model import HandModel
+from ...backend.hand.skin_version import SKIN_VERSION, skin_version
 from ...backend.records.errors import LiveHandError
 from ...backend.runtime.command import parse_size_px
 
@@ -88,17 +89,25 @@ def run(args: argparse.Namespace) -> dict:
     from .render import render_capture
 
     plan = _plan(args)
-    provenance = {"made_by": "livehand capture", "plan": plan.facts()}
     hand = _hand(args)
-    if isinstance(hand, HandModel):
-        provenance |= {"hand": hand.name}
-    elif hand:
-        look_sha256 = hashlib.sha256(hand.look.read_bytes()).hexdigest() if hand.look else None
-        provenance |= {"hand": hand.model.name, "look_sha256": look_sha256}
+    provenance = {"made_by": "livehand capture", "plan": plan.facts(), **_hand_facts(hand, plan.person)}
     capture = render_capture(args.output, plan, provenance, args.threads, hand)
     splits = [split for split in get_args(Split) if capture.is_lit or split != "novel_light"]
     counts = {split: len(capture.of_split(split)) for split in splits}
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
+
+
+def _hand_facts(hand: DressedHand | HandModel | None, person: Person) -> dict[str, str | None]:
+    """Of the provenance: whose hand it is, and which built-in skin: captures of different skins are not mixed."""
+    from .skin import SkinTone
+
+    tone = {"skin_tone": hashlib.sha256(repr(SkinTone.of(person)).encode()).hexdigest()[:12]}
+    if hand is None or isinstance(hand, HandModel):
+        name = {"hand": hand.name} if hand else {}
+        return {**name, SKIN_VERSION: skin_version(), **tone}
+    if hand.look is None:
+        return {"hand": hand.model.name, "look_sha256": None, **tone}
+    return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.look.read_bytes()).hexdigest()}
 
 
 def _plan(args: argparse.Namespace) -> CapturePlan:

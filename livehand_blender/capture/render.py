@@ -168,5 +168,5 @@ def _begin_or_resume(capture: Capture) -> None:
 def _check_same_capture(capture: Capture, previous: str) -> None:
     if previous.strip() != index_document(capture).strip():
         raise LiveHandError(
-            f"{capture.folder} holds another capture (other seed, sizes or version); choose an empty folder"
+            f"{capture.folder} holds another capture (other seed, sizes, skin or version); choose an empty folder"
         )

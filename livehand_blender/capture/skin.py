@@ -87,7 +87,7 @@ _DEEP = SkinTone(
     vein=(0.103, 0.046, 0.030),
     freckle=(0.063, 0.024, 0.012),
     pore=(0.106, 0.040, 0.020),
-    furrow=(0.062, 0.022, 0.011),
+    furrow=(0.070, 0.025, 0.012),
     fold=(0.062, 0.022, 0.011),
     blanch=(0.190, 0.081, 0.040),
     nail_bed=(0.335, 0.186, 0.130),
@@ -180,7 +180,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
     lines = graph.smooth(noises.lines, 0.47, 0.34, 0, _LINES_PIGMENT)
-    lines = graph.product(lines, graph.remap(masks["arm"], 0, 1, 1, 0.7))
+    lines = graph.product(lines, graph.remap(masks["arm"], 0, 1, 1, 0.55))
     darker = tuple(furrow / back for furrow, back in zip(tone.furrow, tone.dorsal, strict=True))
     colour = graph.mix(graph.product(lines, graph.one_minus(masks["palm"])), colour, darker, "MULTIPLY")
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))

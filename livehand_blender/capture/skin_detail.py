@@ -20,10 +20,12 @@ from ...backend.hand.builtin.dependencies import needs
 from ...backend.hand.builtin.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.hand.builtin.unresolved_slopes import unresolved_slopes
 from ...backend.hand.model import HandModel
-from ...backend.hand.model_file import WITH_ARM, load_default_hand
+from ...backend.hand.model_file import load_default_hand
 from ...backend.hand.skin_detail import (
     ATLAS_MM,
+    COARSE_FILE,
     COARSEST_MM,
+    FINE_FILE,
     FOLD_STEP,
     NAIL_STEP,
     PIGMENT_STEP,
@@ -158,8 +160,8 @@ def main() -> None:
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
     coarse["unresolved"] = _steps(unresolved_slopes(model, surface, 2 * len(coarse["nail"])), SLOPE_STEP)
-    write_skin_maps(folder / f"skin_of_{WITH_ARM}.npz", fine)
-    write_skin_maps(folder / f"coarse_skin_of_{WITH_ARM}.npz", coarse)
+    write_skin_maps(folder / FINE_FILE, fine)
+    write_skin_maps(folder / COARSE_FILE, coarse)
 
 
 if __name__ == "__main__":

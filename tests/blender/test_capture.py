@@ -19,6 +19,7 @@ from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import HandModel
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
+from livehand.backend.hand.skin_version import is_current_skin
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
@@ -305,6 +306,12 @@ def test_a_complete_capture_is_not_rendered_again(tiny, no_renders):
     assert no_renders == []
 
 
+def test_a_capture_of_another_skin_is_not_continued(tiny, no_renders):
+    with pytest.raises(LiveHandError, match="skin"):
+        render_capture(tiny, TINY, {"made_by": "test", "skin_version": "another"})
+    assert no_renders == []
+
+
 def test_missing_and_truncated_images_are_rendered_again(tiny, no_renders):
     first, second = sorted((tiny / "images").iterdir())
     kept = first.read_bytes(), second.read_bytes()
@@ -396,6 +403,23 @@ def test_the_command_passes_its_lights_on(monkeypatch, tmp_path):
     assert varied["train"] > dome["train"] == 6
     assert "lights" not in seen[0]
     assert seen[1]["lights"] == "varied"
+
+
+def test_the_command_tells_which_skin_it_shows(monkeypatch, tmp_path):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
+    seen = []
+
+    def fake(folder, plan, provenance, threads, hand=None):
+        seen.append(provenance)
+        return plan.make(folder, load_default_hand(), provenance)
+
+    monkeypatch.setattr(capture_render, "render_capture", fake)
+    text = f"-o {tmp_path} --poses 3 --cameras 5 --cameras-per-pose 2 --eval-views 4"
+    for person in ("light", "deep", "light"):
+        command.run(parser.parse_args([*text.split(), "--person", person]))
+    assert all(is_current_skin(provenance) for provenance in seen)
+    assert seen[0]["skin_tone"] == seen[2]["skin_tone"] != seen[1]["skin_tone"]
 
 
 @pytest.mark.parametrize("size", ["24", "axb", "8x64", "24x32x3"])

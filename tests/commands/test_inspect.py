@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from livehand.backend.avatars.file import save_avatar
 from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.commands.inspect import inspect
 from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
+from livehand.backend.hand.skin_version import SKIN_VERSION, skin_version
 from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.superres import SuperResConfig
@@ -45,6 +47,18 @@ def test_a_capture(tmp_path):
     assert (facts["poses"], facts["cameras"], facts["images"]) == (1, 3, 3)
     assert facts["splits"] == {"train": 2, "novel_camera": 1}
     assert facts["sizes_px"] == {"16x12": 3}
+
+
+@pytest.mark.parametrize("known", [{}, {SKIN_VERSION: skin_version()}, {SKIN_VERSION: "000000000000"}])
+def test_whether_a_skin_is_that_of_this_version(tmp_path, known):
+    camera = Camera(np.array([[50.0, 0, 8], [0, 50, 8], [0, 0, 1]]), np.eye(4), (16, 12))
+    views = (CaptureView("0.png", camera, 0, 0, "train"),)
+    save_capture_index(Capture(tmp_path, "cd" * 32, known, (HandPose.rest(),), views))
+    config = AvatarConfig(FieldConfig(width=4, planes=((8, 1, 1),), relief=8), SuperResConfig(width=4, depth=1))
+    avatar = replace(new_avatar("ada", "hand", "ab" * 32, config), provenance={"capture": known})
+    save_avatar(avatar, tmp_path / "ada.safetensors")
+    told = [inspect(path).get("skin_is_current") for path in (tmp_path, tmp_path / "ada.safetensors")]
+    assert told == 2 * [known[SKIN_VERSION] == skin_version() if known else None]
 
 
 def test_poses(tmp_path):

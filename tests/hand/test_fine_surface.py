@@ -89,14 +89,14 @@ AROUND_M = 0.010  # along a digit, to both sides of a joint
 
 @pytest.fixture(scope="module")
 def bent(hand, shipped):
-    """The surface (vertices, faces) with one joint of the right hand flexed, m."""
+    """The surface (vertices, faces) with one joint of the right hand flexed and this share of its forms, m."""
     template = FineTemplate.of(shipped, hand)
 
-    def of(joint, flexion_deg):
+    def of(joint, flexion_deg, share=1.0):
         theta = np.zeros((16, 3))
         theta[joint] = np.deg2rad(flexion_deg) * shipped.raised.flexion[joint]
         pose = replace(HandPose.rest(), theta=theta)
-        height = torch.as_tensor(1e-3 * shipped.raised.height_mm(theta, 0.0), dtype=torch.float32)
+        height = torch.as_tensor(share * 1e-3 * shipped.raised.height_mm(theta, 0.0), dtype=torch.float32)
         flat = torch.zeros(len(hand.v_template))
         mesh = fine_mesh(template, skin_motion(template.skin, pose), height, flat, torch.ones(()))
         return mesh.vertices.numpy().astype(float), mesh.faces.numpy()
@@ -127,6 +127,13 @@ def test_a_bent_finger_joint_keeps_its_volume(hand, bent, joint, flexion_deg):
     around = around_ml(hand, rest[0], joint)
     assert 1.5 < around < 8
     assert volume_ml(*flexed) - volume_ml(*rest) == pytest.approx(0, abs=0.025 * around)
+
+
+@pytest.mark.parametrize("joint", [1, 4, 7, 10])
+def test_a_bent_knuckle_keeps_a_part_of_what_skinning_draws_in(bent, joint):
+    rest, skinned, raised = (volume_ml(*bent(joint, *how)) for how in ((0,), (90, 0.0), (90,)))
+    assert 3.5 < rest - skinned < 6
+    assert raised - skinned > 0.19 * (rest - skinned)
 
 
 @pytest.mark.parametrize("joint", [1, 4, 7, 10, THUMB_MCP])

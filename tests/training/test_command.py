@@ -1,9 +1,13 @@
 """The command `livehand train`."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import pytest
 from livehand.backend.avatars.file import load_avatar
+from livehand.backend.captures.capture import index_document
+from livehand.backend.hand.skin_version import SKIN_VERSION, skin_version
 from livehand.backend.nerf.avatar import PRESETS
 from livehand.backend.runtime.command import run_commands
 from livehand.backend.training.command import PRESET_NAMES
@@ -28,6 +32,18 @@ def test_the_command_trains(painted_capture, tmp_path, capsys):
     assert 0 <= result["data_wait_share"] < 1
     assert result["held_out"]["psnr_hand"] > 5
     assert load_avatar(output).provenance["precision"] == "bf16"
+
+
+@pytest.mark.parametrize(("version", "is_told"), [(None, False), (skin_version(), False), ("0" * 12, True)])
+def test_a_capture_of_an_earlier_skin_is_told(painted_capture, tmp_path, capsys, version, is_told):
+    told = {} if version is None else {SKIN_VERSION: version}
+    capture = replace(painted_capture, provenance={**painted_capture.provenance, **told})
+    folder = tmp_path / "capture"
+    shutil.copytree(painted_capture.folder, folder)
+    (folder / "transforms.json").write_text(index_document(capture))
+    arguments = ["train", str(folder), "-o", str(tmp_path / "a.safetensors"), "--steps", "1", "--perceptual", "0"]
+    assert run_commands("livehand", "", COMMANDS, [*arguments, "--device", "cpu", "--preview-minutes", "0"]) == 0
+    assert ("built-in skin of another version" in capsys.readouterr().err) == is_told
 
 
 @pytest.mark.parametrize(

@@ -73,6 +73,7 @@ def _finger_forms(view: _DigitView) -> list[PoseForm]:
         PoseForm(pip, 15, 85, _bent_joint(view, view.ray.joints_along[1], 1.0)),
         PoseForm(dip, 15, 70, _bent_joint(view, view.ray.joints_along[2], 0.5)),
         PoseForm(mcp, 20, 100, _kept_volume(view, 3.0, 1.0, 3.0)),
+        PoseForm(mcp, 20, 100, _flesh_below_knuckle(view)),
         PoseForm(pip, 15, 100, _kept_volume(view, view.ray.joints_along[1], 0.7, 0.1)),
         PoseForm(dip, 15, 90, _kept_volume(view, view.ray.joints_along[2], 0.35, 0.0)),
     ]
@@ -140,6 +141,13 @@ def _kept_volume(view: _DigitView, joint_mm: float, back_mm: float, palm_mm: flo
     over_bones = back_mm * bump(along - 0.8, 3.8) * view.on_back
     flesh = palm_mm * bump(along, 6.0) * (1 - view.on_back)
     return view.near * (over_bones + flesh)
+
+
+def _flesh_below_knuckle(view: _DigitView) -> np.ndarray:
+    """What a bent knuckle presses out of its crease: into the palm, and to the palm side of the first phalanx."""
+    along = view.at.along
+    bulges = bump(along + 7.5, 5.0) + bump(along - 12.0, 4.5)
+    return 2.9 * bump(view.at.lateral, 7.0 * view.thickness) * (1 - view.on_back) * bulges
 
 
 def _snuffbox(view: _DigitView) -> np.ndarray:

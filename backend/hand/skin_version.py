@@ -1,0 +1,29 @@
+"""Which version of the built-in hands' skin a capture shows: its forms and fine detail, made by `builtin`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from .fine_surface import FILE
+from .model_file import WITH_ARM, builtin_hand_path
+from .skin_detail import COARSE_FILE, FINE_FILE
+
+SKIN_VERSION = "skin_version"
+"""Its key in a capture's provenance; captures of the first versions, of other hands and of films lack it."""
+
+
+@cache
+def skin_version() -> str:
+    """Of the skin that this software has: the start of the sha256 of its files."""
+    beside = builtin_hand_path(WITH_ARM).with_name
+    return hashlib.sha256(b"".join(beside(name).read_bytes() for name in (FILE, FINE_FILE, COARSE_FILE))).hexdigest()[
+        :12
+    ]
+
+
+def is_current_skin(capture: Mapping[str, Any]) -> bool | None:
+    """Whether a capture, by its provenance, shows the skin that this software has; None: it does not tell."""
+    return capture[SKIN_VERSION] == skin_version() if SKIN_VERSION in capture else None
