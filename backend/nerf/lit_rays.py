@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
-from torch.nn.functional import normalize
+from torch.nn.functional import max_pool2d, normalize
 
 from ..geometry.mesh import PosedMesh
 from ..geometry.rasterise import NearestFronts
@@ -112,6 +112,21 @@ class SkinLayers(NamedTuple):
         if hits is not None:
             face = torch.where(hits.is_of_other_part(skin.depth[pixel], self.edge_m), -1, face)
         return SkinPlaces.of(hand.mesh, hand.topology.faces, face, position)
+
+    def show(
+        self, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+    ) -> Bool[Tensor, " R"]:
+        """Whether the mesh, in 3 x 3 pixels around a ray, shows nothing but the surface that the ray meets.
+
+        Args:
+            depth: where the rays meet it, m.
+            pixel: of the rays.
+            size_px: of the image.
+        """
+        there = self.mesh.depth.view(1, 1, size_px[1], size_px[0])
+        far = max_pool2d(torch.where(there.isfinite(), there, -torch.inf), 3, 1, 1).flatten()[pixel]
+        near = -max_pool2d(-there, 3, 1, 1).flatten()[pixel]
+        return (far - depth <= self.edge_m) & (depth - near <= self.edge_m) & far.isfinite()
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -29,6 +29,7 @@ from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
+    SkinLayers,
     features_among,
     light_shadows,
     occluding_triangles,
@@ -43,7 +44,7 @@ from ..nerf.lit_rays import (
 from ..nerf.maps import depth_profile
 from ..nerf.part_edges import PartEdges
 from ..nerf.ray_hits import RayHits
-from ..nerf.rays import HandInView, RenderedRays, ray_directions
+from ..nerf.rays import HandInView, RenderedRays, project, ray_directions
 from ..nerf.relighting import LitImage, at_full_size, doubled
 from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
@@ -51,7 +52,7 @@ from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
 from .decode import linear_frame
-from .measured_light import measured_at, without_noise
+from .measured_light import OnMesh, measured_at, without_noise
 
 
 class PosedSkin(NamedTuple):
@@ -80,6 +81,7 @@ class LitHand:
         hand: posed, in the low-resolution view.
         pixel: of the rays.
         points: where the rays meet the skin.
+        layers: of the mesh.
         open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
         edges: where one part of a known surface ends before or against another; None: it is not known.
@@ -94,6 +96,7 @@ class LitHand:
     hand: HandInView
     pixel: Tensor
     points: SurfacePoints
+    layers: SkinLayers
     open_sky: PointShadows
     image: LitImage
     edges: PartEdges | None
@@ -120,6 +123,12 @@ class LitHand:
         """Of the mesh."""
         return Bounds.of(self.hand.mesh)
 
+    @cached_property
+    def is_on_mesh(self) -> Bool[Tensor, " R"]:
+        """Whether the mesh shows the skin that a ray meets, and no other beside it."""
+        camera = self.hand.camera
+        return self.layers.show(project(camera, self.points.position)[1], self.pixel, camera.size_px)
+
     def features(self, backend: RenderBackend, light: Light) -> LightFeatures:
         """What a light does at the points."""
         samples, position = LightSamples.of(light, self.bounds), self.points.position
@@ -139,8 +148,12 @@ class LitHand:
         features = backend.light_features(samples, shadows, self.points)
         features = smoothed_light(features, places, backend.surface_means)
         direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
-        indirect = without_noise(indirect, places, backend.surface_means)
-        return corrected(features, self.points.normal, direct, indirect)
+        on_mesh = OnMesh(self.is_on_mesh, places, backend.surface_means)
+        indirect = without_noise(on_mesh.filled(indirect), places, backend.surface_means)
+        features = corrected(features, self.points.normal, direct, indirect)
+        return features._replace(
+            arriving=on_mesh.filled(features.arriving), reflected=on_mesh.filled(features.reflected)
+        )
 
     def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop's skin, premultiplied by alpha."""
@@ -206,4 +219,5 @@ def render_lit_hand(
         profile, edges = None, seen.edges
         surface = HitSurface(known.mesh, hits.positions(hand.camera, directions, position))
         hairs = None if known.hairs is None else seen_hairs(known.hairs, full, image.depth, rays.pixel)
-    return LitHand(shot, crop, hand, rays.pixel, points, open_sky, image, edges, profile, albedo, surface, hairs)
+    rest = image, edges, profile, albedo, surface, hairs
+    return LitHand(shot, crop, hand, rays.pixel, points, layers, open_sky, *rest)

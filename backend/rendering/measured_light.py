@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -18,6 +20,7 @@ _SIDES = (3, 9, 27)
 _STRIDES = (1, 2, 4)  # of the passes of `without_noise`, in rays
 # Of a square; what the path tracer's few samples tell of less is chance.
 _LEAST_COVERED = 0.2
+_LEAST_KNOWN = 1e-3  # of the weights about a ray
 _TINY = 1e-6
 
 
@@ -46,6 +49,32 @@ def measured_at(
         found = torch.where(values[:, 6:] > _LEAST_COVERED, values, found)
     straight = found[:, :6] / found[:, 6:].clamp(min=_TINY)
     return straight[:, :3], straight[:, 3:]
+
+
+class OnMesh(NamedTuple):
+    """Which rays may be given what was measured on the bare mesh.
+
+    Attributes:
+        shows: [R] whether the mesh shows the surface that a ray meets.
+        places: of the rays.
+        means: over them.
+    """
+
+    shows: Tensor
+    places: RayPlaces
+    means: SurfaceMeans = surface_means
+
+    def filled(self, values: Float[Tensor, "R C"]) -> Float[Tensor, "R C"]:
+        """Values at rays that the mesh shows; at others, means of those nearby on the same surface, if there are any.
+
+        The mesh ends beside the surface that is seen: along outlines, light of the palm was that of the finger before.
+        """
+        shows = self.shows[:, None].to(values)
+        known = torch.cat([values * shows, shows], 1)
+        for stride in _STRIDES:
+            known = self.means(known, self.places, stride)
+        share = known[:, -1:]
+        return torch.where(self.shows[:, None] | (share < _LEAST_KNOWN), values, known[:, :-1] / share.clamp(min=_TINY))
 
 
 def without_noise(

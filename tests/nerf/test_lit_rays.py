@@ -69,6 +69,18 @@ def test_rays_that_pass_the_outline_show_what_lies_behind():
     assert found.edge_m == EDGE
 
 
+def test_the_mesh_shows_a_ray_s_surface_where_nothing_else_is_near():
+    none = float("inf")
+    finger, palm = 0.500, 0.540
+    depth = [[finger] * 4 + [palm] * 4 + [none] * 4] * 5
+    shown = layers(torch.tensor(depth).flatten(), torch.tensor(depth).flatten())
+    rays = torch.tensor([[finger] * 6 + [palm] * 6] * 5)  # what is seen is wider than the mesh
+    rays[:, 1] = 0.502
+    of_row = shown.show(rays.flatten(), torch.arange(60), (12, 5)).view(5, 12)[2]
+    #        the finger       its rim | wider: the palm there | palm | its rim | far beside
+    assert of_row.tolist() == [True] * 3 + [False] * 3 + [True] * 3 + [False] * 3
+
+
 def test_at_full_size_the_rays_around_a_pixel_tell_by_their_shares():
     """Between a ray on the finger and one on the palm, the outline lies where their bilinear shares are equal."""
     beside = layers([[PALM_M] * 8] * 2, [[FINGER_M] * 8] * 2)

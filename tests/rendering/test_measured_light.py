@@ -5,7 +5,7 @@ import torch
 from livehand.backend.nerf.crop import Crop
 from livehand.backend.nerf.surface_means import OFF_PLANE_M, RayPlaces
 from livehand.backend.records.light import MeasuredLight
-from livehand.backend.rendering.measured_light import measured_at, without_noise
+from livehand.backend.rendering.measured_light import OnMesh, measured_at, without_noise
 
 SIZE = (40, 24)
 CROP = Crop(4, 2, 12, 8)
@@ -61,6 +61,25 @@ def test_pixels_that_the_hand_hardly_covers_are_not_asked():
     for column in range(4):
         direct, _ = measured_at(light, CROP, torch.tensor([5 * 12 + column]), SIZE)
         torch.testing.assert_close(direct, torch.full((1, 3), 0.5), atol=0.04, rtol=0)
+
+
+def test_rays_that_the_mesh_does_not_show_have_the_light_beside_them_on_their_surface():
+    width, height = 40, 30
+    x, y = torch.meshgrid(torch.arange(width), torch.arange(height), indexing="xy")
+    x, y = x.flatten(), y.flatten()
+    is_finger = x < 20
+    position = torch.stack([x * 0.0005, y * 0.0005, torch.where(is_finger, 0.0, 0.1)], -1).float()
+    normal = torch.tensor([0.0, 0.0, 1.0]).expand(len(x), 3)
+    places = RayPlaces(position, normal, torch.arange(len(x)), (width, height), OFF_PLANE_M)
+    shows = (x < 16) | (x == 19) & (y == 5) | (x >= 30)
+    light = torch.where(is_finger, 1.0, 0.2)
+    measured = torch.where(shows, light, 50.0)[:, None].expand(-1, 3)
+    found = OnMesh(shows, places).filled(measured)
+    near = x < 27  # farther than the passes reach, and nothing is known
+    torch.testing.assert_close(found[near & is_finger], light[near & is_finger, None].expand(-1, 3))
+    torch.testing.assert_close(found[shows], measured[shows])
+    assert (found[(x >= 20) & (x < 23)] == 50).all()
+    torch.testing.assert_close(found[(x >= 24) & (x < 30)], torch.full((180, 3), 0.2))
 
 
 def test_noise_is_averaged_away_on_a_slanted_surface():
