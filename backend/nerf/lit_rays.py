@@ -113,21 +113,6 @@ class SkinLayers(NamedTuple):
             face = torch.where(hits.is_of_other_part(skin.depth[pixel], self.edge_m), -1, face)
         return SkinPlaces.of(hand.mesh, hand.topology.faces, face, position)
 
-    def show(
-        self, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
-    ) -> Bool[Tensor, " R"]:
-        """Whether the mesh, in 3 x 3 pixels around a ray, shows nothing but the surface that the ray meets.
-
-        Args:
-            depth: where the rays meet it, m.
-            pixel: of the rays.
-            size_px: of the image.
-        """
-        there = self.mesh.depth.view(1, 1, size_px[1], size_px[0])
-        far = max_pool2d(torch.where(there.isfinite(), there, -torch.inf), 3, 1, 1).flatten()[pixel]
-        near = -max_pool2d(-there, 3, 1, 1).flatten()[pixel]
-        return (far - depth <= self.edge_m) & (depth - near <= self.edge_m) & far.isfinite()
-
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.
 
@@ -148,6 +133,23 @@ class SkinLayers(NamedTuple):
         shows_behind = (opacity * is_behind).sum((1, 2)) > 0.5 * opacity.sum((1, 2))
         first = self.first
         return first._replace(depth=first.depth.index_put((at,), torch.where(shows_behind, mesh[at], outer[at])))
+
+
+def shows_alone(
+    shown: SkinDepth, depth: Float[Tensor, " R"], pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+) -> Bool[Tensor, " R"]:
+    """Whether an image of a hand, in 3 x 3 pixels around a ray, shows nothing but the surface that the ray meets.
+
+    Args:
+        shown: at its pixels; its depth is infinite beside the hand.
+        depth: where the rays meet the surface, m.
+        pixel: of the rays.
+        size_px: of the image.
+    """
+    there = shown.depth.view(1, 1, size_px[1], size_px[0])
+    far = max_pool2d(torch.where(there.isfinite(), there, -torch.inf), 3, 1, 1).flatten()[pixel]
+    near = -max_pool2d(-there, 3, 1, 1).flatten()[pixel]
+    return (far - depth <= shown.edge_m) & (depth - near <= shown.edge_m) & far.isfinite()
 
 
 def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:

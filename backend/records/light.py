@@ -133,11 +133,13 @@ class MeasuredLight:
         direct: [h, w, 3] light that comes straight from lamps, sky and emitting objects.
         indirect: [h, w, 3] light that the scene and the hand itself have reflected.
         alpha: [h, w] share of each pixel that shows the hand.
+        on_surface: whether that showed the skin's own surface (`PosedSurface`), not its mesh.
     """
 
     direct: np.ndarray
     indirect: np.ndarray
     alpha: np.ndarray
+    on_surface: bool = False
 
     def __post_init__(self):
         shape = np.shape(self.alpha)

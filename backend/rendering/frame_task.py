@@ -12,6 +12,7 @@ import numpy as np
 from ..hand.model import HandModel
 from ..records.frame import Frame
 from ..records.shot import Shot
+from ..records.surface import PosedSurface
 from .grade import Grade
 
 ExposureFrames = tuple[Frame, ...]
@@ -50,6 +51,10 @@ class HandRenderer(Protocol):
     @property
     def mean_albedo(self) -> np.ndarray | None:
         """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
+        ...
+
+    def posed_surface(self, shot: Shot) -> PosedSurface | None:
+        """The skin's own surface as frames show it; None: frames show the mesh's."""
         ...
 
     def render(self, shot: Shot, should_stop: Callable[[], bool]) -> Frame:

@@ -29,11 +29,11 @@ from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
-    SkinLayers,
     features_among,
     light_shadows,
     occluding_triangles,
     ray_positions,
+    shows_alone,
     skin_layers,
     sky_shadows,
     split_points,
@@ -45,14 +45,14 @@ from ..nerf.maps import depth_profile
 from ..nerf.part_edges import PartEdges
 from ..nerf.ray_hits import RayHits
 from ..nerf.rays import HandInView, RenderedRays, project, ray_directions
-from ..nerf.relighting import LitImage, at_full_size, doubled
+from ..nerf.relighting import LitImage, SkinDepth, at_full_size, doubled
 from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
-from ..records.light import Light
+from ..records.light import Light, MeasuredLight
 from ..records.shot import Shot
 from .decode import linear_frame
-from .measured_light import OnMesh, measured_at, without_noise
+from .measured_light import AtRays, measured_at, without_noise
 
 
 class PosedSkin(NamedTuple):
@@ -81,7 +81,8 @@ class LitHand:
         hand: posed, in the low-resolution view.
         pixel: of the rays.
         points: where the rays meet the skin.
-        layers: of the mesh.
+        skin: depth of the mesh at the low resolution's pixels.
+        fine: that of the surface, where it is known.
         open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
         image: coefficients and normals.
         edges: where one part of a known surface ends before or against another; None: it is not known.
@@ -96,7 +97,8 @@ class LitHand:
     hand: HandInView
     pixel: Tensor
     points: SurfacePoints
-    layers: SkinLayers
+    skin: SkinDepth
+    fine: SkinDepth | None
     open_sky: PointShadows
     image: LitImage
     edges: PartEdges | None
@@ -123,11 +125,11 @@ class LitHand:
         """Of the mesh."""
         return Bounds.of(self.hand.mesh)
 
-    @cached_property
-    def is_on_mesh(self) -> Bool[Tensor, " R"]:
-        """Whether the mesh shows the skin that a ray meets, and no other beside it."""
-        camera = self.hand.camera
-        return self.layers.show(project(camera, self.points.position)[1], self.pixel, camera.size_px)
+    def is_measured(self, measured: MeasuredLight) -> Bool[Tensor, " R"]:
+        """Whether the surface on which light was measured shows the skin that a ray meets, and no other beside it."""
+        shown = self.fine if measured.on_surface and self.fine is not None else self.skin
+        _, depth = project(self.hand.camera, self.points.position)
+        return shows_alone(shown, depth, self.pixel, self.hand.camera.size_px)
 
     def features(self, backend: RenderBackend, light: Light) -> LightFeatures:
         """What a light does at the points."""
@@ -148,11 +150,11 @@ class LitHand:
         features = backend.light_features(samples, shadows, self.points)
         features = smoothed_light(features, places, backend.surface_means)
         direct, indirect = measured_at(light.measured, self.crop, self.pixel, self.shot.camera.size_px)
-        on_mesh = OnMesh(self.is_on_mesh, places, backend.surface_means)
-        indirect = without_noise(on_mesh.filled(indirect), places, backend.surface_means)
+        at_rays = AtRays(self.is_measured(light.measured), places, backend.surface_means)
+        indirect = without_noise(at_rays.filled(indirect), places, backend.surface_means)
         features = corrected(features, self.points.normal, direct, indirect)
         return features._replace(
-            arriving=on_mesh.filled(features.arriving), reflected=on_mesh.filled(features.reflected)
+            arriving=at_rays.filled(features.arriving), reflected=at_rays.filled(features.reflected)
         )
 
     def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
@@ -219,5 +221,7 @@ def render_lit_hand(
         profile, edges = None, seen.edges
         surface = HitSurface(known.mesh, hits.positions(hand.camera, directions, position))
         hairs = None if known.hairs is None else seen_hairs(known.hairs, full, image.depth, rays.pixel)
+    of_mesh = SkinDepth(layers.mesh.depth, layers.edge_m)
+    fine = None if known is None else of_mesh._replace(depth=known.hits.depth)
     rest = image, edges, profile, albedo, surface, hairs
-    return LitHand(shot, crop, hand, rays.pixel, points, layers, open_sky, *rest)
+    return LitHand(shot, crop, hand, rays.pixel, points, of_mesh, fine, open_sky, *rest)

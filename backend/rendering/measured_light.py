@@ -51,11 +51,11 @@ def measured_at(
     return straight[:, :3], straight[:, 3:]
 
 
-class OnMesh(NamedTuple):
-    """Which rays may be given what was measured on the bare mesh.
+class AtRays(NamedTuple):
+    """Which rays may be given what was measured at their pixels.
 
     Attributes:
-        shows: [R] whether the mesh shows the surface that a ray meets.
+        shows: [R] whether the surface on which it was measured is there the one that a ray meets.
         places: of the rays.
         means: over them.
     """
@@ -65,9 +65,9 @@ class OnMesh(NamedTuple):
     means: SurfaceMeans = surface_means
 
     def filled(self, values: Float[Tensor, "R C"]) -> Float[Tensor, "R C"]:
-        """Values at rays that the mesh shows; at others, means of those nearby on the same surface, if there are any.
+        """Their values; at the other rays, means of those nearby on the same surface, if there are any.
 
-        The mesh ends beside the surface that is seen: along outlines, light of the palm was that of the finger before.
+        A mesh ends beside the surface that is seen: along outlines, light of the palm was that of the finger before.
         """
         shows = self.shows[:, None].to(values)
         known = torch.cat([values * shows, shows], 1)

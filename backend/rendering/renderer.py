@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..geometry.mesh import Topology, posed_mesh
+from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.hairs import Hairs
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
@@ -28,7 +28,7 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
-from ..nerf.fine_mesh import FineTemplate
+from ..nerf.fine_mesh import FineMesh, FineTemplate
 from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
@@ -39,6 +39,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
+from ..records.surface import PosedSurface
 from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
@@ -141,6 +142,15 @@ class Renderer:
         on_stage("light")
         return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
 
+    @torch.inference_mode()
+    def posed_surface(self, shot: Shot) -> PosedSurface | None:
+        """The skin's own surface as frames show it; None: it is not known, they show the mesh's."""
+        if self._skin is None:
+            return None
+        topology = self._topology_of(shot)
+        fine = self._fine_mesh(self._skin, shot, posed_mesh(topology, self._tensor(shot.vertices)), topology)
+        return PosedSurface(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
+
     @property
     def sampler(self) -> SamplerConfig:
         """How rays that meet the hand are sampled."""
@@ -218,11 +228,14 @@ class Renderer:
         )
 
     def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
-        template = self._fine_template(skin, shot.pose.side)
-        mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
+        mesh = self._fine_mesh(skin, shot, hand.mesh, hand.topology)
         hairs = None if shot.hair == 0 else self._hairs.first(shot.hair)
         hits = self._backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
         return PosedSkin(skin.maps, mesh, hits, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
+
+    def _fine_mesh(self, skin: KnownSkin, shot: Shot, mesh: PosedMesh, topology: Topology) -> FineMesh:
+        template = self._fine_template(skin, shot.pose.side)
+        return skin.posed(template, shot.pose, mesh, topology.frames, self._backend.fine_mesh)
 
     def _fine_template(self, skin: KnownSkin, side: Side) -> FineTemplate:
         templates = self._fine_templates

@@ -178,7 +178,7 @@ class LiveHandRender(CyclesEngine):
         if self._in_background(lambda _: load() or True) is None:
             return None
         frame = read_frame_setup(self, depsgraph, session)
-        return with_measured_light(frame, LiveHandRender) if frame.is_in_scene else frame
+        return with_measured_light(frame, LiveHandRender, session.rendering) if frame.is_in_scene else frame
 
     def _measure(self, depsgraph: bpy.types.Depsgraph, measurement: Measurement) -> None:
         """Let Cycles render the light on one hand. It frees the depsgraph."""

@@ -12,8 +12,9 @@ what the hand sheds on itself has been reflected by skin.
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import bpy
@@ -23,6 +24,7 @@ from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
+from ...backend.records.surface import PosedSurface
 from ...backend.rendering.frame_task import FrameTask, HandTask
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
@@ -31,6 +33,7 @@ from ..scene.proxy import show_alone, use_albedo
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
+from .stand_in import hide_from_rays, is_light_linked, stand_in
 
 # Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
 # Each map pixel is the mean of 2 x 2.
@@ -47,7 +50,8 @@ class Measurement:
     """What an engine is to do in place of a frame.
 
     Attributes:
-        mesh_name: full name of the mesh object that the camera sees.
+        mesh_name: full name of the hand's mesh object.
+        seen_name: full name of the object that the camera sees: the mesh, or what stands in for it.
         region: of the image.
         albedo: name of each hand's mesh object -> [3] that of its skin.
         views: names of the stereo views; one empty name without stereo.
@@ -55,15 +59,18 @@ class Measurement:
     """
 
     mesh_name: str
+    seen_name: str
     region: Region
     albedo: Mapping[str, np.ndarray]
     views: tuple[str, ...]
-    maps: dict[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    maps: dict[str, Mapping[str, np.ndarray]]
 
     def prepare(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Show the hand alone to the camera; all hands reflect as in the frame."""
-        show_alone(depsgraph, self.mesh_name)
-        use_albedo(depsgraph, self.albedo)
+        show_alone(depsgraph, self.seen_name)
+        use_albedo(depsgraph, {**self.albedo, self.seen_name: self.albedo[self.mesh_name]})
+        if self.seen_name != self.mesh_name:
+            hide_from_rays(depsgraph, self.mesh_name)
 
     def read(self, result: bpy.types.RenderResult, layer: str) -> None:
         """Keep Cycles' passes."""
@@ -73,14 +80,16 @@ class Measurement:
             self.maps[view] = {"Combined": passes["Combined"], **light}
 
 
-def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
+def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lock) -> FrameSetup:
     """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
 
-    Hands whose avatars have no albedo, which are relit roughly at best, cannot make use of it.
+    It is measured on the skin's own surface, where that is known, for frames show that one. Hands whose avatars have no
+    albedo, which are relit roughly at best, cannot make use of it.
 
     Args:
         frame: in its scene.
         engine: LiveHand's; its `measurement` is set meanwhile.
+        rendering: the session's.
 
     Raises:
         LiveHandError: Cycles does not render the passes.
@@ -92,7 +101,11 @@ def with_measured_light(frame: FrameSetup, engine: type) -> FrameSetup:
             shots = [sample[number].shot for view in views for sample in view.task.samples]
             region = box_of(shots, frame.size_px)
             if region is not None:
-                measured = measure(frame, engine, frame.meshes[hand.name], region)
+                mesh_name, surface = frame.meshes[hand.name], None
+                if not is_light_linked(frame.scene, mesh_name):
+                    with rendering:
+                        surface = hand.renderer.posed_surface(shots[0])
+                measured = measure(frame, engine, mesh_name, region, surface)
                 views = tuple(_with_light(view, number, measured[view.name]) for view in views)
     return replace(frame, views=views)
 
@@ -128,7 +141,9 @@ def binning(size_px: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def measure(frame: FrameSetup, engine: type, mesh_name: str, box: Region) -> Mapping[str, MeasuredLight | None]:
+def measure(
+    frame: FrameSetup, engine: type, mesh_name: str, box: Region, surface: PosedSurface | None
+) -> Mapping[str, MeasuredLight | None]:
     """Measure the light on one hand in every view.
 
     Args:
@@ -136,22 +151,29 @@ def measure(frame: FrameSetup, engine: type, mesh_name: str, box: Region) -> Map
         engine: as in `with_measured_light`.
         mesh_name: full name of the hand's mesh object.
         box: of the image to measure.
+        surface: of the skin; None: that of the mesh.
 
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    work = Measurement(mesh_name, box, frame.albedo, tuple(view.name for view in frame.views))
-    call_in_main_thread(partial(_render, frame, engine, work))
-    if set(work.maps) != set(work.views):
+    maps: dict[str, Mapping[str, np.ndarray]] = {}
+    call_in_main_thread(partial(_render, frame, engine, mesh_name, box, surface, maps))
+    if set(maps) != {view.name for view in frame.views}:
         raise LiveHandError(
             "Cycles must measure the light on the hand before it renders the scene, that render did not finish; "
             "render again, or set the hands' light to Capture's Own"
         )
-    return {view: measured_light(maps, box, frame.size_px) for view, maps in work.maps.items()}
+    on_surface = surface is not None
+    return {view: measured_light(of_view, box, frame.size_px, on_surface) for view, of_view in maps.items()}
 
 
-def measured_light(maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[int, int]) -> MeasuredLight | None:
-    """The record of an image from Cycles' passes of its box; None if they show no diffuse surface."""
+def measured_light(
+    maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[int, int], on_surface: bool = False
+) -> MeasuredLight | None:
+    """The record of an image from Cycles' passes of its box; None if they show no diffuse surface.
+
+    `on_surface` as in `MeasuredLight`.
+    """
     light = {name: in_rec709(maps[name]) for name in ("DiffDir", "DiffInd")}
     alpha = np.clip(maps["Combined"][..., 3], 0, 1) * (maps["DiffCol"] > 0).all(-1)
     maps_of_box = [np.maximum(one, 0) * alpha[..., None] for one in light.values()]
@@ -164,7 +186,7 @@ def measured_light(maps: Mapping[str, np.ndarray], box: Region, size_px: tuple[i
     whole = [np.zeros((height // step_y, width // step_x, one.shape[-1]), np.float32) for one in (*straight, share)]
     for target, one in zip(whole, (*straight, share), strict=True):
         target[y : y + one.shape[0], x : x + one.shape[1]] = one
-    return MeasuredLight(whole[0], whole[1], whole[2][..., 0])
+    return MeasuredLight(whole[0], whole[1], whole[2][..., 0], on_surface)
 
 
 def _binned(image: np.ndarray, step_x: int, step_y: int) -> np.ndarray:
@@ -186,11 +208,22 @@ def _task_with(task: HandTask, measured: MeasuredLight | None) -> HandTask:
     return replace(task, shot=replace(task.shot, light=replace(task.shot.light, measured=measured)))
 
 
-def _render(frame: FrameSetup, engine: type, work: Measurement) -> None:
-    """Render the passes, in the main thread."""
-    engine.measurement = work
+def _render(
+    frame: FrameSetup,
+    engine: type,
+    mesh_name: str,
+    box: Region,
+    surface: PosedSurface | None,
+    maps: dict[str, Mapping[str, np.ndarray]],
+) -> None:
+    """Render the passes, in the main thread; `maps` gets them."""
+    views = tuple(view.name for view in frame.views)
     try:
-        with _silenced_handlers(), _copied(frame, work.region) as scene:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(_silenced_handlers())
+            scene = stack.enter_context(_copied(frame, box))
+            seen = mesh_name if surface is None else stack.enter_context(stand_in(scene, mesh_name, surface))
+            engine.measurement = Measurement(mesh_name, seen, box, frame.albedo, views, maps)
             bpy.ops.render.render(scene=scene.name)
     except RuntimeError as error:
         raise LiveHandError(f"Cycles cannot measure the light on the hand: {error}") from error

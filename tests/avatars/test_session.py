@@ -22,6 +22,9 @@ class RecordedRenderer:
     def __init__(self, avatar_path, hand, device):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device
 
+    def posed_surface(self, shot):
+        raise NotImplementedError
+
     def render(self, shot, should_stop):
         raise NotImplementedError
 

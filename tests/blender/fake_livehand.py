@@ -22,6 +22,9 @@ class FakeRenderer:
         self.avatar_path, self.hand, self.device = avatar_path, hand, device
         self.shots = []
 
+    def posed_surface(self, shot):
+        return None
+
     def render(self, shot, should_stop=lambda: False):
         time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
         self.shots.append(shot)

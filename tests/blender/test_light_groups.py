@@ -101,7 +101,8 @@ def lit_hand(light):
 
     camera = Camera(np.eye(3), np.eye(4), (2, 2))
     facts = {"hand": load_default_hand(), "is_relightable": True, "mean_albedo": None}
-    renderer = SimpleNamespace(render=render, avatar=SimpleNamespace(name="even"), **facts)
+    avatar = SimpleNamespace(name="even")
+    renderer = SimpleNamespace(render=render, posed_surface=lambda shot: None, avatar=avatar, **facts)
     return HandTask(renderer, Shot(HandPose.rest(), np.zeros((1, 3)), camera, light))
 
 

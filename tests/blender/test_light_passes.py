@@ -3,7 +3,10 @@
 import bpy
 import numpy as np
 import pytest
+import torch
+from livehand.backend.geometry.mesh import vertex_normals
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.records.surface import PosedSurface
 from livehand.livehand_blender.render.light_passes import binning, measured_light, samples_of
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
@@ -224,6 +227,34 @@ def test_the_file_does_not_change(lit_scene, shots):
         bpy.app.handlers.render_pre.pop()
     assert {name: [one.name for one in getattr(bpy.data, name)] for name in names} == before
     assert len(called) == 1  # of the user's render
+
+
+def inner_surface(shot):
+    """Inside the hand's mesh, which would shade it all."""
+    vertices = torch.as_tensor(shot.vertices, dtype=torch.float32)
+    inwards = 0.002 * vertex_normals(vertices, torch.as_tensor(load_default_hand().f)).numpy()
+    return PosedSurface(shot.vertices - inwards, load_default_hand().f)
+
+
+def test_light_is_measured_on_the_skins_own_surface(lit_scene, shots, fake_renderer, monkeypatch):
+    (of_mesh,) = (shot.light.measured for shot in shots(lit_scene))
+    monkeypatch.setattr(fake_renderer, "posed_surface", lambda self, shot: inner_surface(shot))
+    before = {name: len(getattr(bpy.data, name)) for name in ("objects", "meshes", "scenes")}
+    measured = shots(lit_scene)[-1].light.measured
+    assert (of_mesh.on_surface, measured.on_surface) == (False, True)
+    assert 0.7 < measured.alpha.sum() / of_mesh.alpha.sum() < 0.97
+    inside = measured.alpha > 0.99
+    assert np.median(measured.direct[inside] / of_mesh.direct[inside].clip(1e-3)) == pytest.approx(1, abs=0.05)
+    assert {name: len(getattr(bpy.data, name)) for name in before} == before
+
+
+def test_light_that_is_linked_to_the_mesh_is_measured_on_the_mesh(lit_scene, shots, fake_renderer, monkeypatch):
+    monkeypatch.setattr(fake_renderer, "posed_surface", lambda self, shot: inner_surface(shot))
+    linked = bpy.data.collections.new("Linked")
+    bpy.data.objects["Sun"].light_linking.receiver_collection = linked
+    assert shots(lit_scene)[-1].light.measured.on_surface
+    linked.objects.link(mesh_of(find_hands(lit_scene)[0]))
+    assert not shots(lit_scene)[-1].light.measured.on_surface
 
 
 def test_nothing_is_measured_without_a_scene_or_in_the_captures_light(lit_scene, shots):

@@ -19,6 +19,7 @@ from livehand.backend.nerf.lit_rays import (
     features_among,
     light_shadows,
     ray_positions,
+    shows_alone,
     sky_shadows,
     split_points,
     surface_points,
@@ -28,6 +29,7 @@ from livehand.backend.nerf.lit_rays import (
 from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.ray_hits import RayHits
 from livehand.backend.nerf.rays import HandInView, RenderedRays, camera_tensors
+from livehand.backend.nerf.relighting import SkinDepth
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
@@ -69,14 +71,14 @@ def test_rays_that_pass_the_outline_show_what_lies_behind():
     assert found.edge_m == EDGE
 
 
-def test_the_mesh_shows_a_ray_s_surface_where_nothing_else_is_near():
+def test_an_image_shows_a_ray_s_surface_alone_where_nothing_else_is_near():
     none = float("inf")
     finger, palm = 0.500, 0.540
     depth = [[finger] * 4 + [palm] * 4 + [none] * 4] * 5
-    shown = layers(torch.tensor(depth).flatten(), torch.tensor(depth).flatten())
+    shown = SkinDepth(torch.tensor(depth).flatten(), EDGE)
     rays = torch.tensor([[finger] * 6 + [palm] * 6] * 5)  # what is seen is wider than the mesh
     rays[:, 1] = 0.502
-    of_row = shown.show(rays.flatten(), torch.arange(60), (12, 5)).view(5, 12)[2]
+    of_row = shows_alone(shown, rays.flatten(), torch.arange(60), (12, 5)).view(5, 12)[2]
     #        the finger       its rim | wider: the palm there | palm | its rim | far beside
     assert of_row.tolist() == [True] * 3 + [False] * 3 + [True] * 3 + [False] * 3
 

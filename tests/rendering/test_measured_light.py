@@ -5,7 +5,7 @@ import torch
 from livehand.backend.nerf.crop import Crop
 from livehand.backend.nerf.surface_means import OFF_PLANE_M, RayPlaces
 from livehand.backend.records.light import MeasuredLight
-from livehand.backend.rendering.measured_light import OnMesh, measured_at, without_noise
+from livehand.backend.rendering.measured_light import AtRays, measured_at, without_noise
 
 SIZE = (40, 24)
 CROP = Crop(4, 2, 12, 8)
@@ -63,7 +63,7 @@ def test_pixels_that_the_hand_hardly_covers_are_not_asked():
         torch.testing.assert_close(direct, torch.full((1, 3), 0.5), atol=0.04, rtol=0)
 
 
-def test_rays_that_the_mesh_does_not_show_have_the_light_beside_them_on_their_surface():
+def test_rays_where_another_surface_was_measured_have_the_light_beside_them_on_their_surface():
     width, height = 40, 30
     x, y = torch.meshgrid(torch.arange(width), torch.arange(height), indexing="xy")
     x, y = x.flatten(), y.flatten()
@@ -74,7 +74,7 @@ def test_rays_that_the_mesh_does_not_show_have_the_light_beside_them_on_their_su
     shows = (x < 16) | (x == 19) & (y == 5) | (x >= 30)
     light = torch.where(is_finger, 1.0, 0.2)
     measured = torch.where(shows, light, 50.0)[:, None].expand(-1, 3)
-    found = OnMesh(shows, places).filled(measured)
+    found = AtRays(shows, places).filled(measured)
     near = x < 27  # farther than the passes reach, and nothing is known
     torch.testing.assert_close(found[near & is_finger], light[near & is_finger, None].expand(-1, 3))
     torch.testing.assert_close(found[shows], measured[shows])

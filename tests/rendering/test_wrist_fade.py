@@ -156,6 +156,9 @@ def test_without_a_fade_the_frame_is_the_same_and_a_task_fades_it_otherwise(hand
         def __init__(self):
             self.hand = hand
 
+        def posed_surface(self, shot):
+            return None
+
         def render(self, shot, should_stop):
             return frame
 

@@ -1,0 +1,56 @@
+"""The skin's own surface in the place of a hand's mesh, in the copy of the scene in which light is measured.
+
+Where light grazes or shadows end, the mesh's few faces do not tell what the skin receives that frames show.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ...backend.records.surface import PosedSurface
+from ..scene.light_linking import LinkRule
+
+_NAME = "LiveHand Surface"
+_RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter", "visible_shadow")
+
+
+@contextlib.contextmanager
+def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: PosedSurface) -> Iterator[str]:
+    """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
+
+    It has the mesh's first material, and rays meet it as they meet the mesh.
+    """
+    (mesh,) = (item for item in scene.objects if item.name_full == mesh_name)
+    data = bpy.data.meshes.new(_NAME)
+    data.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
+    data.polygons.foreach_set("use_smooth", np.ones(len(surface.faces), bool))
+    data.materials.append(mesh.active_material)
+    item = bpy.data.objects.new(_NAME, data)
+    for name in _RAYS:
+        setattr(item, name, getattr(mesh, name))
+    try:
+        scene.collection.objects.link(item)
+        yield item.name_full
+    finally:
+        bpy.data.objects.remove(item)
+        bpy.data.meshes.remove(data)
+
+
+def hide_from_rays(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
+    """Let no ray meet an evaluated object, given by its full name; the original does not change."""
+    for name in _RAYS:
+        before = np.empty(len(depsgraph.objects), bool)
+        depsgraph.objects.foreach_get(name, before)
+        others = [item.name_full != mesh_name for item in depsgraph.objects]
+        depsgraph.objects.foreach_set(name, before & others)
+
+
+def is_light_linked(scene: bpy.types.Scene, mesh_name: str) -> bool:
+    """Whether lamps are linked to the object of this full name, or kept off it; they would not know its stand-in."""
+    linking = (item.light_linking for item in scene.objects)
+    rules = (LinkRule.of(side) for one in linking for side in (one.receiver_collection, one.blocker_collection))
+    return any(mesh_name in rule.excluded or mesh_name in (rule.included or ()) for rule in rules)
