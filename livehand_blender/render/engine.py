@@ -25,7 +25,7 @@ from ...backend.rendering.background import BackgroundWork, ShouldStop
 from ...backend.rendering.frame_queue import FrameQueue
 from ...backend.rendering.frame_task import ExposureFrames, FrameTask
 from ...backend.rendering.picture import Picture, compose_picture, surface_of
-from ..scene.proxy import hidden_from_camera, hide_from_camera, use_albedo
+from ..scene.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_samples import one_sample
@@ -244,6 +244,7 @@ class LiveHandRender(CyclesEngine):
         """Let Cycles render all but the hands. It frees the depsgraph, which must not be read after this."""
         hide_from_camera(depsgraph)
         use_albedo(depsgraph, frame.albedo)
+        move_vertices(depsgraph, frame.places)
         self.add_pass("Depth", 1, "Z", layer=frame.layer)  # needed even if the view layer does not have it on
         super().render(depsgraph)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -57,6 +57,7 @@ class FrameSetup:
         albedo: of each hand whose avatar has one, unless it is an instance: full name of its mesh -> mean albedo [3];
             empty without a scene.
         meshes: name of each of those hands -> full name of its mesh.
+        places: full name of such a mesh -> [V, 3] world, its vertices on the skin's own surface, if that is known.
         views: one, or two eyes.
     """
 
@@ -71,6 +72,7 @@ class FrameSetup:
     albedo: Mapping[str, np.ndarray]
     meshes: Mapping[str, str]
     views: tuple[ViewSetup, ...]
+    places: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def needs_surface(self) -> bool:

@@ -94,7 +94,7 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    views = frame.views
+    views, places = frame.views, {}
     for number, hand in enumerate(frame.hands):
         is_lit = any(task[number].shot.light is not None for task in frame.views[0].task.samples)
         if is_lit and hand.name in frame.meshes:
@@ -105,9 +105,11 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
                 if not is_light_linked(frame.scene, mesh_name):
                     with rendering:
                         surface = hand.renderer.posed_surface(shots[0])
+                if surface is not None:
+                    places[mesh_name] = surface.vertices[: len(shots[0].vertices)]  # the finer ones follow
                 measured = measure(frame, engine, mesh_name, region, surface)
                 views = tuple(_with_light(view, number, measured[view.name]) for view in views)
-    return replace(frame, views=views)
+    return replace(frame, views=views, places=places)
 
 
 def is_measured(frame: FrameSetup) -> bool:

@@ -77,6 +77,19 @@ def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray])
             colour.foreach_set((*(rec709_to_working_space() @ rgb), 1.0))  # an assignment would tag the material
 
 
+def move_vertices(depsgraph: bpy.types.Depsgraph, places: Mapping[str, np.ndarray]) -> None:
+    """Move the vertices of evaluated meshes; the original meshes do not change, and nothing is tagged as changed.
+
+    Args:
+        depsgraph: of the frame.
+        places: full name of each mesh object -> [V, 3] world.
+    """
+    for item in (thing for thing in depsgraph.objects if thing.name_full in places):
+        to_object = np.array(item.matrix_world.inverted())
+        local = places[item.name_full] @ to_object[:3, :3].T + to_object[:3, 3]
+        item.data.vertices.foreach_set("co", local.astype(np.float32).ravel())
+
+
 def _plain_colours(material: bpy.types.Material | None) -> Iterator[bpy.types.bpy_prop_array]:
     """The base colour of our own material, if nothing is linked to it and it was not changed."""
     if material is None or material.node_tree is None or not material.original.name.startswith(_SKIN):

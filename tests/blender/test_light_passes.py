@@ -162,8 +162,14 @@ def test_the_scene_shades_the_hand_where_the_sun_comes_from(lit_scene, shots):
     assert after.direct[near].mean() < 0.05
 
 
-def test_the_hand_shades_the_scene_away_from_the_sun(lit_scene, fake_session, tmp_path, read_exr, use_multilayer_exr):
-    """On the floor the direct light is gone where the line to the sun meets the hand's mesh, and only there."""
+@pytest.mark.parametrize("offset_m", [None, 0.08])
+def test_the_hand_shades_the_scene_away_from_the_sun(
+    lit_scene, fake_session, fake_renderer, monkeypatch, tmp_path, read_exr, use_multilayer_exr, offset_m
+):
+    """On the floor the direct light is gone where the line to the sun meets the hand's surface, and only there."""
+    if offset_m:
+        moved = lambda self, shot: PosedSurface(shot.vertices + [offset_m, 0, 0], load_default_hand().f)  # noqa: E731
+        monkeypatch.setattr(fake_renderer, "posed_surface", moved)
     z = -0.3
     add_floor(lit_scene, z)
     lit_scene.cycles.samples, lit_scene.render.film_transparent = 4, False
@@ -175,8 +181,9 @@ def test_the_hand_shades_the_scene_away_from_the_sun(lit_scene, fake_session, tm
     bpy.ops.render.render(write_still=True)
     light = read_exr(tmp_path / "floor.exr")[f"{layer.name}.{DIRECT}.R"]
     shot = fake_session.made[-1].shots[-1]
-    away = np.array(SUN) * ((shot.vertices[:, 2:] - z) / SUN.z)
-    columns, rows = shot.camera.project(shot.vertices - away)[0].astype(int).T
+    vertices = shot.vertices + [offset_m or 0, 0, 0]
+    away = np.array(SUN) * ((vertices[:, 2:] - z) / SUN.z)
+    columns, rows = shot.camera.project(vertices - away)[0].astype(int).T
     is_inside = (columns >= 0) & (columns < 96) & (rows >= 0) & (rows < 128)
     shadow = np.zeros((128, 96), bool)
     shadow[rows[is_inside], columns[is_inside]] = True
