@@ -133,7 +133,7 @@ class MeasuredLight:
         direct: [h, w, 3] light that comes straight from lamps, sky and emitting objects.
         indirect: [h, w, 3] light that the scene and the hand itself have reflected.
         alpha: [h, w] share of each pixel that shows the hand.
-        on_surface: whether that showed the skin's own surface (`PosedSurface`), not its mesh.
+        on_surface: whether that showed the skin's own surface (`SurfaceMesh`), not its mesh.
     """
 
     direct: np.ndarray

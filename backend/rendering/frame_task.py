@@ -12,7 +12,7 @@ import numpy as np
 from ..hand.model import HandModel
 from ..records.frame import Frame
 from ..records.shot import Shot
-from ..records.surface import PosedSurface
+from ..records.surface_mesh import SurfaceMesh
 from .grade import Grade
 
 ExposureFrames = tuple[Frame, ...]
@@ -53,7 +53,7 @@ class HandRenderer(Protocol):
         """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
         ...
 
-    def posed_surface(self, shot: Shot) -> PosedSurface | None:
+    def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
         """The skin's own surface as frames show it; None: frames show the mesh's."""
         ...
 

@@ -39,7 +39,7 @@ from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
-from ..records.surface import PosedSurface
+from ..records.surface_mesh import SurfaceMesh
 from .albedo import vertex_albedo
 from .backends import choose_backend
 from .decode import decode_frame
@@ -143,13 +143,13 @@ class Renderer:
         return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
 
     @torch.inference_mode()
-    def posed_surface(self, shot: Shot) -> PosedSurface | None:
+    def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
         """The skin's own surface as frames show it; None: it is not known, they show the mesh's."""
         if self._skin is None:
             return None
         topology = self._topology_of(shot)
         fine = self._fine_mesh(self._skin, shot, posed_mesh(topology, self._tensor(shot.vertices)), topology)
-        return PosedSurface(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
+        return SurfaceMesh(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
 
     @property
     def sampler(self) -> SamplerConfig:

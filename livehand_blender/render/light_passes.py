@@ -24,7 +24,7 @@ from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
-from ...backend.records.surface import PosedSurface
+from ...backend.records.surface_mesh import SurfaceMesh
 from ...backend.rendering.frame_task import FrameTask, HandTask
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
@@ -144,7 +144,7 @@ def binning(size_px: tuple[int, int]) -> tuple[int, int]:
 
 
 def measure(
-    frame: FrameSetup, engine: type, mesh_name: str, box: Region, surface: PosedSurface | None
+    frame: FrameSetup, engine: type, mesh_name: str, box: Region, surface: SurfaceMesh | None
 ) -> Mapping[str, MeasuredLight | None]:
     """Measure the light on one hand in every view.
 
@@ -215,7 +215,7 @@ def _render(
     engine: type,
     mesh_name: str,
     box: Region,
-    surface: PosedSurface | None,
+    surface: SurfaceMesh | None,
     maps: dict[str, Mapping[str, np.ndarray]],
 ) -> None:
     """Render the passes, in the main thread; `maps` gets them."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from ...backend.records.surface import PosedSurface
+from ...backend.records.surface_mesh import SurfaceMesh
 from ..scene.light_linking import LinkRule
 
 _NAME = "LiveHand Surface"
@@ -19,7 +19,7 @@ _RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_v
 
 
 @contextlib.contextmanager
-def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: PosedSurface) -> Iterator[str]:
+def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
     """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
 
     It has the mesh's first material, and rays meet it as they meet the mesh.

@@ -6,7 +6,7 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import vertex_normals
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.records.surface import PosedSurface
+from livehand.backend.records.surface_mesh import SurfaceMesh
 from livehand.livehand_blender.render.light_passes import binning, measured_light, samples_of
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
@@ -167,9 +167,10 @@ def test_the_hand_shades_the_scene_away_from_the_sun(
     lit_scene, fake_session, fake_renderer, monkeypatch, tmp_path, read_exr, use_multilayer_exr, offset_m
 ):
     """On the floor the direct light is gone where the line to the sun meets the hand's surface, and only there."""
+    offset = np.array([offset_m or 0, 0, 0])
     if offset_m:
-        moved = lambda self, shot: PosedSurface(shot.vertices + [offset_m, 0, 0], load_default_hand().f)  # noqa: E731
-        monkeypatch.setattr(fake_renderer, "posed_surface", moved)
+        moved = {"posed_surface": lambda self, shot: SurfaceMesh(shot.vertices + offset, load_default_hand().f)}
+        monkeypatch.setattr(fake_renderer, *moved.popitem())
     z = -0.3
     add_floor(lit_scene, z)
     lit_scene.cycles.samples, lit_scene.render.film_transparent = 4, False
@@ -181,7 +182,7 @@ def test_the_hand_shades_the_scene_away_from_the_sun(
     bpy.ops.render.render(write_still=True)
     light = read_exr(tmp_path / "floor.exr")[f"{layer.name}.{DIRECT}.R"]
     shot = fake_session.made[-1].shots[-1]
-    vertices = shot.vertices + [offset_m or 0, 0, 0]
+    vertices = shot.vertices + offset
     away = np.array(SUN) * ((vertices[:, 2:] - z) / SUN.z)
     columns, rows = shot.camera.project(vertices - away)[0].astype(int).T
     is_inside = (columns >= 0) & (columns < 96) & (rows >= 0) & (rows < 128)
@@ -240,7 +241,7 @@ def inner_surface(shot):
     """Inside the hand's mesh, which would shade it all."""
     vertices = torch.as_tensor(shot.vertices, dtype=torch.float32)
     inwards = 0.002 * vertex_normals(vertices, torch.as_tensor(load_default_hand().f)).numpy()
-    return PosedSurface(shot.vertices - inwards, load_default_hand().f)
+    return SurfaceMesh(shot.vertices - inwards, load_default_hand().f)
 
 
 def test_light_is_measured_on_the_skins_own_surface(lit_scene, shots, fake_renderer, monkeypatch):

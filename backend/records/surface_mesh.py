@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class PosedSurface(NamedTuple):
+class SurfaceMesh(NamedTuple):
     """The skin's own surface in a pose, finer than the hand's mesh.
 
     Attributes:
