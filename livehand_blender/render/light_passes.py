@@ -102,7 +102,7 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
             region = box_of(shots, frame.size_px)
             if region is not None:
                 mesh_name, surface = frame.meshes[hand.name], None
-                if not is_light_linked(frame.scene, mesh_name):
+                if not is_light_linked(mesh_name):
                     with rendering:
                         surface = hand.renderer.posed_surface(shots[0])
                 if surface is not None:

@@ -24,11 +24,11 @@ def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> It
 
     It has the mesh's first material, and rays meet it as they meet the mesh.
     """
-    (mesh,) = (item for item in scene.objects if item.name_full == mesh_name)
+    (mesh,) = (item for item in bpy.data.objects if item.name_full == mesh_name)  # the scene's, or its set's
     data = bpy.data.meshes.new(_NAME)
     data.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
     data.polygons.foreach_set("use_smooth", np.ones(len(surface.faces), bool))
-    data.materials.append(mesh.active_material)
+    data.materials.append(next((slot.material for slot in mesh.material_slots), None))
     item = bpy.data.objects.new(_NAME, data)
     for name in _RAYS:
         setattr(item, name, getattr(mesh, name))
@@ -49,8 +49,8 @@ def hide_from_rays(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
         depsgraph.objects.foreach_set(name, before & others)
 
 
-def is_light_linked(scene: bpy.types.Scene, mesh_name: str) -> bool:
+def is_light_linked(mesh_name: str) -> bool:
     """Whether lamps are linked to the object of this full name, or kept off it; they would not know its stand-in."""
-    linking = (item.light_linking for item in scene.objects)
+    linking = (item.light_linking for item in bpy.data.objects)
     rules = (LinkRule.of(side) for one in linking for side in (one.receiver_collection, one.blocker_collection))
     return any(mesh_name in rule.excluded or mesh_name in (rule.included or ()) for rule in rules)
