@@ -78,7 +78,9 @@ def _avatar_facts(path: Path) -> dict:
     from ..avatars.file import read_header
 
     header = read_header(path)
-    return {"kind": "avatar", **header, **_skin_facts(header["provenance"].get("capture"))}
+    provenance = header.get("provenance")
+    capture = provenance.get("capture") if isinstance(provenance, dict) else None
+    return {"kind": "avatar", **header, **_skin_facts(capture)}
 
 
 def _capture_facts(folder: Path) -> dict:
@@ -103,7 +105,7 @@ def _skin_facts(capture: Any) -> dict[str, bool]:
     """Whether a capture, by its provenance, shows the built-in skin as it is now; nothing where it does not tell."""
     from ..hand.skin_version import is_current_skin
 
-    is_current = is_current_skin(capture) if isinstance(capture, dict) else None
+    is_current = is_current_skin(capture)
     return {} if is_current is None else {"skin_is_current": is_current}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -24,6 +23,8 @@ def skin_version() -> str:
     ]
 
 
-def is_current_skin(capture: Mapping[str, Any]) -> bool | None:
+def is_current_skin(capture: Any) -> bool | None:
     """Whether a capture, by its provenance, shows the skin that this software has; None: it does not tell."""
-    return capture[SKIN_VERSION] == skin_version() if SKIN_VERSION in capture else None
+    if not isinstance(capture, dict) or SKIN_VERSION not in capture:
+        return None
+    return capture[SKIN_VERSION] == skin_version()

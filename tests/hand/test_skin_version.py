@@ -24,6 +24,6 @@ def test_any_changed_file_is_another_version(tmp_path, monkeypatch):
 
 
 def test_a_capture_may_not_tell():
-    assert is_current_skin({}) is None
+    assert [is_current_skin(capture) for capture in ({}, None, [], "skin_version", 3.0)] == [None] * 5
     assert is_current_skin({SKIN_VERSION: skin_version()}) is True
     assert is_current_skin({SKIN_VERSION: "0" * 12}) is False
