@@ -244,7 +244,8 @@ class LiveHandRender(CyclesEngine):
         """Let Cycles render all but the hands. It frees the depsgraph, which must not be read after this."""
         hide_from_camera(depsgraph)
         use_albedo(depsgraph, frame.albedo)
-        move_vertices(depsgraph, frame.places)
+        if not depsgraph.scene.render.use_persistent_data:  # it keeps what is evaluated, and the next frame reads that
+            move_vertices(depsgraph, frame.places)
         self.add_pass("Depth", 1, "Z", layer=frame.layer)  # needed even if the view layer does not have it on
         super().render(depsgraph)
 

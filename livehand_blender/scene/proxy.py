@@ -81,7 +81,7 @@ def move_vertices(depsgraph: bpy.types.Depsgraph, places: Mapping[str, np.ndarra
     """Move the vertices of evaluated meshes; the original meshes do not change, and nothing is tagged as changed.
 
     Args:
-        depsgraph: of the frame.
+        depsgraph: of the frame, which nothing reads afterwards.
         places: full name of each mesh object -> [V, 3] world.
     """
     for item in (thing for thing in depsgraph.objects if thing.name_full in places):

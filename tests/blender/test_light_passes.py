@@ -256,6 +256,24 @@ def test_light_is_measured_on_the_skins_own_surface(lit_scene, shots, fake_rende
     assert {name: len(getattr(bpy.data, name)) for name in before} == before
 
 
+@pytest.mark.parametrize("is_persistent", [False, True])
+def test_a_hand_that_rests_stays_where_it_is(
+    lit_scene, fake_session, fake_renderer, monkeypatch, tmp_path, is_persistent
+):
+    """Vertices that one frame moves in Cycles' scene are not those that the next one reads."""
+    monkeypatch.setattr(fake_renderer, "posed_surface", lambda self, shot: inner_surface(shot))
+    mesh = mesh_of(find_hands(lit_scene)[0]).data
+    before = [tuple(vertex.co) for vertex in mesh.vertices]
+    lit_scene.render.use_persistent_data = is_persistent
+    lit_scene.frame_start, lit_scene.frame_end = 1, 3
+    lit_scene.render.filepath = str(tmp_path / "rest_")
+    bpy.ops.render.render(animation=True)
+    first, *others = (shot.vertices for made in fake_session.made for shot in made.shots)
+    assert len(others) == 2
+    assert all(np.array_equal(first, other) for other in others)
+    assert [tuple(vertex.co) for vertex in mesh.vertices] == before
+
+
 def test_light_that_is_linked_to_the_mesh_is_measured_on_the_mesh(lit_scene, shots, fake_renderer, monkeypatch):
     monkeypatch.setattr(fake_renderer, "posed_surface", lambda self, shot: inner_surface(shot))
     linked = bpy.data.collections.new("Linked")
