@@ -18,9 +18,8 @@ SKIN_VERSION = "skin_version"
 def skin_version() -> str:
     """Of the skin that this software has: the start of the sha256 of its files."""
     beside = builtin_hand_path(WITH_ARM).with_name
-    return hashlib.sha256(b"".join(beside(name).read_bytes() for name in (FILE, FINE_FILE, COARSE_FILE))).hexdigest()[
-        :12
-    ]
+    content = b"".join(beside(name).read_bytes() for name in (FILE, FINE_FILE, COARSE_FILE))
+    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def is_current_skin(capture: Any) -> bool | None:

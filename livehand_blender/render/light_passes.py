@@ -29,11 +29,11 @@ from ...backend.rendering.frame_task import FrameTask, HandTask
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
-from ..scene.proxy import show_alone, use_albedo
+from ..scene.proxy import hide_from_scene, show_alone, use_albedo
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
-from .stand_in import hide_from_rays, is_light_linked, stand_in
+from .stand_in import is_light_linked, stand_in
 
 # Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
 # Each map pixel is the mean of 2 x 2.
@@ -70,7 +70,7 @@ class Measurement:
         show_alone(depsgraph, self.seen_name)
         use_albedo(depsgraph, {**self.albedo, self.seen_name: self.albedo[self.mesh_name]})
         if self.seen_name != self.mesh_name:
-            hide_from_rays(depsgraph, self.mesh_name)
+            hide_from_scene(depsgraph, self.mesh_name)
 
     def read(self, result: bpy.types.RenderResult, layer: str) -> None:
         """Keep Cycles' passes."""

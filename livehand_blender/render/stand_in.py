@@ -13,9 +13,9 @@ import numpy as np
 
 from ...backend.records.surface_mesh import SurfaceMesh
 from ..scene.light_linking import LinkRule
+from ..scene.proxy import SCENE_RAYS
 
 _NAME = "LiveHand Surface"
-_RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter", "visible_shadow")
 
 
 @contextlib.contextmanager
@@ -30,7 +30,7 @@ def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> It
     data.polygons.foreach_set("use_smooth", np.ones(len(surface.faces), bool))
     data.materials.append(next((slot.material for slot in mesh.material_slots), None))
     item = bpy.data.objects.new(_NAME, data)
-    for name in _RAYS:
+    for name in SCENE_RAYS:
         setattr(item, name, getattr(mesh, name))
     try:
         scene.collection.objects.link(item)
@@ -38,15 +38,6 @@ def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> It
     finally:
         bpy.data.objects.remove(item)
         bpy.data.meshes.remove(data)
-
-
-def hide_from_rays(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
-    """Let no ray meet an evaluated object, given by its full name; the original does not change."""
-    for name in _RAYS:
-        before = np.empty(len(depsgraph.objects), bool)
-        depsgraph.objects.foreach_get(name, before)
-        others = [item.name_full != mesh_name for item in depsgraph.objects]
-        depsgraph.objects.foreach_set(name, before & others)
 
 
 def is_light_linked(mesh_name: str) -> bool:

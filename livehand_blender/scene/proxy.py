@@ -12,6 +12,14 @@ import numpy as np
 from .colour import rec709_to_working_space
 from .seen_hands import visible_hands
 
+SCENE_RAYS = (
+    "visible_diffuse",
+    "visible_glossy",
+    "visible_transmission",
+    "visible_volume_scatter",
+    "visible_shadow",
+)
+"""The properties of an object that tell which rays meet it, beside the camera's."""
 # The material that Add Hand makes; its base colour is its colour in Solid shading until the user changes one.
 _SKIN, _TOLERANCE = "LiveHand Skin", 1e-4
 
@@ -44,13 +52,13 @@ def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     return _hide(depsgraph.objects, hidden)
 
 
-def _hide(objects: bpy.types.bpy_prop_collection, names: set[str]) -> np.ndarray:
-    """Hide the objects of these full names from camera rays, unless they are; returns what all objects were."""
+def _hide(objects: bpy.types.bpy_prop_collection, names: set[str], from_rays: str = "visible_camera") -> np.ndarray:
+    """Hide the objects of these full names from rays of one kind, unless they are; returns what all objects were."""
     before = np.empty(len(objects), bool)
-    objects.foreach_get("visible_camera", before)
+    objects.foreach_get(from_rays, before)
     after = before & [thing.name_full not in names for thing in objects]
     if not np.array_equal(before, after):
-        objects.foreach_set("visible_camera", after)
+        objects.foreach_set(from_rays, after)
     return before
 
 
@@ -60,6 +68,12 @@ def show_alone(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
     The original objects do not change.
     """
     depsgraph.objects.foreach_set("visible_camera", [item.name_full == mesh_name for item in depsgraph.objects])
+
+
+def hide_from_scene(depsgraph: bpy.types.Depsgraph, mesh_name: str) -> None:
+    """Hide an evaluated object, given by its full name, from all rays but the camera's; the original stays."""
+    for rays in SCENE_RAYS:
+        _hide(depsgraph.objects, {mesh_name}, rays)
 
 
 def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray]) -> None:
