@@ -25,6 +25,7 @@ from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import bounced, light_features, openness
 from .part_edges import blended
+from .places import skin_places
 from .ray_hits import ray_hits
 from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
@@ -57,6 +58,7 @@ class NumbaBackend:
     first_hit = staticmethod(first_hit)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
+    skin_places = staticmethod(skin_places)
     bounced = staticmethod(bounced)
     near_light = staticmethod(near_light)
     surface_means = staticmethod(surface_means)

@@ -10,7 +10,7 @@ from torch import Tensor
 from ..hand.lbs import SkinMotion
 from ..nerf.fine_mesh import SAMPLES, FineMesh, FinerField, FineTemplate, PixelSurface
 from ..nerf.part_edges import SPREAD, STEP_M, STEP_PX, PartEdges
-from ..nerf.rays import CameraTensors, project
+from ..nerf.rays import CameraTensors
 from .arrays import as_arrays
 from .fronts import find_fronts
 from .kernels.compiled import in_parallel
@@ -24,7 +24,8 @@ from .kernels.outline import (
     sample_faces,
     spread_coverage,
 )
-from .kernels.records import EdgeSamples, FinerRows, PartMarks, ProjectedMesh
+from .kernels.records import EdgeSamples, FinerRows, PartMarks
+from .projection import projected_mesh
 
 _SAMPLES, _SPREAD = np.array(SAMPLES, np.float32), np.array(SPREAD, np.float32)
 
@@ -63,8 +64,7 @@ def _finer(level: FinerField, values: np.ndarray) -> np.ndarray:
 def seen_surface(mesh: FineMesh, camera: CameraTensors) -> PixelSurface:
     """As `nerf.fine_mesh.seen_surface`."""
     threads, (width, height) = torch.get_num_threads(), camera.size_px
-    positions_px, depth, faces = as_arrays(*project(camera, mesh.vertices), mesh.faces)
-    projected, pixels = ProjectedMesh(positions_px, depth, faces), width * height
+    projected, pixels = projected_mesh(camera, mesh.vertices, mesh.faces), width * height
     nearest, face_at, rows = find_fronts(projected, camera.size_px)
     on_outline, bits = np.empty(pixels, np.bool_), np.zeros(pixels, np.uint16)
     covered, coverage, deep = np.empty((3, pixels), np.float32)

@@ -8,17 +8,17 @@ from torch import Tensor
 
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.ray_hits import RayHits
-from ..nerf.rays import CameraTensors, project
+from ..nerf.rays import CameraTensors
 from .arrays import as_arrays
 from .fronts import find_fronts
 from .kernels.compiled import in_parallel
 from .kernels.ray_hits import fill_normals
-from .kernels.records import ProjectedMesh
+from .projection import projected_mesh
 
 
 def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
     """As `nerf.ray_hits.ray_hits`."""
-    projected = ProjectedMesh(*as_arrays(*project(camera, mesh.vertices), mesh.faces))
+    projected = projected_mesh(camera, mesh.vertices, mesh.faces)
     fronts = find_fronts(projected, camera.size_px)
     at, of_vertices = as_arrays(pixel, mesh.normals)
     normal = torch.empty(len(pixel), 3)

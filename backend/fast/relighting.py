@@ -10,7 +10,7 @@ from torch import Tensor
 from ..nerf.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
 from ..nerf.mirrored_sky import SIDE
 from ..nerf.rays import CameraTensors
-from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, feature_maps, ray_depths
+from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
 from ..nerf.round_lobes import LEAST_ROUGHNESS
 from .arrays import as_arrays, row_of
 from .kernels.compiled import in_parallel
@@ -83,13 +83,13 @@ def relit(
 ) -> Float[Tensor, "3 H W"]:
     """Scene-linear colours of an image at twice `size_px`."""
     width, height = size_px
-    maps = feature_maps(features, pixel, size_px)
+    rays, row = ray_rows(features), row_of(pixel, width * height)
     out = torch.zeros(4 * width * height, 3)
     skin = image.skin or BumpedSkin.smooth(image.normal)
     normals = image.normal, skin.surface_normal, skin.blurred_normal, skin.alpha_squared
     large = image.pixel, image.coefficients, *normals, image.view, image.share
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
-    record, flat = RelitImage._make((*as_arrays(*large, maps), width, *as_arrays(*light))), out.numpy()
+    record, flat = RelitImage._make((*as_arrays(*large, rays), row, width, *as_arrays(*light))), out.numpy()
     sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE, np.float32(LEAST_ROUGHNESS)))
     in_parallel(
         lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat),

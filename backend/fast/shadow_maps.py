@@ -17,7 +17,7 @@ def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> Point
     """Make the maps of one view after the other and compare each point with the four nearest pixels."""
     tensors = (*scene.views, scene.vertices.T, scene.faces, scene.others.T)
     arrays = (values.contiguous().numpy() for values in tensors)
-    lengths = (np.float32(value) for value in (scene.tolerance, scene.contact, scene.max_depth_in))
+    lengths = map(np.float32, (scene.tolerance, scene.contact, scene.max_depth_in, scene.template_m))
     others = np.arange(len(scene.others)).reshape(-1, 3)
     casters = ShadowCasters._make((*arrays, others, scene.map_px, *lengths))
     shape, places = (len(scene.views.distance), len(points)), points.T.contiguous().numpy()

@@ -131,6 +131,7 @@ class ShadowScene(NamedTuple):
         tolerance: by which a point may lie behind the middle of the mesh.
         contact: by which it may lie behind another triangle.
         max_depth_in: of `PointShadows`.
+        template_m: of a radius.
     """
 
     views: LightViews
@@ -141,10 +142,11 @@ class ShadowScene(NamedTuple):
     tolerance: float
     contact: float
     max_depth_in: float
+    template_m: float
 
 
 ShadowLookup = Callable[[ShadowScene, Tensor], PointShadows]
-"""(scene, points [P, 3] in radii from the centre) -> shadows, with depths in radii, by maps around these points."""
+"""(scene, points [P, 3] in radii from the centre) -> their shadows, by maps around these points."""
 
 
 def point_shadows(
@@ -181,9 +183,9 @@ def point_shadows(
         tolerance=_GRAZING_M * in_template,
         contact=_CONTACT_M * in_template,
         max_depth_in=MAX_DEPTH_IN_M * in_template,
+        template_m=1 / in_template,
     )
-    shadows = (look_up or look_up_reference)(scene, local)
-    return PointShadows(shadows.lit, shadows.depth_in_m.div_(in_template))
+    return (look_up or look_up_reference)(scene, local)
 
 
 def projected(points: Float[Tensor, "P 3"], scene: ShadowScene, windows: MapWindows) -> ProjectedPoints:
@@ -227,7 +229,7 @@ def look_up_reference(scene: ShadowScene, places: Float[Tensor, "P 3"]) -> Point
     outside = ~is_inside
     return PointShadows(
         torch.where(outside, torch.ones_like(lit), lit),
-        torch.where(outside, torch.zeros_like(depth_in), depth_in.clamp(min=0)),
+        scene.template_m * torch.where(outside, torch.zeros_like(depth_in), depth_in.clamp(min=0)),
     )
 
 

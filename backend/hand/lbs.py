@@ -89,15 +89,15 @@ def _posed(
     forearm: Float[Tensor, "*b 3"] | None,
 ) -> tuple[SkinMotion, PosedHand]:
     rotations = axis_angle_to_matrix(theta)
-    v_shaped = skin.v_template + torch.einsum("vck,...k->...vc", skin.shapedirs, beta)
+    v_shaped = skin.v_template + _offsets(skin.shapedirs, beta)
     rest_joints = skin.J_regressor @ v_shaped
     transforms = joint_transforms(rotations, rest_joints, skin.parents)
-    blended = torch.einsum("vj,...jab->...vab", skin.lbs_weights, transforms[..., :3, :])
+    blended = (skin.lbs_weights @ transforms[..., :3, :].flatten(-2)).unflatten(-1, (3, 4))
     if forearm is not None:
         first, at = transforms[..., 0, :3, :], rest_joints[..., 0, :]
         blended = blended + forearm_offsets(skin.arm_weights, first, forearm, at)
-    moved = torch.cat([blended[..., :3], blended[..., 3:] + transl[..., None, :, None]], -1)
-    motion = SkinMotion(v_shaped + pose_correctives(skin, rotations), moved)
+    shift = torch.nn.functional.pad(transl[..., None, :, None], (3, 0))
+    motion = SkinMotion(v_shaped + pose_correctives(skin, rotations), blended + shift)
     joints = (transforms[..., :3, :3] @ rest_joints[..., None])[..., 0] + transforms[..., :3, 3]
     return motion, PosedHand(motion.vertices, joints + transl[..., None, :], transforms)
 
@@ -139,17 +139,22 @@ def pose_correctives(skin: SkinTensors, rotations: Float[Tensor, "*b 16 3 3"]) -
     """Offsets of the template, linear in (R - I) of the 15 finger joints."""
     identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
     features = (rotations[..., 1:, :, :] - identity).flatten(-3)  # [*b, 135]
-    return torch.einsum("vcp,...p->...vc", skin.posedirs, features)
+    return _offsets(skin.posedirs, features)
+
+
+def _offsets(directions: Float[Tensor, "V 3 K"], features: Float[Tensor, "*b K"]) -> Float[Tensor, "*b V 3"]:
+    """The features' sum of directions, as one product of matrices."""
+    return (features @ directions.flatten(0, 1).T).unflatten(-1, (len(directions), 3))
 
 
 def joint_transforms(
     rotations: Float[Tensor, "*b 16 3 3"], rest_joints: Float[Tensor, "*b 16 3"], parents: tuple[int, ...]
 ) -> Float[Tensor, "*b 16 4 4"]:
     """Rest-to-pose transform of every joint, composed along the kinematic tree."""
-    world: list[Tensor] = []
-    for joint, parent in enumerate(parents):
-        offset = rest_joints[..., joint, :] - (rest_joints[..., parent, :] if parent >= 0 else 0)
-        local = _rigid(rotations[..., joint, :, :], offset)
+    is_root = torch.tensor(parents, device=rest_joints.device)[:, None] < 0
+    offsets = rest_joints - torch.where(is_root, 0, rest_joints[..., parents, :])
+    of_joints, world = _rigid(rotations, offsets).unbind(-3), list[Tensor]()
+    for local, parent in zip(of_joints, parents, strict=True):
         world.append(world[parent] @ local if parent >= 0 else local)
     stacked = torch.stack(world, -3)
     moved_rest = (stacked[..., :3, :3] @ rest_joints[..., None])[..., 0]

@@ -63,5 +63,7 @@ class RaisedSkin:
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
         height = veins_mm * (0.75 + 0.5 * clenched) * self.vein
         for form in self.forms:
-            height = height + form.share(float(flexion_deg[form.joint])) * form.height_mm
+            share = form.share(float(flexion_deg[form.joint]))
+            if share > 0:
+                height += share * form.height_mm
         return height

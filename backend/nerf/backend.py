@@ -19,7 +19,7 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..hand.lbs import SkinMotion
-from .bounce import Probes
+from .bounce import Probes, SkinPlaces
 from .conditions import FrameConditions
 from .detail_maps import DetailMaps
 from .field import MlpField, PlaneField
@@ -93,6 +93,16 @@ class RenderBackend(Protocol):
 
     def light_features(self, light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
         """As `nerf.lighting.light_features`."""
+        ...
+
+    def skin_places(
+        self,
+        mesh: PosedMesh,
+        faces: Int[Tensor, "F 3"],
+        face: Int[Tensor, " R"],
+        position: Float[Tensor, "R 3"],
+    ) -> SkinPlaces:
+        """As `nerf.bounce.SkinPlaces.of`, without gradients."""
         ...
 
     def bounced(

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from ..geometry.mesh import PosedMesh, Topology
 
@@ -31,7 +32,7 @@ class Probes(NamedTuple):
     Attributes:
         vertices: [V, 3] m, world.
         normals: [V, 3] unit.
-        chosen: [P] which are the middles of discs.
+        chosen: [P] which are the middles of discs, ascending.
         area_m2: [P].
     """
 
@@ -53,12 +54,16 @@ class Probes(NamedTuple):
     @property
     def position(self) -> Float[Tensor, "P 3"]:
         """Of the discs, m, world."""
-        return self.vertices[self.chosen]
+        return self._of_chosen(self.vertices)
 
     @property
     def normal(self) -> Float[Tensor, "P 3"]:
         """Of the discs, unit."""
-        return self.normals[self.chosen]
+        return self._of_chosen(self.normals)
+
+    def _of_chosen(self, values: Float[Tensor, "V 3"]) -> Float[Tensor, "P 3"]:
+        """They are in order: as many as there are vertices are all of them."""
+        return values if len(self.chosen) == len(values) else values[self.chosen]
 
 
 def probe_vertices(count: int) -> Int[Tensor, " P"]:
@@ -78,8 +83,10 @@ class SkinPlaces(NamedTuple):
     weight: Tensor
 
     @classmethod
-    def of(cls, mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Tensor) -> SkinPlaces:
-        """The places of points [R, 3] near faces; face -1 is none."""
+    def of(
+        cls, mesh: PosedMesh, faces: Int[Tensor, "F 3"], face: Int[Tensor, " R"], position: Float[Tensor, "R 3"]
+    ) -> SkinPlaces:
+        """The places of points near faces; face -1 is none."""
         vertex = faces[face.clamp(min=0).long()]
         a, b, c = mesh.vertices[vertex].unbind(1)
         normal = torch.linalg.cross(b - a, c - a)
@@ -97,9 +104,11 @@ class SkinPlaces(NamedTuple):
 
     def blend(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "R C"]:
         """Values of the vertices at the points; 0 beside the mesh."""
-        return (values[self.vertex] * self.weight[..., None]).sum(1)
+        return embedding_bag(self.vertex, values, mode="sum", per_sample_weights=self.weight)
 
 
+PlacesOf = Callable[[PosedMesh, Tensor, Tensor, Tensor], SkinPlaces]
+"""`SkinPlaces.of`, or what equals it."""
 Bounce = Callable[[Tensor, Tensor, Probes, Tensor], Tensor]
 
 

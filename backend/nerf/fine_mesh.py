@@ -22,11 +22,15 @@ from ..hand.fine_surface import LEVELS, FineSurface
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
 from .part_edges import SPREAD, PartEdges, SurfaceBones, SurfaceFragments
-from .rays import CameraTensors, project
+from .rays import CameraTensors, HandInView, project
 
 SAMPLES = tuple(((k + 0.5) / 16, (int(f"{k:04b}"[::-1], 2) + 0.5) / 16) for k in range(16))
 """Where in a pixel on the outline the surface is looked for: Hammersley's points, of which each 16th of a pixel's width
 and of its height has one."""
+
+
+MOST_EDGE_PX = 1.0
+"""Of a coarser surface, in the image of rays: a finger's outline is then within a twentieth of a pixel."""
 
 
 class FinerField(NamedTuple):
@@ -55,6 +59,11 @@ class FinerField(NamedTuple):
     def to(self, device: torch.device | str) -> FinerField:
         """The same on a device."""
         return FinerField(*(tensor.to(device) for tensor in self))
+
+    def first(self, count: int) -> FinerField:
+        """The same, for the first of the finer vertices."""
+        entries = int(self.start[count])
+        return FinerField(*(values[:entries] for values in self[:3]), start=self.start[: count + 1])
 
     def __call__(self, values: Float[Tensor, "V C"]) -> Float[Tensor, "N C"]:
         """The field at the finer vertices."""
@@ -114,12 +123,47 @@ class FineTemplate(NamedTuple):
             coarse_faces=torch.as_tensor(coarse_faces, device=device),
         )
 
+    def coarser(self) -> FineTemplate:
+        """The surface in a quarter of its faces, with their corners where they are."""
+        count, faces = int(self.coarse_faces.max()) + 1, len(self.coarse_faces)
+        corner_uv = self.corner_uv.unflatten(0, (4, faces))[:3, :, 0].transpose(0, 1)
+        of_middle_faces = self.bones.of_face[3 * faces :]
+        return self._replace(
+            levels=(*self.levels[:-1], self.levels[-1].first(count)),
+            faces=self.coarse_faces,
+            corner_uv=corner_uv.contiguous(),
+            around=_faces_around(self.coarse_faces, count),
+            offset_m=self.offset_m[:count],
+            normals=self.normals[:count],
+            bones=self.bones._replace(of_face=of_middle_faces),
+        )
+
     def rest_vertices(self) -> Float[Tensor, "N 3"]:
         """At rest, m, in the template's frame."""
         finer = self.skin.v_template
         for level in self.levels:
             finer = level(finer)
         return finer + self.offset_m
+
+
+class LevelsOfDetail(NamedTuple):
+    """The templates of one surface, for images of any size."""
+
+    finest: FineTemplate
+    coarser: FineTemplate
+
+    @classmethod
+    def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str) -> LevelsOfDetail:
+        """Both templates of a hand of either side."""
+        finest = FineTemplate.of(surface, model, device)
+        return cls(finest, finest.coarser())
+
+    def seen_in(self, hand: HandInView) -> FineTemplate:
+        """The coarser one, if none of its edges is longer in the image than a few pixels."""
+        mesh, topology, camera, _ = hand
+        nearest_m = (mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
+        edge_m = mesh.scale * topology.edge_length_m / 2
+        return self.coarser if edge_m * camera.focal_px < MOST_EDGE_PX * nearest_m else self.finest
 
 
 class FineMesh(NamedTuple):
@@ -255,14 +299,18 @@ def _faces_around(faces: Int[Tensor, "M 3"], count: int) -> tuple[Tensor, Tensor
 def barycentric(
     mesh: FineMesh, camera: CameraTensors, face: Int[Tensor, " K"], pixel: Int[Tensor, " K"]
 ) -> Float[Tensor, "K 3"]:
-    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres."""
-    corners, depth = (values[mesh.faces[face]] for values in project(camera, mesh.vertices))
+    """Barycentric coordinates, in space, of the points of faces that are seen in pixels' centres.
+
+    In double precision, since a face that is seen from its side is thin in the image.
+    """
+    finely = camera._replace(K=camera.K.double(), world2cam=camera.world2cam.double())
+    corners, depth = project(finely, mesh.vertices[mesh.faces[face]].double())
     width = camera.size_px[0]
-    centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1) + 0.5
+    centre = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], -1).double() + 0.5
     a, b, c = corners.unbind(1)
     of_corners = torch.stack([_cross(c - b, centre - b), _cross(a - c, centre - c), _cross(b - a, centre - a)], -1)
     weights = of_corners / depth
-    return weights / weights.sum(-1, keepdim=True)
+    return (weights / weights.sum(-1, keepdim=True)).to(mesh.vertices.dtype)
 
 
 def blend_corners(corners: Float[Tensor, "K 3 C"], weights: Float[Tensor, "K 3"]) -> Float[Tensor, "K C"]:

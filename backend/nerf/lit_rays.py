@@ -14,7 +14,7 @@ from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
 from ..records.light import Light
 from .backend import RenderBackend
-from .bounce import Probes, SkinPlaces, probe_vertices
+from .bounce import PlacesOf, Probes, SkinPlaces, probe_vertices
 from .field import mean_features
 from .fine_mesh import FineMesh
 from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
@@ -97,6 +97,7 @@ class SkinLayers(NamedTuple):
         pixel: Int[Tensor, " R"],
         position: Float[Tensor, "R 3"],
         hits: RayHits | None = None,
+        places_of: PlacesOf = SkinPlaces.of,
     ) -> SkinPlaces:
         """Where rays lie on the mesh that meet the skin there.
 
@@ -106,12 +107,13 @@ class SkinLayers(NamedTuple):
             pixel: of the rays.
             position: as `ray_positions` gives them.
             hits: as there.
+            places_of: as `SkinPlaces.of`.
         """
         is_of_mesh = skin.depth[pixel] == self.mesh.depth[pixel]
         face = torch.where(is_of_mesh, self.mesh.face[pixel], self.outer.face[pixel])
         if hits is not None:
             face = torch.where(hits.is_of_other_part(skin.depth[pixel], self.edge_m), -1, face)
-        return SkinPlaces.of(hand.mesh, hand.topology.faces, face, position)
+        return places_of(hand.mesh, hand.topology.faces, face, position)
 
     def seen_by(self, rays: RenderedRays, size_px: tuple[int, int]) -> SkinDepth:
         """The same, but behind what may stand out where the rays' opacity is rather there.

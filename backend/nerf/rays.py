@@ -107,11 +107,11 @@ def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float
 
 def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
     """World directions of depth 1 through pixel centres."""
+    across, down, ahead = torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
     width = camera.size_px[0]
-    ones = torch.ones_like(pixel, dtype=camera.K.dtype)
     row = torch.div(pixel, width, rounding_mode="floor")
-    centre = torch.stack([pixel - width * row + 0.5, row + 0.5, ones], -1).to(camera.K.dtype)
-    return centre @ torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
+    x, y = (place.to(camera.K.dtype)[:, None] + 0.5 for place in (pixel - width * row, row))
+    return x * across + (y * down + ahead)
 
 
 def view_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:

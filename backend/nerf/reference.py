@@ -11,7 +11,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
-from .bounce import bounced
+from .bounce import SkinPlaces, bounced
 from .conditions import FrameConditions
 from .field import MlpField, PlaneField
 from .fine_mesh import fine_mesh, seen_surface
@@ -38,6 +38,7 @@ class ReferenceBackend:
     first_hit = staticmethod(first_hit)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
+    skin_places = staticmethod(SkinPlaces.of)
     bounced = staticmethod(bounced)
     near_light = staticmethod(near_light)
     surface_means = staticmethod(surface_means)

@@ -231,8 +231,21 @@ def feature_maps(features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tup
 
 
 def ray_rows(features: LightFeatures) -> Float[Tensor, "R C"]:
-    """All that differs from ray to ray, a row for each."""
-    return torch.cat([getattr(features, name).flatten(1) for name in _OF_RAYS], 1)
+    """All that differs from ray to ray, a row for each; it may share the features' memory."""
+    parts = [getattr(features, name).flatten(1) for name in _OF_RAYS]
+    return torch.cat(parts, 1) if (whole := _side_by_side(parts)) is None else whole
+
+
+def _side_by_side(parts: list[Tensor]) -> Float[Tensor, "R C"] | None:
+    """The matrix whose columns are these, as `with_ray_rows` leaves them; None if they are not."""
+    first, columns, rows = parts[0], sum(part.shape[1] for part in parts), len(parts[0])
+    start, storage = first.storage_offset(), first.untyped_storage().data_ptr()
+    for part in parts:
+        is_next = part.storage_offset() == start and part.untyped_storage().data_ptr() == storage
+        if not is_next or part.stride() != (columns, 1) or part.requires_grad:
+            return None
+        start += part.shape[1]
+    return first.as_strided((rows, columns), (columns, 1))
 
 
 def with_ray_rows(features: LightFeatures, rows: Float[Tensor, "P C"]) -> LightFeatures:

@@ -78,6 +78,7 @@ class Shot:
         wrist_fade_m: length along the hand at rest over which the frame turns transparent towards the cut end of arm or
             wrist; 0: it ends opaque.
         hair: the share of its hairs that the hand shows, 0 to 1, where its avatar's skin is known.
+        is_moving: whether the frame is one of many that nobody looks at for long: its surface may then be coarser.
     """
 
     pose: HandPose
@@ -86,6 +87,7 @@ class Shot:
     light: Light | None = None
     wrist_fade_m: float = 0.0
     hair: float = 0.0
+    is_moving: bool = False
 
     def __post_init__(self):
         if np.ndim(self.vertices) != 2 or np.shape(self.vertices)[1] != 3:

@@ -69,7 +69,7 @@ class KnownSkin:
         mirror = 1 if pose.side == "right" else MIRROR_AXIS_ANGLE
         theta, forearm = pose.theta * mirror, pose.forearm * mirror
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
-        height = torch.as_tensor(height_m, dtype=torch.float32, device=device)
+        height = torch.as_tensor(height_m[: len(template.offset_m)], dtype=torch.float32, device=device)
         flex = torch.as_tensor(self.bend.flex(theta), dtype=torch.float32, device=device)
         return finely(template, motion, height, flex, mesh.scale)
 

@@ -113,7 +113,7 @@ class LitHand:
         return (
             ours.camera.size_px == theirs.camera.size_px
             and ours.pose.side == theirs.pose.side
-            and ours.hair == theirs.hair
+            and (ours.hair, ours.is_moving) == (theirs.hair, theirs.is_moving)
             and np.array_equal(ours.vertices, theirs.vertices)
             and np.array_equal(ours.pose.theta, theirs.pose.theta)
             and np.array_equal(ours.camera.K, theirs.camera.K)
@@ -197,7 +197,7 @@ def render_lit_hand(
     layers = skin_layers(backend, hand)
     skin = layers.seen_by(rays, size_px)
     position = ray_positions(hand, skin, rays.pixel, directions, rays.t, rays.dt, hits)
-    places = layers.places(hand, skin, rays.pixel, position, hits)
+    places = layers.places(hand, skin, rays.pixel, position, hits, backend.skin_places)
     points = surface_points(field, rays.composite, position, view, places, hits)
     open_sky = sky_shadows(backend, hand, NO_OCCLUDERS.to(device), position)
     at_points, _ = split_points(open_sky, len(position))

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..geometry.mesh import PosedMesh, Topology, posed_mesh
+from ..geometry.mesh import Topology, posed_mesh
 from ..hand.hairs import Hairs
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
@@ -28,7 +28,7 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
-from ..nerf.fine_mesh import FineMesh, FineTemplate
+from ..nerf.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail
 from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
@@ -148,7 +148,8 @@ class Renderer:
         if self._skin is None:
             return None
         topology = self._topology_of(shot)
-        fine = self._fine_mesh(self._skin, shot, posed_mesh(topology, self._tensor(shot.vertices)), topology)
+        mesh, template = posed_mesh(topology, self._tensor(shot.vertices)), self._levels_of(shot.pose.side).finest
+        fine = self._skin.posed(template, shot.pose, mesh, topology.frames, self._backend.fine_mesh)
         return SurfaceMesh(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
 
     @property
@@ -228,20 +229,27 @@ class Renderer:
         )
 
     def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
-        mesh = self._fine_mesh(skin, shot, hand.mesh, hand.topology)
-        hairs = None if shot.hair == 0 else self._hairs.first(shot.hair)
+        def posed(template: FineTemplate) -> FineMesh:
+            return skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
+
+        levels = self._levels_of(shot.pose.side)
+        template = levels.seen_in(hand) if shot.is_moving else levels.finest
+        mesh = posed(template)
         hits = self._backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
-        return PosedSkin(skin.maps, mesh, hits, hairs and PosedHairs.of(hairs, mesh, skin.hair_albedo))
+        if shot.hair == 0:
+            return PosedSkin(skin.maps, mesh, hits)
+        rooted_in = mesh if template is levels.finest else posed(levels.finest)
+        return PosedSkin(
+            skin.maps, mesh, hits, PosedHairs.of(self._hairs.first(shot.hair), rooted_in, skin.hair_albedo)
+        )
 
-    def _fine_mesh(self, skin: KnownSkin, shot: Shot, mesh: PosedMesh, topology: Topology) -> FineMesh:
-        template = self._fine_template(skin, shot.pose.side)
-        return skin.posed(template, shot.pose, mesh, topology.frames, self._backend.fine_mesh)
-
-    def _fine_template(self, skin: KnownSkin, side: Side) -> FineTemplate:
-        templates = self._fine_templates
-        if side not in templates:
-            templates[side] = FineTemplate.of(skin.surface, self.hand.for_side(side), self.torch_device)
-        return templates[side]
+    def _levels_of(self, side: Side) -> LevelsOfDetail:
+        """The known skin's surface; it must be known."""
+        assert self._skin is not None
+        if side not in self._fine_templates:
+            model = self.hand.for_side(side)
+            self._fine_templates[side] = LevelsOfDetail.of(self._skin.surface, model, self.torch_device)
+        return self._fine_templates[side]
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
@@ -250,15 +258,14 @@ class Renderer:
         return skin_of(self.avatar, self.torch_device) if self.has_skin_detail and is_lit else None
 
     @cached_property
-    def _fine_templates(self) -> dict[Side, FineTemplate]:
+    def _fine_templates(self) -> dict[Side, LevelsOfDetail]:
         """Of the sides that have been rendered."""
         return {}
 
     @cached_property
     def _hairs(self) -> Hairs:
         """Of either hand, where its skin is known."""
-        assert self._skin is not None
-        return hairs_on(self._fine_template(self._skin, "right"), self.hand.for_side("right"))
+        return hairs_on(self._levels_of("right").finest, self.hand.for_side("right"))
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

@@ -288,10 +288,12 @@ def test_a_view_that_turns_does_not_read_the_scene_again(drawn, context, shared,
     assert reads == [1]
 
 
-def test_shadows_are_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
+def test_all_is_fine_once_the_hand_rests(drawn, wide, shared, fake_session, fake_renderer, monkeypatch):
     monkeypatch.setattr(fake_renderer, "is_relightable", True)
     drawn(lambda: show(Viewport(shared), Engine(), wide, shared))
-    assert [shot.light.penumbra for shot in fake_session.made[0].shots] == ["none", "fine"]
+    shots = fake_session.made[0].shots
+    assert [shot.light.penumbra for shot in shots] == ["none", "fine"]
+    assert [shot.is_moving for shot in shots] == [True, False]
 
 
 def missing_avatar(context):

@@ -7,15 +7,25 @@ import pytest
 import torch
 import trimesh
 from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.geometry.loop import split_corners
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.fine_surface import load_fine_surface
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import skin_motion
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.nerf.fine_mesh import SAMPLES, FineMesh, FineTemplate, fine_mesh, motion_of_mesh, spread
+from livehand.backend.nerf.fine_mesh import (
+    MOST_EDGE_PX,
+    SAMPLES,
+    FineMesh,
+    FineTemplate,
+    LevelsOfDetail,
+    fine_mesh,
+    motion_of_mesh,
+    spread,
+)
 from livehand.backend.nerf.part_edges import SPREAD, SurfaceBones
-from livehand.backend.nerf.rays import camera_tensors
+from livehand.backend.nerf.rays import HandInView, camera_tensors
 from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.shot import HandPose
@@ -66,6 +76,39 @@ def test_the_coarse_faces_have_their_corners_on_the_surface(templates):
     for corner in range(3):
         of_corner = fine[corner * len(coarse) : (corner + 1) * len(coarse)]
         assert (of_corner == coarse[:, corner, None]).any(1).all()
+
+
+def test_the_coarser_template_shows_every_vertex_where_the_finest_does(backend, hand, templates):
+    finest, pose = templates["right"], pose_of("fist")
+    coarser, motion = finest.coarser(), skin_motion(finest.skin, pose)
+    count = len(coarser.offset_m)
+    height_m = torch.linspace(0, 0.002, len(finest.offset_m))
+    flex = torch.linspace(-1, 1, len(motion.rest))
+    fine, coarse = (
+        backend.fine_mesh(template, motion, height_m[: len(template.offset_m)], flex, ONE)
+        for template in (finest, coarser)
+    )
+    torch.testing.assert_close(coarse.vertices, fine.vertices[:count], atol=1e-7, rtol=0)
+    torch.testing.assert_close(coarse.flex, fine.flex[:count], atol=1e-6, rtol=0)
+    # Normals are of larger faces: nearly the same but for creases.
+    assert (coarse.normals * fine.normals[:count]).sum(1).median() > 0.999
+    expected = torch.as_tensor(split_corners(hand.vt[hand.ft]), dtype=torch.float32)
+    torch.testing.assert_close(coarse.corner_uv, expected, atol=1e-6, rtol=0)
+    of_weights = SurfaceBones.of(finest.levels[0](finest.skin.lbs_weights), coarse.faces, finest.skin.parents)
+    assert (coarse.bones.of_face == of_weights.of_face).float().mean() > 0.98
+
+
+def test_only_small_pictures_show_the_coarser_one(hand, surface):
+    """Beyond the distance from which half an edge of the mesh is a pixel of the rays; the nearest vertex decides."""
+    topology, levels = topology_of(hand), LevelsOfDetail.of(surface, hand, "cpu")
+    mesh = posed_mesh(topology, torch.as_tensor(hand.v_template, dtype=torch.float32))
+    edge_m, focal_px = float(topology.edge_length_m) / 2, 200.0
+    K = np.array([[focal_px, 0, 24.0], [0, focal_px, 20.0], [0, 0, 1.0]])
+    for beyond, expected in ((0.99, levels.finest), (1.01, levels.coarser), (-1.0, levels.finest)):
+        cam2world = np.eye(4)
+        cam2world[2, 3] = hand.v_template[:, 2].min() - beyond * edge_m * focal_px / MOST_EDGE_PX
+        camera = camera_tensors(Camera(K, cam2world, SIZE), "cpu")
+        assert levels.seen_in(HandInView(mesh, topology, camera)) is expected
 
 
 def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):

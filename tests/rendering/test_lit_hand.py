@@ -259,6 +259,16 @@ def test_hair_lies_over_the_skin_and_its_light_adds_up(renderer, shot):
     np.testing.assert_allclose(again.rgb, bare.rgb, atol=1e-6)
 
 
+def test_what_moves_is_shown_with_fewer_faces_and_what_rests_is_not(renderer, shot):
+    """Nearly the same to the eye; and the hand that was kept is not taken for the other."""
+    resting, moving, again = (renderer.render(replace(shot, is_moving=each)) for each in (False, True, False))
+    np.testing.assert_array_equal(again.rgb, resting.rgb)
+    assert not np.array_equal(moving.rgb, resting.rgb)
+    error = np.abs(moving.rgb - resting.rgb)[resting.alpha > 0.99].mean()
+    assert error < 0.05 * resting.rgb[resting.alpha > 0.99].mean()
+    assert np.abs(moving.alpha - resting.alpha).mean() < 2e-3
+
+
 def test_hair_of_the_left_hand_is_the_mirror_image_of_that_of_the_right(hand, renderer, shot):
     """Lit evenly, for lamps' maps are not mirrored."""
     even = Light(sky=Sky(np.full((4, 8, 3), 0.25)))

@@ -191,6 +191,7 @@ class ShadowCasters(NamedTuple):
         tolerance: by which a point may lie behind the middle of the mesh.
         contact: by which it may lie behind another triangle.
         max_depth_in: largest depth behind the surface.
+        template_m: template metres of a radius.
     """
 
     frames: np.ndarray
@@ -203,6 +204,7 @@ class ShadowCasters(NamedTuple):
     tolerance: np.float32
     contact: np.float32
     max_depth_in: np.float32
+    template_m: np.float32
 
 
 class TracedSamples(NamedTuple):
@@ -335,7 +337,7 @@ class MirrorArrays(NamedTuple):
 
 
 class RelitImage(NamedTuple):
-    """P pixels of a full-size image and the light's features on its low-resolution grid.
+    """P pixels of a full-size image and the light's features at its R low-resolution rays.
 
     Attributes:
         pixel: [P] row * width + column, in the full-size image.
@@ -346,9 +348,10 @@ class RelitImage(NamedTuple):
         alpha_squared: [P].
         view_direction: [P, 3].
         share: [P, 4] of the four low-resolution pixels around each.
-        maps: [h * w, C] low resolution, the rays' features: lamp vectors, sky vectors, the sky's seen shares, gloss of
-            what is near, scattered light, `arriving` and `reflected`; zero elsewhere.
-        width: of the maps.
+        light: [R, C] features: lamp vectors, sky vectors, the sky's seen shares, gloss of what is near, scattered
+            light, `arriving` and `reflected`.
+        row: [h * w] which ray a low-resolution pixel has, -1 for none.
+        width: of the low-resolution image.
         lamp_rgb: [L, 3].
         lamp_radius_rad: [L].
         nail: [P].
@@ -363,7 +366,8 @@ class RelitImage(NamedTuple):
     alpha_squared: np.ndarray
     view_direction: np.ndarray
     share: np.ndarray
-    maps: np.ndarray
+    light: np.ndarray
+    row: np.ndarray
     width: int
     lamp_rgb: np.ndarray
     lamp_radius_rad: np.ndarray

@@ -37,7 +37,7 @@ def view_directions(pixel, width, axes, first, last, out):
 @compiled
 def relit_pixels(image, sky, lobes, first, last, out):
     """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`); `sky`: `MirrorArrays`."""
-    lamps, columns = len(image.lamp_rgb), image.maps.shape[1]
+    lamps, columns = len(image.lamp_rgb), image.light.shape[1]
     here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     at, around = np.empty(4, np.int64), np.empty(4, np.float32)
     sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
@@ -45,8 +45,11 @@ def relit_pixels(image, sky, lobes, first, last, out):
     mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
     even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
     for index in range(first, last):
-        _neighbours(len(image.maps), image.width, image.pixel[index], at, around)
-        _blend(image.maps, at, image.share[index], here)
+        _neighbours(len(image.row), image.width, image.pixel[index], at, around)
+        for k in range(4):
+            ray = image.row[at[k]]
+            at[k], around[k] = max(ray, 0), image.share[index, k] if ray >= 0 else _0
+        _blend(image.light, at, around, here)
         normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
         surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
         along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
@@ -218,8 +221,8 @@ def _neighbours(count, width, pixel, at, weights):
 
 
 @part
-def _blend(maps, at, weights, here):
+def _blend(rows, at, weights, here):
     a, b, c, d = np.uintp(at[0]), np.uintp(at[1]), np.uintp(at[2]), np.uintp(at[3])
     wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
     for k in range(np.uintp(len(here))):
-        here[k] = wa * maps[a, k] + wb * maps[b, k] + wc * maps[c, k] + wd * maps[d, k]
+        here[k] = wa * rows[a, k] + wb * rows[b, k] + wc * rows[c, k] + wd * rows[d, k]

@@ -180,4 +180,4 @@ def _look_up(casters, view, window, points, way, lit, depth_in):
             inside += wd * min(max(depth - ed, -most), most) if ed < _INF else _0
             is_outside = place[0, index] > _0
             lit[start + index] = _1 if is_outside else share
-            depth_in[start + index] = _0 if is_outside else max(inside, _0)
+            depth_in[start + index] = _0 if is_outside else max(inside, _0) * casters.template_m

@@ -12,7 +12,6 @@ import numpy as np
 from ....backend.avatars.session import Session
 from ....backend.records.camera import Camera
 from ....backend.records.frame import Frame
-from ....backend.records.light import Penumbra
 from ....backend.rendering.composition import joined, visible_parts
 from ....backend.rendering.grade import graded
 from ....backend.runtime.thread_limits import thread_limit
@@ -54,18 +53,18 @@ class ViewportRequest:
     foreground: tuple[Solid, ...] = ()
 
     def render(
-        self, session: Session, scale: float, should_stop: Callable[[], bool], penumbra: Penumbra = "coarse"
+        self, session: Session, scale: float, should_stop: Callable[[], bool], is_moving: bool = False
     ) -> ViewportImage | None:
         """The image at `scale` times the view's resolution; None if no hand is in view.
 
-        `penumbra` as in `Light`: steps of soft shadows cost time.
+        `is_moving` as in `Shot`: the penumbras of what moves have no steps, those of what rests fine ones.
 
         Raises:
             LiveHandError: a hand cannot be rendered.
         """
         camera = self.camera.scaled(scale)
         with session.rendering:
-            tasks = [hand.task(session, camera, penumbra) for hand in self.hands]
+            tasks = [hand.task(session, camera, is_moving) for hand in self.hands]
             with thread_limit(_THREADS):
                 frames = [task.run(should_stop) for task in tasks]
         if not frames:

@@ -28,5 +28,4 @@ class ViewportStep:
 
     def __call__(self, should_stop: Callable[[], bool]) -> ViewportImage | None:
         """Render the image, as `ViewportRequest.render`."""
-        penumbra = "fine" if self.moving_px is None else "none"
-        return self.request.render(self.session, self.scale, should_stop, penumbra)
+        return self.request.render(self.session, self.scale, should_stop, self.moving_px is not None)

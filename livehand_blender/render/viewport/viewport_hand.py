@@ -9,7 +9,6 @@ import numpy as np
 
 from ....backend.avatars.session import Device, Session
 from ....backend.records.camera import Camera
-from ....backend.records.light import Penumbra
 from ....backend.records.shot import HandPose, Shot
 from ....backend.rendering.frame_task import HandTask
 from ....backend.rendering.grade import Grade
@@ -38,13 +37,14 @@ class ViewportHand:
     wrist_fade_m: float = 0.0
     hair: float = 0.0
 
-    def task(self, session: Session, camera: Camera, penumbra: Penumbra = "coarse") -> HandTask:
+    def task(self, session: Session, camera: Camera, is_moving: bool = False) -> HandTask:
         """The task of rendering the hand; loads its avatar, and raises as `load_for`."""
         renderer = load_for(self.name, self.source, session, self.device)
         light = self.light.light() if self.light and renderer.is_relightable else None
         if light is not None:
-            light = replace(light, penumbra=penumbra)
-        return HandTask(renderer, Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair))
+            light = replace(light, penumbra="none" if is_moving else "fine")
+        shot = Shot(self.pose, self.vertices, camera, light, self.wrist_fade_m, self.hair, is_moving)
+        return HandTask(renderer, shot)
 
 
 def read_viewport_hands(
