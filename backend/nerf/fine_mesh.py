@@ -33,6 +33,10 @@ MOST_EDGE_PX = 1.0
 """Of a coarser surface, in the image of rays: a finger's outline is then within a twentieth of a pixel."""
 
 
+# Template metres between mesh and surface.
+_CLOSE_M, _FAR_M = 0.0005, 0.0015
+
+
 class FinerField(NamedTuple):
     """One level of subdivision, as it makes a field of N vertices out of one of V.
 
@@ -234,6 +238,24 @@ def fine_mesh(
     normals = vertex_normals(vertices, template.faces)
     shared = template.bones, template.coarse_faces
     return FineMesh(vertices, normals, template.faces, template.corner_uv, values[:, 15], scale, *shared)
+
+
+def on_surface(hand: HandInView, surface: FineMesh, depth: Float[Tensor, " P"]) -> HandInView:
+    """The hand as rays of its field meet it: they end on the known surface, and the field follows what a pose raises.
+
+    A field knows what is within its shell about the mesh, and a fist's knuckles stand out of that. Where the surface is
+    far from the mesh, the mesh is moved onto it, and close to it stays: there the field has learnt how skin rises.
+
+    Args:
+        hand: posed; its vertices are the first of the surface's.
+        surface: over its mesh.
+        depth: of the surface at the pixels' centres, m; infinite where there is none.
+    """
+    vertices, normals, scale = hand.mesh
+    off_m = ((surface.vertices[: len(vertices)] - vertices) * normals).sum(1, keepdim=True)
+    share = ((off_m.abs() / scale - _CLOSE_M) / (_FAR_M - _CLOSE_M)).clamp(0, 1)
+    moved = vertices + share * share * (3 - 2 * share) * off_m * normals
+    return hand._replace(mesh=hand.mesh._replace(vertices=moved), known_depth=depth)
 
 
 def motion_of_mesh(template: FineTemplate, mesh: PosedMesh, frames: LocalFrames) -> SkinMotion:

@@ -28,7 +28,7 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
-from ..nerf.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail
+from ..nerf.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
 from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
@@ -124,9 +124,8 @@ class Renderer:
         conditions = self._conditions(shot, hand)
         on_stage("rasterise")
         skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
-        if skin is not None:
-            hand = hand._replace(known_depth=skin.hits.depth)
-        rays = self._render_rays(hand, conditions, RenderHooks(on_stage, check))
+        met = hand if skin is None else on_surface(hand, skin.mesh, skin.hits.depth)
+        rays = self._render_rays(met, conditions, RenderHooks(on_stage, check))
         if isinstance(self._field, LitField):
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)

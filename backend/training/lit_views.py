@@ -23,7 +23,7 @@ from ..geometry.mesh import PosedMesh
 from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.bounce import SkinPlaces
-from ..nerf.fine_mesh import FineMesh, FineTemplate
+from ..nerf.fine_mesh import FineMesh, FineTemplate, on_surface
 from ..nerf.light_samples import LampSamples, LightSamples, SkySamples, division_of
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
@@ -236,10 +236,12 @@ class LitTrainingViews(TrainingViews):
     def _fine_template(self) -> FineTemplate | None:
         return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
 
-    def _known_depth(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> Tensor | None:
-        """As in `HandInView`."""
-        surface = self._fine_mesh(index, mesh)
-        return None if surface is None else self.backend.ray_hits(surface, camera, camera.every_pixel).depth
+    def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:
+        """The same, where a surface is known."""
+        hand, surface = super()._met_hand(index, mesh, camera), self._fine_mesh(index, mesh)
+        if surface is None:
+            return hand
+        return on_surface(hand, surface, self.backend.ray_hits(surface, camera, camera.every_pixel).depth)
 
     def _fine_mesh(self, index: int, mesh: PosedMesh) -> FineMesh | None:
         """The known surface in the pose of an instant."""

@@ -185,13 +185,14 @@ class TrainingViews:
         y = torch.arange(rows, device=self.device) + crop.scale * crop.y0
         return ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))
 
-    def _known_depth(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> Tensor | None:
-        """As in `HandInView`: no surface is known here."""
+    def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:
+        """The hand as the rays of view `index` meet it: no surface is known here."""
+        return HandInView(mesh, self.topology, camera)
 
     def _rays(self, index: int, jitter: int, camera: CameraTensors, mesh: PosedMesh) -> SurfaceRays:
         if (index, jitter) not in self._traced:
             generator = torch.Generator(self.device).manual_seed(hash((self.seed, index, jitter)) % 2**63)
-            hand = HandInView(mesh, self.topology, camera, self._known_depth(index, mesh, camera))
+            hand = self._met_hand(index, mesh, camera)
             self._traced[index, jitter] = _packed(self.backend.trace(hand, self.sampler, generator))
         return _unpacked(self._traced[index, jitter], camera)
 

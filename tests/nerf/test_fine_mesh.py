@@ -22,6 +22,7 @@ from livehand.backend.nerf.fine_mesh import (
     LevelsOfDetail,
     fine_mesh,
     motion_of_mesh,
+    on_surface,
     spread,
 )
 from livehand.backend.nerf.part_edges import SPREAD, SurfaceBones
@@ -109,6 +110,25 @@ def test_only_small_pictures_show_the_coarser_one(hand, surface):
         cam2world[2, 3] = hand.v_template[:, 2].min() - beyond * edge_m * focal_px / MOST_EDGE_PX
         camera = camera_tensors(Camera(K, cam2world, SIZE), "cpu")
         assert levels.seen_in(HandInView(mesh, topology, camera)) is expected
+
+
+def test_a_field_follows_what_rises_far_and_stays_where_it_has_learnt_the_skin(hand, surface):
+    """A hand of twice the template's size: metres of the template count."""
+    finest, pose, topology = FineTemplate.of(surface, hand), AT_REST, topology_of(hand)
+    motion = skin_motion(finest.skin, pose)
+    mesh = posed_mesh(topology, 2 * motion.vertices)
+    heights_m = torch.linspace(-0.003, 0.003, len(mesh.vertices))
+    raised = mesh.vertices + 2 * heights_m[:, None] * mesh.normals
+    fine = FineMesh(torch.cat([raised, raised[:5]]), *(torch.zeros(0),) * 4, mesh.scale, finest.bones, torch.zeros(0))
+    hand_in_view = HandInView(mesh, topology, camera_tensors(Camera(np.eye(3), np.eye(4), SIZE), "cpu"))
+    met = on_surface(hand_in_view, fine, torch.full((5,), 0.7))
+    assert torch.equal(met.known_depth, torch.full((5,), 0.7))
+    assert torch.equal(met.mesh.normals, mesh.normals)
+    moved_m = ((met.mesh.vertices - mesh.vertices) * mesh.normals).sum(1) / 2
+    close, far = heights_m.abs() < 0.00049, heights_m.abs() > 0.00151
+    torch.testing.assert_close(moved_m[close], torch.zeros_like(moved_m[close]), atol=1e-7, rtol=0)
+    torch.testing.assert_close(moved_m[far], heights_m[far], atol=1e-6, rtol=0)
+    assert (moved_m.diff() > -1e-7).all(), "no height jumps over another"
 
 
 def test_heights_lie_along_the_normals_at_rest(backend, hand, templates):
