@@ -93,11 +93,20 @@ class NodeGraph:
         self.connect(factors, node.inputs[1])
         return node.outputs[0]
 
-    def turned(self, vector: Socket, angle_rad: float) -> Socket:
-        """A vector turned about the second axis."""
-        node = self.node("ShaderNodeVectorRotate", rotation_type="Y_AXIS")
-        self.connect(vector, node.inputs["Vector"])
-        node.inputs["Angle"].default_value = angle_rad
+    def vector_noise(self, position: Socket, scale: float, detail: float) -> Socket:
+        """Three noises with means of about 0.5, as a vector."""
+        node = self.node("ShaderNodeTexNoise")
+        self.connect(position, node.inputs["Vector"])
+        for name, value in (("Scale", scale), ("Detail", detail)):
+            node.inputs[name].default_value = value
+        return node.outputs["Color"]
+
+    def moved(self, vector: Socket, by: Socket, factor: float) -> Socket:
+        """A vector, moved by another one times a factor."""
+        node = self.node("ShaderNodeVectorMath", operation="MULTIPLY_ADD")
+        self.connect(by, node.inputs[0])
+        node.inputs[1].default_value = (factor,) * 3
+        self.connect(vector, node.inputs[2])
         return node.outputs[0]
 
     def attribute(self, name: str, output: str = "Fac") -> Socket:

@@ -29,8 +29,9 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
-_LINES_MM, _LINES_PIGMENT = 0.26, 0.8  # how deep and how dark the fine lines of the back are
-_LINES_RAD = (0.6, -0.6)  # in which directions they run, from across the digits
+_LINES_MM = 0.065  # how deep the fine lines of the back are where they are strongest
+# Their nets: cells per mm along and across the digits, strength where they are weak and strong, half a width in cells.
+_NETS = (((0.62, 0.38, 0.38), (0.45, 0.8), 0.2), ((1.25, 0.8, 0.8), (0.15, 0.45), 0.25))
 _INNER_ARM_PALM = 0.36  # of the mask `palm` on the forearm, which has no ridges
 MINOR_CREASES = ((0.13, 0.035, 0.035), (0.03, 0.05, 0.12))
 
@@ -76,7 +77,7 @@ class SkinTone:
 _LIGHT = SkinTone()
 # Dark back and light palm; creases are more visible than veins and redness.
 _DEEP = SkinTone(
-    dorsal=(0.132, 0.047, 0.021),
+    dorsal=(0.140, 0.0498, 0.0223),
     forearm=(0.127, 0.045, 0.020),
     palm=(0.493, 0.248, 0.141),
     warm_patch=(0.141, 0.045, 0.019),
@@ -87,7 +88,7 @@ _DEEP = SkinTone(
     vein=(0.103, 0.046, 0.030),
     freckle=(0.063, 0.024, 0.012),
     pore=(0.106, 0.040, 0.020),
-    furrow=(0.070, 0.025, 0.012),
+    furrow=(0.066, 0.0235, 0.0112),
     fold=(0.062, 0.022, 0.011),
     blanch=(0.190, 0.081, 0.040),
     nail_bed=(0.335, 0.186, 0.130),
@@ -124,7 +125,7 @@ class SkinChannels:
 
 @dataclass(frozen=True)
 class _Noises:
-    """Noise of three feature sizes, and the fine lines of the back, which are low in it; shared by the channels."""
+    """Noise of three feature sizes, and how far skin of the back is from its fine lines; shared by the channels."""
 
     position: Socket
     low: Socket
@@ -179,8 +180,7 @@ def _skin_colour(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises, to
     spots = graph.smooth(graph.voronoi(noises.position, 0.16, "F1"), 0.13, 0.05, 0, min(0.40 * tone.freckles, 0.9))
     freckles = graph.product(spots, graph.one_minus(masks["palm"]), graph.remap(noises.low, 0.47, 0.62, 0, 1))
     colour = graph.mix(freckles, colour, tone.freckle)
-    lines = graph.smooth(noises.lines, 0.47, 0.34, 0, _LINES_PIGMENT)
-    lines = graph.product(lines, graph.remap(masks["arm"], 0, 1, 1, 0.55))
+    lines = graph.product(graph.one_minus(noises.lines), graph.remap(masks["arm"], 0, 1, 1, 0.55))
     darker = tuple(furrow / back for furrow, back in zip(tone.furrow, tone.dorsal, strict=True))
     colour = graph.mix(graph.product(lines, graph.one_minus(masks["palm"])), colour, darker, "MULTIPLY")
     pores = graph.product(noises.high, graph.remap(masks["palm"], 0, 1, 0.20, 0.05))
@@ -238,9 +238,15 @@ def _open_lines(graph: NodeGraph, noises: _Noises, factors: tuple[float, float, 
 
 
 def _fine_lines(graph: NodeGraph, position: Socket) -> Socket:
-    """Low in the fine lines of the back: two sets that cross each other, as the net of a hand's back does."""
-    drawn_out = (graph.scaled(graph.turned(position, angle), (0.95, 0.2, 0.2)) for angle in _LINES_RAD)
-    return graph.math("MINIMUM", *(graph.noise(position, 1.0, 2, 0.6) for position in drawn_out))
+    """1 between the fine lines of the back and low in them: borders of two nets of cells, which wander, come and go."""
+    wandering = graph.moved(position, graph.vector_noise(position, 0.8, 1), 0.9)
+    strength = graph.noise(position, 0.35, 2, 0.5)
+
+    def net(cells_per_mm: tuple[float, float, float], strengths: tuple[float, float], half_width: float) -> Socket:
+        border = graph.voronoi(graph.scaled(wandering, cells_per_mm), 1.0, EDGE)
+        return graph.product(graph.smooth(border, 0, half_width, 1, 0), graph.remap(strength, 0.35, 0.6, *strengths))
+
+    return graph.one_minus(graph.math("MAXIMUM", *(net(*one) for one in _NETS)))
 
 
 def _relief(graph: NodeGraph, masks: dict[str, Socket], noises: _Noises) -> Socket:
