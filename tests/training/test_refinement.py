@@ -90,12 +90,12 @@ def test_fitting_recovers_perturbed_poses(capture, hand, avatar):
     """Errors of one degree and two millimetres; the avatar is the true one and does not change."""
     noisy = with_noise(capture, 1.0, 2.0, seed=0)
     before = {key: value.clone() for key, value in avatar.field.state_dict().items()}
-    config = PoseFitConfig(visits=8)
+    config = PoseFitConfig(visits=16)
     config = replace(config, refinement=replace(config.refinement, learning_rate=4e-2))
     fitted = fit_poses(avatar, noisy, "train", hand, config, CPU)
     before_fit, after_fit = (pose_error(poses, capture.poses, (0, 1), hand) for poses in (noisy.poses, fitted.poses))
     assert before_fit.vertex_mm > 0.8
-    assert after_fit.vertex_mm < 0.4 * before_fit.vertex_mm
+    assert after_fit.vertex_mm < 0.3 * before_fit.vertex_mm
     assert fitted.poses[2] is not capture.poses[2]
     np.testing.assert_allclose(fitted.poses[2].theta, capture.poses[2].theta, atol=1e-6)
     assert all(torch.equal(value, before[key]) for key, value in avatar.field.state_dict().items())
