@@ -91,10 +91,10 @@ _DEEP = SkinTone(
     furrow=(0.066, 0.0235, 0.0112),
     fold=(0.062, 0.022, 0.011),
     blanch=(0.190, 0.081, 0.040),
-    nail_bed=(0.335, 0.186, 0.130),
-    lunula=(0.492, 0.355, 0.289),
-    nail_flush=(0.270, 0.125, 0.083),
-    nail_free_edge=(0.521, 0.423, 0.327),
+    nail_bed=(0.326, 0.181, 0.127),
+    lunula=(0.479, 0.346, 0.281),
+    nail_flush=(0.263, 0.122, 0.081),
+    nail_free_edge=(0.508, 0.412, 0.319),
     nail_border=(0.083, 0.031, 0.018),
 )
 _COLOURS = tuple(field.name for field in fields(SkinTone) if field.name not in _FEATURES)
