@@ -95,11 +95,7 @@ class NodeGraph:
 
     def vector_noise(self, position: Socket, scale: float, detail: float) -> Socket:
         """Three noises with means of about 0.5, as a vector."""
-        node = self.node("ShaderNodeTexNoise")
-        self.connect(position, node.inputs["Vector"])
-        for name, value in (("Scale", scale), ("Detail", detail)):
-            node.inputs[name].default_value = value
-        return node.outputs["Color"]
+        return self._noise(position, Scale=scale, Detail=detail).outputs["Color"]
 
     def moved(self, vector: Socket, by: Socket, factor: float) -> Socket:
         """A vector, moved by another one times a factor."""
@@ -115,11 +111,14 @@ class NodeGraph:
 
     def noise(self, position: Socket, scale: float, detail: float, roughness: float) -> Socket:
         """Fractal noise with a mean of about 0.5."""
+        return self._noise(position, Scale=scale, Detail=detail, Roughness=roughness).outputs["Fac"]
+
+    def _noise(self, position: Socket, **settings: float) -> bpy.types.Node:
         node = self.node("ShaderNodeTexNoise")
         self.connect(position, node.inputs["Vector"])
-        for name, value in (("Scale", scale), ("Detail", detail), ("Roughness", roughness)):
+        for name, value in settings.items():
             node.inputs[name].default_value = value
-        return node.outputs["Fac"]
+        return node
 
     def voronoi(self, position: Socket, scale: float, feature: str) -> Socket:
         """Distance of a Voronoi pattern: `F1` to the cell's centre, `DISTANCE_TO_EDGE` to its border."""
