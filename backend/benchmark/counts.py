@@ -21,10 +21,10 @@ from ..hand.model import HandModel
 from ..nerf.avatar import Avatar
 from ..nerf.crop import MARGIN_PX
 from ..nerf.field import CHANNELS, PlaneField
-from ..nerf.light_samples import SKY_DIRECTIONS
 from ..nerf.lighting import COEFFICIENTS
 from ..nerf.lit_field import LitField
 from ..nerf.sampler import SamplerConfig
+from ..nerf.sky_samples import SKY_DIRECTIONS
 from ..nerf.superres import LIT_DETAIL, LIT_MAPS, LitSuperRes
 from ..records.camera import Camera
 from ..records.shot import Shot

@@ -10,7 +10,7 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from ..nerf.bounce import Probes, bounced_on_skin
 from ..nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS
-from ..nerf.light_samples import LightSamples, SkySamples
+from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import (
     BELOW_HORIZON,
     SCATTER_M,
@@ -22,6 +22,7 @@ from ..nerf.lighting import (
     Openness,
     SurfacePoints,
 )
+from ..nerf.sky_samples import SkySamples
 from .arrays import as_arrays, whole_rows
 from .kernels.bounce import bounce
 from .kernels.compiled import in_parallel

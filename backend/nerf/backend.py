@@ -24,7 +24,7 @@ from .conditions import FrameConditions
 from .detail_maps import DetailMaps
 from .field import MlpField, PlaneField
 from .fine_mesh import FineMesh, FineTemplate, PixelSurface
-from .light_samples import LightSamples, SkySamples
+from .light_samples import LightSamples
 from .lighting import LightFeatures, LightShadows, Openness, SurfacePoints
 from .lit_field import LitField
 from .part_edges import PartEdges
@@ -32,6 +32,7 @@ from .ray_hits import RayHits
 from .rays import CameraTensors, HandInView, RenderedRays, SurfaceRays
 from .relighting import LitImage, SkinDepth
 from .sampler import SamplerConfig
+from .sky_samples import SkySamples
 from .surface_means import RayPlaces
 from .surrounding_light import NearLight
 from .surroundings import Patches

@@ -19,8 +19,10 @@ from ..geometry.shadow_maps import PointShadows
 from .bounce import Probes, SkinPlaces, bounced_on_skin
 from .bump import bump_shadowing, leaving_share, mirroring_normal
 from .gloss import alphas, glossy, squared_alphas
-from .light_samples import LampSamples, LightSamples, SkySamples
+from .lamp_samples import LampSamples
+from .light_samples import LightSamples
 from .mirrored_sky import MirroredSky
+from .sky_samples import SkySamples
 
 SCATTER_M = (0.004, 0.0012)
 """Depths to which light enters the skin: long and short mean free paths (of red and blue light), template metres."""

@@ -17,13 +17,15 @@ from .backend import RenderBackend
 from .bounce import PlacesOf, Probes, SkinPlaces, probe_vertices
 from .field import mean_features
 from .fine_mesh import FineMesh
-from .light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
+from .lamp_samples import LampSamples
+from .light_samples import LightSamples
 from .lighting import LightFeatures, LightShadows, ProbeLight, SurfacePoints, light_at_probes
 from .lit_field import LitField
 from .maps import ray_of_pixel
 from .ray_hits import RayHits
 from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
+from .sky_samples import SKY_DIRECTIONS, SkySamples
 from .surrounding_light import SurroundingLight
 from .surroundings import Patches
 from .volume import Composite

@@ -17,9 +17,10 @@ from torch import Tensor
 from ..geometry.shadow_maps import PointShadows
 from .bounce import Bounce, bounced
 from .gloss import glossy
-from .light_samples import LightSamples, SkySamples
+from .light_samples import LightSamples
 from .lighting import LightFeatures, ProbeLight, SurfacePoints, around_surface
 from .octahedral import from_square, on_square
+from .sky_samples import SkySamples
 from .surroundings import Patches
 
 CELLS = 32

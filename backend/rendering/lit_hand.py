@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import normalize
@@ -23,7 +24,8 @@ from ..nerf.crop import Crop
 from ..nerf.detail_maps import DetailMaps
 from ..nerf.fine_mesh import FineMesh
 from ..nerf.hairs import PosedHairs, SeenHairs, seen_hairs, with_hairs
-from ..nerf.light_samples import LampSamples, LightSamples, SkySamples
+from ..nerf.lamp_samples import LampSamples
+from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import LightFeatures, SurfacePoints, corrected
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
@@ -46,6 +48,7 @@ from ..nerf.part_edges import PartEdges
 from ..nerf.ray_hits import RayHits
 from ..nerf.rays import HandInView, RenderedRays, project, ray_directions
 from ..nerf.relighting import LitImage, SkinDepth, at_full_size, doubled
+from ..nerf.sky_samples import SkySamples
 from ..nerf.surface_means import RayPlaces, smoothed_light
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
@@ -153,9 +156,8 @@ class LitHand:
         at_rays = AtRays(self.is_measured(light.measured), places, backend.surface_means)
         indirect = without_noise(at_rays.filled(indirect), places, backend.surface_means)
         features = corrected(features, self.points.normal, direct, indirect)
-        return features._replace(
-            arriving=at_rays.filled(features.arriving), reflected=at_rays.filled(features.reflected)
-        )
+        of_rays = at_rays.filled(torch.cat([features.arriving, features.reflected], 1))
+        return features._replace(arriving=of_rays[:, :3], reflected=of_rays[:, 3:])
 
     def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop's skin, premultiplied by alpha."""

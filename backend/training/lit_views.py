@@ -24,7 +24,8 @@ from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
 from ..nerf.bounce import SkinPlaces
 from ..nerf.fine_mesh import FineMesh, FineTemplate, on_surface
-from ..nerf.light_samples import LampSamples, LightSamples, SkySamples, division_of
+from ..nerf.lamp_samples import LampSamples
+from ..nerf.light_samples import LightSamples
 from ..nerf.lighting import LightShadows
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
@@ -42,6 +43,7 @@ from ..nerf.rays import CameraTensors, HandInView, view_directions
 from ..nerf.relighting import covered_pixels, doubled
 from ..nerf.sampler import SamplerConfig
 from ..nerf.skin_detail import PixelSkin, pixel_skin
+from ..nerf.sky_samples import SkySamples, division_of
 from ..nerf.surrounding_light import SurroundingLight
 from ..records.errors import LiveHandError
 from ..records.light import Light

@@ -15,7 +15,6 @@ from ..captures.capture import CaptureView
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Precision, autocast, in_precision
 from ..nerf.clear_rays import without_strays
-from ..nerf.light_samples import SkySamples
 from ..nerf.lighting import openness, reflectance
 from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import features_among, skin_layers, split_points, surface_points
@@ -23,6 +22,7 @@ from ..nerf.maps import image_of, low_resolution_maps
 from ..nerf.rays import HandInView
 from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
 from ..nerf.skin_detail import with_skin
+from ..nerf.sky_samples import SkySamples
 from ..nerf.superres import NoSuperRes
 from ..nerf.volume import Composite
 from ..records.errors import LiveHandError

@@ -158,15 +158,16 @@ def measure(
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    maps: dict[str, Mapping[str, np.ndarray]] = {}
-    call_in_main_thread(partial(_render, frame, engine, mesh_name, box, surface, maps))
-    if set(maps) != {view.name for view in frame.views}:
+    views = tuple(view.name for view in frame.views)
+    measurement = Measurement(mesh_name, mesh_name, box, frame.albedo, views, {})
+    call_in_main_thread(partial(_render, frame, engine, measurement, surface))
+    if set(measurement.maps) != set(views):
         raise LiveHandError(
             "Cycles must measure the light on the hand before it renders the scene, that render did not finish; "
             "render again, or set the hands' light to Capture's Own"
         )
     on_surface = surface is not None
-    return {view: measured_light(of_view, box, frame.size_px, on_surface) for view, of_view in maps.items()}
+    return {view: measured_light(maps, box, frame.size_px, on_surface) for view, maps in measurement.maps.items()}
 
 
 def measured_light(
@@ -210,22 +211,16 @@ def _task_with(task: HandTask, measured: MeasuredLight | None) -> HandTask:
     return replace(task, shot=replace(task.shot, light=replace(task.shot.light, measured=measured)))
 
 
-def _render(
-    frame: FrameSetup,
-    engine: type,
-    mesh_name: str,
-    box: Region,
-    surface: SurfaceMesh | None,
-    maps: dict[str, Mapping[str, np.ndarray]],
-) -> None:
-    """Render the passes, in the main thread; `maps` gets them."""
-    views = tuple(view.name for view in frame.views)
+def _render(frame: FrameSetup, engine: type, measurement: Measurement, surface: SurfaceMesh | None) -> None:
+    """Render the passes, in the main thread, of the surface in place of the mesh; the measurement's `maps` get them."""
     try:
         with contextlib.ExitStack() as stack:
             stack.enter_context(_silenced_handlers())
-            scene = stack.enter_context(_copied(frame, box))
-            seen = mesh_name if surface is None else stack.enter_context(stand_in(scene, mesh_name, surface))
-            engine.measurement = Measurement(mesh_name, seen, box, frame.albedo, views, maps)
+            scene = stack.enter_context(_copied(frame, measurement.region))
+            if surface is not None:
+                seen = stack.enter_context(stand_in(scene, measurement.mesh_name, surface))
+                measurement = replace(measurement, seen_name=seen)
+            engine.measurement = measurement
             bpy.ops.render.render(scene=scene.name)
     except RuntimeError as error:
         raise LiveHandError(f"Cycles cannot measure the light on the hand: {error}") from error

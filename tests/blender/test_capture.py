@@ -4,6 +4,7 @@ import json
 from argparse import ArgumentParser
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -365,61 +366,55 @@ def test_is_complete(tmp_path, made):
     assert not is_complete(path, view)
 
 
-def test_the_command_passes_its_arguments_to_the_plan(monkeypatch, tmp_path):
-    parser = ArgumentParser()
-    command.add_arguments(parser)
-    seen = {}
+@pytest.fixture
+def planned(monkeypatch):
+    """What the command asks of `render_capture`, which makes the capture's file but no images."""
+    asked = []
 
     def fake(folder, plan, provenance, threads, hand=None):
-        seen.update(folder=folder, plan=plan, provenance=provenance, threads=threads)
+        asked.append(SimpleNamespace(folder=folder, plan=plan, provenance=provenance, threads=threads))
         return plan.make(folder, load_default_hand(), provenance)
 
     monkeypatch.setattr(capture_render, "render_capture", fake)
+    return asked
+
+
+def test_the_command_passes_its_arguments_to_the_plan(planned, tmp_path):
+    parser = ArgumentParser()
+    command.add_arguments(parser)
     text = f"-o {tmp_path} --seed 7 --poses 12 --cameras 5 --size 32x48 --samples 2 --eval-samples 3 --eval-views 1"
     others = "--cameras-per-pose 3 --person deep --first-poses 9 --threads 2"
     result = command.run(parser.parse_args([*text.split(), *others.split()]))
-    assert seen["plan"] == CapturePlan(7, 12, 5, 3, PERSONS["deep"], (32, 48), 2, 3, 1, 9)
-    assert (seen["folder"], seen["threads"]) == (tmp_path, 2)
+    (asked,) = planned
+    assert asked.plan == CapturePlan(7, 12, 5, 3, PERSONS["deep"], (32, 48), 2, 3, 1, 9)
+    assert (asked.folder, asked.threads) == (tmp_path, 2)
     assert json.loads(json.dumps(result))["poses"] == 12
     assert result["train"] == 8 * 3
     defaults = parser.parse_args(["-o", "x"])
     assert command._plan(defaults) == CapturePlan()
 
 
-def test_the_command_passes_its_lights_on(monkeypatch, tmp_path):
+def test_the_command_passes_its_lights_on(planned, tmp_path):
     parser = ArgumentParser()
     command.add_arguments(parser)
-    seen = []
-
-    def fake(folder, plan, provenance, threads, hand=None):
-        seen.append(provenance["plan"])
-        return plan.make(folder, load_default_hand(), provenance)
-
-    monkeypatch.setattr(capture_render, "render_capture", fake)
     text = f"-o {tmp_path} --poses 3 --cameras 5 --cameras-per-pose 2 --eval-views 4"
     dome, varied = (command.run(parser.parse_args([*text.split(), *more])) for more in ([], ["--lights", "varied"]))
     assert "novel_light" not in dome
     assert varied["novel_light"] == 4
     assert varied["train"] > dome["train"] == 6
-    assert "lights" not in seen[0]
-    assert seen[1]["lights"] == "varied"
+    assert "lights" not in planned[0].provenance["plan"]
+    assert planned[1].provenance["plan"]["lights"] == "varied"
 
 
-def test_the_command_tells_which_skin_it_shows(monkeypatch, tmp_path):
+def test_the_command_tells_which_skin_it_shows(planned, tmp_path):
     parser = ArgumentParser()
     command.add_arguments(parser)
-    seen = []
-
-    def fake(folder, plan, provenance, threads, hand=None):
-        seen.append(provenance)
-        return plan.make(folder, load_default_hand(), provenance)
-
-    monkeypatch.setattr(capture_render, "render_capture", fake)
     text = f"-o {tmp_path} --poses 3 --cameras 5 --cameras-per-pose 2 --eval-views 4"
     for person in ("light", "deep", "light"):
         command.run(parser.parse_args([*text.split(), "--person", person]))
-    assert all(is_current_skin(provenance) for provenance in seen)
-    assert seen[0]["skin_tone"] == seen[2]["skin_tone"] != seen[1]["skin_tone"]
+    shown = [asked.provenance for asked in planned]
+    assert all(is_current_skin(provenance) for provenance in shown)
+    assert shown[0]["skin_tone"] == shown[2]["skin_tone"] != shown[1]["skin_tone"]
 
 
 @pytest.mark.parametrize("size", ["24", "axb", "8x64", "24x32x3"])

@@ -5,10 +5,11 @@ import torch
 from livehand.backend.fast.lighting import light_features, openness
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
-from livehand.backend.nerf.light_samples import LightSamples, SkySamples
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import LightShadows, ProbeLight, SurfacePoints
 from livehand.backend.nerf.lighting import light_features as light_features_reference
 from livehand.backend.nerf.lighting import openness as openness_reference
+from livehand.backend.nerf.sky_samples import SkySamples
 from livehand.backend.records.light import Lamp, Light, rotation_facing
 from torch.nn.functional import normalize
 

@@ -10,7 +10,7 @@ from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
 from livehand.backend.nerf.bump import bump_shadowing, mirroring_normal
 from livehand.backend.nerf.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
-from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LightSamples, SkySamples
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import (
     COEFFICIENTS,
     DIFFUSE,
@@ -31,6 +31,7 @@ from livehand.backend.nerf.lighting import (
 )
 from livehand.backend.nerf.mirrored_sky import MirroredSky
 from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.records.light import Lamp, Light, Sky
 from torch.nn.functional import normalize
 

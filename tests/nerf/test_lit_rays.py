@@ -9,7 +9,8 @@ from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.nerf.bounce import SkinPlaces, bounced_on_skin
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.fine_mesh import FineMesh
-from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LampSamples, LightSamples
+from livehand.backend.nerf.lamp_samples import LampSamples
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import SurfacePoints, light_features
 from livehand.backend.nerf.lit_field import LitField
 from livehand.backend.nerf.lit_rays import (
@@ -30,6 +31,7 @@ from livehand.backend.nerf.part_edges import SurfaceBones
 from livehand.backend.nerf.ray_hits import RayHits
 from livehand.backend.nerf.rays import HandInView, RenderedRays, camera_tensors
 from livehand.backend.nerf.relighting import SkinDepth
+from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS
 from livehand.backend.nerf.volume import Composite
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.nerf.gloss import alphas, fresnel, glossy
-from livehand.backend.nerf.light_samples import SkySamples
 from livehand.backend.nerf.mirrored_sky import MirroredSky
+from livehand.backend.nerf.sky_samples import SkySamples
 from livehand.backend.records.light import Sky, sky_directions
 from torch.nn.functional import normalize
 

@@ -9,11 +9,13 @@ from livehand.backend.captures.varied_light import box_triangles
 from livehand.backend.fast.backend import NumbaBackend
 from livehand.backend.geometry.shadow_maps import Bounds, PointShadows
 from livehand.backend.nerf.bounce import Probes, SkinPlaces
-from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LampSamples, LightSamples, SkySamples
+from livehand.backend.nerf.lamp_samples import LampSamples
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import ProbeLight, SurfacePoints
 from livehand.backend.nerf.lit_rays import surrounding_light
 from livehand.backend.nerf.rays import HandInView
 from livehand.backend.nerf.reference import ReferenceBackend
+from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.nerf.surrounding_light import SurroundingLight, cell_of, sky_cells
 from livehand.backend.nerf.surroundings import MOST_PATCHES, Patches, PatchPoints
 from livehand.backend.records.light import Lamp, Light

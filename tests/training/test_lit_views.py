@@ -13,8 +13,9 @@ from livehand.backend.evaluation.summary import summary
 from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.nerf.avatar import new_avatar
-from livehand.backend.nerf.light_samples import SKY_DIRECTIONS, LightSamples
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import COEFFICIENTS
+from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
