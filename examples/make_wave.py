@@ -58,6 +58,7 @@ FOREARM_SHARE = 0.4
 # Delay of each finger relative to the wrist: hands close from the little finger, and the thumb is last.
 DELAY_FRAMES = {"pinky": -0.4, "ring": 0.0, "middle": 0.2, "index": 0.4, "thumb": 1.6}
 
+HAIR = 0.5  # of a person's, on arm and fingers
 FIELD_OF_VIEW_M = 0.272  # height of the image, 0.75 m away
 
 
@@ -97,8 +98,10 @@ def build_wave() -> bpy.types.Scene:
     scene.render.image_settings.file_format = "PNG"
     bpy.ops.livehand.set_engine()
     bpy.ops.livehand.add_hand(side="right")
-    bpy.context.active_object.rotation_euler = (0, 0, 0)  # the keyed wrist makes the hand upright
-    animate_hand(bpy.context.active_object)
+    armature = bpy.context.active_object
+    armature.rotation_euler = (0, 0, 0)  # the keyed wrist makes the hand upright
+    armature.livehand.hair = HAIR
+    animate_hand(armature)
     add_camera(scene)
     scene.frame_set(FRAMES[0])
     add_studio(bpy.context)

@@ -55,6 +55,7 @@ def test_it_is_one_second_of_a_hand_set_up_for_livehand(scene):
     assert (scene.view_settings.view_transform, scene.view_settings.look) == ("Standard", "None")
     (hand,) = find_hands(scene)
     assert (hand.livehand.side, hand.livehand.model_path, hand.livehand.avatar_path) == ("right", "", "")
+    assert hand.livehand.hair == 0.5
 
 
 def test_it_contains_no_local_path_and_no_script(scene):
