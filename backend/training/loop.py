@@ -105,12 +105,13 @@ class Training:
         self._progress = Progress(self._progress.step + 1, seconds, skipped)
 
     def _current_avatar(self) -> Avatar:
-        return self._average.module.with_networks(self._avatar)
+        """The avatar so far with its provenance, which tells a renderer whose skin it shows."""
+        provenance = provenance_of(self._setup, self._config, self._compute.precision, self._progress)
+        return replace(self._average.module.with_networks(self._avatar), provenance=provenance)
 
     def _finished_avatar(self) -> Avatar:
-        """The avatar with its provenance, saved by the first process."""
-        provenance = provenance_of(self._setup, self._config, self._compute.precision, self._progress)
-        avatar = replace(self._current_avatar(), provenance=provenance)
+        """The avatar, saved by the first process."""
+        avatar = self._current_avatar()
         if self._compute.processes.is_first:
             for correction in self._setup.corrections:
                 avatar = correction.finish(avatar)

@@ -149,6 +149,15 @@ def test_the_end_of_training_is_previewed_with_the_average(setup, compute, paint
     assert "step 4: held-out PSNR" in capsys.readouterr().err
 
 
+def test_previews_show_the_skin_of_the_capture(setup, compute, tmp_path, monkeypatch):
+    """A renderer finds it by the avatar's provenance: without, previews are of the coarse mesh, by 10 dB worse."""
+    seen = []
+    monkeypatch.setattr(HeldOutPreview, "render", lambda _self, avatar: seen.append(avatar.provenance["capture"]))
+    often = ReportConfig(preview_minutes=1e-9, log_every=1)
+    train(setup, TrainConfig(steps=2, warmup_steps=1), tmp_path / "a.safetensors", compute, often)
+    assert seen == [setup.capture.provenance] * 3
+
+
 def test_previews_do_not_change_the_result(setup, compute, tmp_path, lines, weights_of):
     config = TrainConfig(steps=6, warmup_steps=1)
     often = ReportConfig(preview_minutes=1e-9, preview_views=1, log_every=1)

@@ -242,7 +242,7 @@ class SkyArrays(NamedTuple):
 
 
 class LampArrays(NamedTuple):
-    """As `nerf.light_samples.LampSamples`, and the shadows [K, R] of each sample at R points."""
+    """As `nerf.lamp_samples.LampSamples`, and the shadows [K, R] of each sample at R points."""
 
     lamp: np.ndarray
     position: np.ndarray
