@@ -34,8 +34,10 @@ def open_dark_shot(args: argparse.Namespace) -> bpy.types.Scene:
     scene.render.resolution_percentage = args.percent
     scene.cycles.samples = args.samples
     scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
+    armature = RiggedHand.all_in(scene)[0].armature
+    armature.livehand.hair = 0  # as on the skin of captures
     if args.avatar:
-        RiggedHand.all_in(scene)[0].armature.livehand.avatar_path = str(args.avatar.resolve())
+        armature.livehand.avatar_path = str(args.avatar.resolve())
     return scene
 
 
