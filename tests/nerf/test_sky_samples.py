@@ -5,8 +5,12 @@ from math import pi
 import numpy as np
 import pytest
 import torch
+from livehand.backend.geometry.shadow_maps import Bounds
+from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS, UNDIVIDED, SkySamples, division_of
-from livehand.backend.records.light import Sky, sky_directions
+from livehand.backend.records.light import Light, Sky, sky_directions
+
+BOUNDS = Bounds(torch.zeros(3), torch.tensor(0.1))
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0, 1), (1.0, 0, 0), (-0.6, 0.8, 0), (0.5, 0.5, -0.7071)])
@@ -62,4 +66,4 @@ def test_an_even_sky_is_not_divided(rows):
     even = SkySamples.of(sky, "cpu")
     assert division_of((sky,), "fine") == division_of((None,), "fine") == division_of((sky, None), "fine") == UNDIVIDED
     assert even.brightest == pytest.approx(1, rel=0.2)
-    assert division_of((window(),), "none") == UNDIVIDED
+    assert len(LightSamples.of(Light(sky=window(), penumbra="none"), BOUNDS).sky.share) == SKY_DIRECTIONS
