@@ -110,6 +110,7 @@ class _Sequence:
             before, waiting = len(waiting), self._write_unleased(waiting)
         for number, frame in waiting:
             self._report(number, frame, "left")
+        self._clean_up()  # a worker may have been killed since, after its frame was finished
 
     def _clean_up(self) -> None:
         """Remove leases and temporary files that killed runs of this shot left."""

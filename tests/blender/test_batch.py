@@ -161,6 +161,24 @@ def test_leftovers_of_dead_processes_are_removed_and_those_of_live_ones_are_not(
     assert sorted(hidden(tmp_path / "out")) == sorted(f".{name}" for name in alive)
 
 
+def test_the_lease_of_a_worker_that_dies_once_its_frame_is_finished_is_removed(
+    shot_path, tmp_path, fake_session, monkeypatch
+):
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+
+    def holds(self, lease):
+        if lease.frame == 2:
+            owner = {"place": process_space(), "pid": process.pid}
+            (tmp_path / "out" / ".wave_0001.claim").write_text(json.dumps(owner))
+        return True
+
+    monkeypatch.setattr(FrameLeases, "holds", holds)
+    assert render(shot_path, "-o", tmp_path / "out") == 0
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 3
+    assert hidden(tmp_path / "out") == []
+
+
 def test_a_frame_whose_lease_is_superseded_meanwhile_is_dropped(shot_path, tmp_path, fake_session, capsys, monkeypatch):
     monkeypatch.setattr(FrameLeases, "holds", lambda self, lease: lease.frame != 2)
     assert render(shot_path, "-o", tmp_path / "out") == 0
