@@ -57,7 +57,7 @@ PERSONS = {
         melanin=0.42, veins_mm=0.15, freckles=0.3, beta=(-0.8, -1.0, 0.6, -0.8, -0.5, 0.0, 0.0, 0.5, -0.8, -0.5)
     ),
     # An old man.
-    "deep": Person(melanin=1.0, veins_mm=0.45, folds=1.45, beta=(0.4, 0.3, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 0.0, -0.6)),
+    "deep": Person(melanin=1.0, veins_mm=0.45, folds=1.42, beta=(0.4, 0.3, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 0.0, -0.6)),
     "old": Person(
         melanin=0.08,
         blood=1.15,

@@ -28,7 +28,7 @@ from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
-from ..nerf.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
+from ..nerf.fine_mesh import LevelsOfDetail, on_surface
 from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
@@ -228,19 +228,13 @@ class Renderer:
         )
 
     def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
-        def posed(template: FineTemplate) -> FineMesh:
-            return skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
-
         levels = self._levels_of(shot.pose.side)
         template = levels.seen_in(hand) if shot.is_moving else levels.finest
-        mesh = posed(template)
+        mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
         hits = self._backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
-        if shot.hair == 0:
+        if shot.hair == 0 or shot.is_moving:
             return PosedSkin(skin.maps, mesh, hits)
-        rooted_in = mesh if template is levels.finest else posed(levels.finest)
-        return PosedSkin(
-            skin.maps, mesh, hits, PosedHairs.of(self._hairs.first(shot.hair), rooted_in, skin.hair_albedo)
-        )
+        return PosedSkin(skin.maps, mesh, hits, PosedHairs.of(self._hairs.first(shot.hair), mesh, skin.hair_albedo))
 
     def _levels_of(self, side: Side) -> LevelsOfDetail:
         """The known skin's surface; it must be known."""

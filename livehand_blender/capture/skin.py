@@ -29,7 +29,7 @@ _FEATURES = ("nail_polish", "folds", "freckles")  # of a tone, beside its colour
 # What the blood of a usual skin absorbs, as the exponent of a colour: of green most.
 _BLOOD = np.array([0.03, 0.38, 0.58])
 _POLISH_ROUGHNESS = 0.08
-_LINES_MM = 0.065  # how deep the fine lines of the back are where they are strongest
+_LINES_MM = 0.079  # how deep the fine lines of the back are where they are strongest
 # Their nets: cells per mm along and across the digits, strength where they are weak and strong, half a width in cells.
 _NETS = (((0.62, 0.38, 0.38), (0.45, 0.8), 0.2), ((1.25, 0.8, 0.8), (0.15, 0.45), 0.25))
 _INNER_ARM_PALM = 0.36  # of the mask `palm` on the forearm, which has no ridges

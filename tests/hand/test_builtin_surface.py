@@ -224,6 +224,18 @@ def test_nails_are_more_curved_across_than_their_digits(surface, rays):
         assert 5.0 < radius < (11.0 if digit == "thumb" else 9.0), digit
 
 
+def test_skin_beside_a_nail_falls_over_some_edges_of_the_surface(surface):
+    """Its height follows the mask between 1.1 and 1.6; within one edge that would be a ledge along the triangles."""
+    rim = surface.masks["nailrim"]
+    edges = np.concatenate([surface.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+    near, far = np.sort(rim[edges], axis=1).T
+    length_mm = np.linalg.norm(np.diff(surface.vertices_m[edges], axis=1)[:, 0], axis=1) * 1e3
+    is_beside = (near > 1.1) & (near < 1.3)
+    assert is_beside.sum() > 100
+    is_ledge = is_beside & ((far - near) / length_mm > 0.5)
+    assert is_ledge.sum() / is_beside.sum() < 0.02
+
+
 def test_half_moons_lie_at_the_roots_of_nails(surface):
     lunula, rim, along = (surface.masks[name] for name in ("lunula", "nailrim", "naily"))
     assert rim[lunula > 0.05].max() < 1.1

@@ -269,6 +269,11 @@ def test_what_moves_is_shown_with_fewer_faces_and_what_rests_is_not(renderer, sh
     assert np.abs(moving.alpha - resting.alpha).mean() < 2e-3
 
 
+def test_what_moves_shows_no_hair(renderer, shot):
+    bare, hairy = (renderer.render(replace(shot, is_moving=True, hair=hair)) for hair in (0.0, 1.0))
+    np.testing.assert_array_equal(hairy.rgb, bare.rgb)
+
+
 def test_hair_of_the_left_hand_is_the_mirror_image_of_that_of_the_right(hand, renderer, shot):
     """Lit evenly, for lamps' maps are not mirrored."""
     even = Light(sky=Sky(np.full((4, 8, 3), 0.25)))

@@ -37,6 +37,7 @@ _HYPOTHENAR = (np.array([40, -16, -28]), np.array([30, 14, 14]), 0.7)
 # Of the half-moon, by digit.
 _LUNULA = {"thumb": 1.0, "index": 0.6, "middle": 0.55, "ring": 0.35, "pinky": 0.15}
 _RIM_FAR = 3.0
+_RIM_BESIDE, _SKIN_BESIDE_TO = 0.5, -0.3  # how much farther skin is that turns away beside the nail, at which height
 _FOREARM_PALM = 0.35  # share of the palm in the skin beyond the wrist
 _INNER_VEIN = 0.55  # strength, of those on the back
 _ARM_MM = (24.0, 90.0)  # beyond the wrist
@@ -100,9 +101,13 @@ def _add_nail(masks: Masks, view: _Digit) -> None:
     nail = nail_coordinates(view.ray, view.at, view.section)
     on_back = view.is_own & (view.at.dorsal > 0)
     _raise_to(masks, "nail", on_back, 1 - smoothstep(nail.rim, 0.96, 1.06))
-    rim = nail.rim + _RIM_FAR * smoothstep(view.height, 0.45, 0.1)
-    masks["nailrim"] = np.where(on_back, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
-    masks["naily"] = np.where(on_back, (nail.along + 1) / 2, masks["naily"])
+    # The plate ends within an edge of the surface; the skin's step beside it would be a ledge there.
+    is_skin = smoothstep(nail.rim, 1.06, 1.2)
+    plate_end, skin_end = smoothstep(view.height, 0.45, 0.1), smoothstep(view.height, 0.7, _SKIN_BESIDE_TO)
+    rim = nail.rim + (1 - is_skin) * _RIM_FAR * plate_end + is_skin * _RIM_BESIDE * skin_end
+    is_beside = view.is_own & (view.height > 2 * _SKIN_BESIDE_TO)
+    masks["nailrim"] = np.where(is_beside, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
+    masks["naily"] = np.where(is_beside, (nail.along + 1) / 2, masks["naily"])
     half_moon = smoothstep(nail.along + 0.3 * nail.across**2, -0.45, -0.6) * smoothstep(nail.rim, 1.1, 1.0)
     _raise_to(masks, "lunula", on_back, half_moon * _LUNULA[view.ray.digit])
 
