@@ -113,7 +113,9 @@ def test_a_file_that_breaks_off_ends(watched, waved):
             if packet.dts is not None:
                 packet.stream = stream
                 container.mux(packet)
-    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    with av.open(str(cut)) as container:
+        places = [packet.pos for packet in container.demux(video=0) if packet.dts is not None]
+    cut.write_bytes(cut.read_bytes()[: places[20] + 10])  # half of the bytes may be less than the first frame
     tracker = watched(cut)
     found = frames_of(tracker)
     assert found
