@@ -1,6 +1,7 @@
-"""What several test files share: posed hands, spheres, views, an exact search, and a small painted capture."""
+"""What several test files share: posed hands, spheres, views, an exact search, a painted capture, a dead process."""
 
 import signal
+import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
@@ -33,6 +34,14 @@ from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
 from livehand.backend.runtime.process_end import end_process
 from PIL import Image
+
+
+@pytest.fixture(scope="session")
+def dead_pid():
+    """The id of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
 
 
 def pytest_configure():

@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 from collections import Counter
@@ -22,13 +20,6 @@ def leases(tmp_path):
 
 def names(folder):
     return sorted(os.listdir(folder))
-
-
-@pytest.fixture(scope="module")
-def dead_pid():
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    return process.pid
 
 
 def leave(folder, generation=0, pid=None, place=None, age_s=0.0):

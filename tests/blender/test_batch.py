@@ -148,28 +148,25 @@ def test_frames_of_another_process_are_left_to_it(shot_path, tmp_path, fake_sess
     assert not (tmp_path / "out" / "wave_0002.exr").exists()
 
 
-def test_leftovers_of_dead_processes_are_removed_and_those_of_live_ones_are_not(shot_path, tmp_path, fake_session):
+def test_leftovers_of_dead_processes_are_removed_and_those_of_live_ones_are_not(
+    shot_path, tmp_path, fake_session, dead_pid
+):
     (tmp_path / "out").mkdir()
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
     dead = ["wave_0009.claim", "wave_0009.0123abcd.part.exr", "wave_-004.claim.2", "wave_0002.part.exr"]
     alive = ["wave_0010.claim", "wave_0010.0123abcd.part.exr", "other_0001.claim", "wave_b_0001.part.exr"]
     for name in (*dead, *alive):
-        pid = process.pid if name in dead else os.getppid()
+        pid = dead_pid if name in dead else os.getppid()
         (tmp_path / "out" / f".{name}").write_text(json.dumps({"place": process_space(), "pid": pid}))
     assert render(shot_path, "-o", tmp_path / "out", "--frames", "1") == 0
     assert sorted(hidden(tmp_path / "out")) == sorted(f".{name}" for name in alive)
 
 
 def test_the_lease_of_a_worker_that_dies_once_its_frame_is_finished_is_removed(
-    shot_path, tmp_path, fake_session, monkeypatch
+    shot_path, tmp_path, fake_session, dead_pid, monkeypatch
 ):
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-
     def holds(self, lease):
         if lease.frame == 2:
-            owner = {"place": process_space(), "pid": process.pid}
+            owner = {"place": process_space(), "pid": dead_pid}
             (tmp_path / "out" / ".wave_0001.claim").write_text(json.dumps(owner))
         return True
 

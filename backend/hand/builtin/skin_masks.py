@@ -105,9 +105,8 @@ def _add_nail(masks: Masks, view: _Digit) -> None:
     is_skin = smoothstep(nail.rim, 1.06, 1.2)
     plate_end, skin_end = smoothstep(view.height, 0.45, 0.1), smoothstep(view.height, 0.7, _SKIN_BESIDE_TO)
     rim = nail.rim + (1 - is_skin) * _RIM_FAR * plate_end + is_skin * _RIM_BESIDE * skin_end
-    is_beside = view.is_own & (view.height > 2 * _SKIN_BESIDE_TO)
-    masks["nailrim"] = np.where(is_beside, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
-    masks["naily"] = np.where(is_beside, (nail.along + 1) / 2, masks["naily"])
+    masks["nailrim"] = np.where(view.is_own, np.minimum(rim, masks["nailrim"]), masks["nailrim"])
+    masks["naily"] = np.where(view.is_own, (nail.along + 1) / 2, masks["naily"])
     half_moon = smoothstep(nail.along + 0.3 * nail.across**2, -0.45, -0.6) * smoothstep(nail.rim, 1.1, 1.0)
     _raise_to(masks, "lunula", on_back, half_moon * _LUNULA[view.ray.digit])
 
