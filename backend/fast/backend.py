@@ -26,6 +26,7 @@ from .kernels.shadow import lit_share
 from .lighting import bounced, light_features, openness
 from .part_edges import blended
 from .places import skin_places
+from .posing import local_rotations, posed_mesh, skin_motion
 from .ray_hits import ray_hits
 from .relighting import normals_at_steps, relit, shares_of_rays, smooth_enlarged_rays, view_directions
 from .shade import shade
@@ -53,6 +54,9 @@ def lit_share_by_kernel(points: ShadowMapPoints, topology: Topology) -> Float[Te
 class NumbaBackend:
     """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
 
+    skin_motion = staticmethod(skin_motion)
+    posed_mesh = staticmethod(posed_mesh)
+    local_rotations = staticmethod(local_rotations)
     visibility = staticmethod(partial(visibility_transfer, lit_share=lit_share_by_kernel))
     point_shadows = staticmethod(partial(point_shadows, look_up=look_up_by_kernel))
     first_hit = staticmethod(first_hit)

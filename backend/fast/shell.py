@@ -20,7 +20,7 @@ from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
     """The crossings of the inflated mesh, and the first front face of the deflated one."""
-    mesh, topology, camera, known_depth = hand
+    mesh, topology, camera, known_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     faces, (width, height) = topology.faces.numpy(), camera.size_px
     outer, inner = (

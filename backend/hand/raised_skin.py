@@ -7,6 +7,7 @@ Heights lie along the normals of a surface finer than the template, which has no
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class PoseForm:
 
     def share(self, flexion_deg: Degrees) -> float:
         """In [0, 1], of the full height."""
-        bent = float(np.clip((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0, 1))
+        bent = min(max((flexion_deg - self.start_deg) / (self.full_deg - self.start_deg), 0.0), 1.0)
         return bent * bent * (3 - 2 * bent)
 
 
@@ -62,8 +63,14 @@ class RaisedSkin:
             flexion_deg[0] = -np.rad2deg(forearm[2])  # about the template's Z, which the arm's end turns to the palm
         clenched = np.clip(flexion_deg[_KNUCKLES].mean() / _CLENCHED_DEG, 0, 1)
         height = veins_mm * (0.75 + 0.5 * clenched) * self.vein
-        for form in self.forms:
-            share = form.share(float(flexion_deg[form.joint]))
-            if share > 0:
-                height += share * form.height_mm
-        return height
+        shares = np.array([form.share(float(flexion_deg[form.joint])) for form in self.forms])
+        form, vertex, form_mm = self._places_of_forms
+        of_forms = np.bincount(vertex, shares[form] * form_mm, len(height))
+        return height + of_forms.astype(height.dtype)
+
+    @cached_property
+    def _places_of_forms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """[K] each: a form, a vertex that it raises, and how much, mm. Forms raise few of all vertices."""
+        heights_mm = np.stack([form.height_mm for form in self.forms])
+        form, vertex = heights_mm.nonzero()
+        return form, vertex, heights_mm[form, vertex]

@@ -15,10 +15,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import NearestFronts
 from ..geometry.shadow_maps import Bounds, LightViews, PointShadows
-from ..hand.lbs import SkinMotion
+from ..hand.lbs import SkinMotion, SkinTensors
+from ..records.shot import HandPose
 from .bounce import Probes, SkinPlaces
 from .conditions import FrameConditions
 from .detail_maps import DetailMaps
@@ -66,6 +68,20 @@ RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
 @runtime_checkable
 class RenderBackend(Protocol):
     """The costly stages of rendering and training."""
+
+    def skin_motion(self, skin: SkinTensors, pose: HandPose) -> SkinMotion:
+        """As `hand.lbs.skin_motion`."""
+        ...
+
+    def posed_mesh(self, topology: Topology, vertices: Float[Tensor, "V 3"]) -> PosedMesh:
+        """As `geometry.mesh.posed_mesh`, without gradients."""
+        ...
+
+    def local_rotations(
+        self, vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
+    ) -> Float[Tensor, "V 3 3"]:
+        """As `geometry.local_rotation.local_rotations`, without gradients."""
+        ...
 
     def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
         """As `geometry.visibility.visibility_transfer`."""

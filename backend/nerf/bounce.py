@@ -20,7 +20,7 @@ from torch.nn.functional import embedding_bag
 from ..geometry.mesh import PosedMesh, Topology
 
 MOST_PROBES = 2048
-"""Of a mesh of more vertices, as many of them stand for their neighbours."""
+"""Of a mesh of more vertices, as many of them stand for their neighbours; or fewer (`Fineness`)."""
 _LEAST_SQUARED_M = 1e-8
 _POINTS_AT_ONCE = 2048
 _TINY = 1e-20
@@ -42,12 +42,12 @@ class Probes(NamedTuple):
     area_m2: Tensor
 
     @classmethod
-    def of(cls, mesh: PosedMesh, topology: Topology) -> Probes:
-        """Discs as large as a third of the faces around each vertex; together they have the hand's area."""
+    def of(cls, mesh: PosedMesh, topology: Topology, most: int = MOST_PROBES) -> Probes:
+        """At most so many discs as large as a third of the faces around each vertex; together as large as the hand."""
         a, b, c = mesh.vertices[topology.faces].unbind(1)
         thirds = torch.linalg.cross(b - a, c - a).norm(dim=-1, keepdim=True).expand(-1, 3) / 6
         area_m2 = thirds.new_zeros(len(mesh.vertices)).index_add(0, topology.faces.flatten(), thirds.flatten())
-        chosen = probe_vertices(len(mesh.vertices)).to(a.device)
+        chosen = probe_vertices(len(mesh.vertices), most).to(a.device)
         share = area_m2.sum() / area_m2[chosen].sum()
         return cls(mesh.vertices, mesh.normals, chosen, share * area_m2[chosen])
 
@@ -66,9 +66,9 @@ class Probes(NamedTuple):
         return values if len(self.chosen) == len(values) else values[self.chosen]
 
 
-def probe_vertices(count: int) -> Int[Tensor, " P"]:
+def probe_vertices(count: int, most: int = MOST_PROBES) -> Int[Tensor, " P"]:
     """Which of a hand's vertices are probes."""
-    return torch.linspace(0, count - 1, min(count, MOST_PROBES)).round().long()
+    return torch.linspace(0, count - 1, min(count, most)).round().long()
 
 
 class SkinPlaces(NamedTuple):

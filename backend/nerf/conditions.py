@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..geometry.local_rotation import local_rotations
+from ..geometry.local_rotation import LocalFrames, local_rotations
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples, atlas_uv, interpolate
 from ..hand.topology import Skinning
 
 LOCAL_POSE_CHANNELS = 9
 LIGHT_CHANNELS = 8
+
+
+Rotations = Callable[[Tensor, Tensor, LocalFrames], Tensor]
+"""`local_rotations`, or what equals it."""
 
 
 class FieldInputs(NamedTuple):
@@ -104,6 +109,7 @@ class FrameConditions(NamedTuple):
         topology: Topology,
         mesh: PosedMesh,
         visibility: Float[Tensor, "V K"],
+        rotations_of: Rotations = local_rotations,
     ) -> FrameConditions:
         """The conditions, with gradients to the pose and the mesh.
 
@@ -113,8 +119,9 @@ class FrameConditions(NamedTuple):
             topology: of the mesh.
             mesh: the pose.
             visibility: as `RenderBackend.visibility` gives it.
+            rotations_of: as `local_rotations`, whose gradients are the mesh's.
         """
-        rotation = local_rotations(mesh.vertices, mesh.normals, topology.frames).flatten(1)
+        rotation = rotations_of(mesh.vertices, mesh.normals, topology.frames).flatten(1)
         channels = torch.cat([mesh.normals, rotation, vertex_local_pose(theta, skinning)], -1)
         return cls(theta.reshape(-1), channels, visibility)
 

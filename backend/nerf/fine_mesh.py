@@ -164,7 +164,7 @@ class LevelsOfDetail(NamedTuple):
 
     def seen_in(self, hand: HandInView) -> FineTemplate:
         """The coarser one, if none of its edges is longer in the image than a few pixels."""
-        mesh, topology, camera, _ = hand
+        mesh, topology, camera = hand[:3]
         nearest_m = (mesh.vertices @ camera.world2cam[2, :3] + camera.world2cam[2, 3]).min()
         edge_m = mesh.scale * topology.edge_length_m / 2
         return self.coarser if edge_m * camera.focal_px < MOST_EDGE_PX * nearest_m else self.finest

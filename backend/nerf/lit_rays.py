@@ -25,7 +25,7 @@ from .maps import ray_of_pixel
 from .ray_hits import RayHits
 from .rays import HandInView, RenderedRays, ray_origin
 from .relighting import SkinDepth, neighbours
-from .sky_samples import SKY_DIRECTIONS, SkySamples
+from .sky_samples import SKY_DIRECTIONS, ShadowedSky, SkySamples
 from .surrounding_light import SurroundingLight
 from .surroundings import Patches
 from .volume import Composite
@@ -197,7 +197,11 @@ def sky_shadows(
     backend: RenderBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
     """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
-    return _shadows_from_afar(backend, hand, occluders, position, SkySamples.of(None, position.device).views())
+    views, of_cell = ShadowedSky.of(hand.fineness.sky_directions, position.device)
+    shadows = _shadows_from_afar(backend, hand, occluders, position, views)
+    if len(views.distance) == SKY_DIRECTIONS:
+        return shadows
+    return PointShadows(shadows.lit[of_cell], shadows.depth_in_m[of_cell])
 
 
 def with_parts(
@@ -220,7 +224,8 @@ def with_parts(
 def _shadows_from_afar(
     backend: RenderBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
 ) -> PointShadows:
-    points = torch.cat([position, hand.mesh.vertices[probe_vertices(len(hand.mesh.vertices))]])
+    vertices = hand.mesh.vertices
+    points = torch.cat([position, vertices[probe_vertices(len(vertices), hand.fineness.probes)]])
     return backend.point_shadows(hand.mesh, hand.topology.faces, occluders, views, points, SKY_MAP_PX)
 
 
@@ -283,11 +288,11 @@ def light_shadows(
         occluders: what else stands in its way.
         position: of the points, m, world.
         of_sky: as `sky_shadows` gives them.
-        albedo: of the skin that sheds light on itself, [P, 3] or [3].
+        albedo: of the skin that sheds light on itself, [V, 3] of the vertices or [3] of all.
         shining_on_probes: the lamps as they light that skin, in fewer samples; None: as everywhere.
         lamp_skins: cast and take their shadows; None: the mesh does, at the points.
     """
-    probes, bounds = Probes.of(hand.mesh, hand.topology), Bounds.of(hand.mesh)
+    probes, bounds = Probes.of(hand.mesh, hand.topology, hand.fineness.probes), Bounds.of(hand.mesh)
 
     def cast(views: LightViews, skin: LampSkin, map_px: int) -> PointShadows:
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
@@ -309,7 +314,8 @@ def light_shadows(
     probe_lamps = of_lamps(probe_light.lamps, LampSkins(at_probes, at_probes), PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
-    return LightShadows(sky, lamps, ProbeLight(probes, albedo, *of_probes))
+    of_discs = albedo if albedo.dim() == 1 else albedo[probes.chosen]
+    return LightShadows(sky, lamps, ProbeLight(probes, of_discs, *of_probes))
 
 
 def surrounding_light(

@@ -16,6 +16,7 @@ from torch.nn.functional import normalize
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.uvh import SurfaceSamples
 from ..records.camera import Camera
+from .fineness import WHOLE, Fineness
 from .volume import Composite
 
 
@@ -47,12 +48,14 @@ class HandInView(NamedTuple):
         camera: sees it.
         known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
             none is known.
+        fineness: of the light on it.
     """
 
     mesh: PosedMesh
     topology: Topology
     camera: CameraTensors
     known_depth: Tensor | None = None
+    fineness: Fineness = WHOLE
 
 
 class SurfaceRays(NamedTuple):

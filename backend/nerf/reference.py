@@ -8,8 +8,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from ..geometry.local_rotation import local_rotations
+from ..geometry.mesh import posed_mesh
 from ..geometry.shadow_maps import point_shadows
 from ..geometry.visibility import visibility_transfer
+from ..hand.lbs import skin_motion
 from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
 from .bounce import SkinPlaces, bounced
 from .conditions import FrameConditions
@@ -33,6 +36,9 @@ from .volume import Composite
 class ReferenceBackend:
     """The stages as `geometry` and `nerf` define them."""
 
+    skin_motion = staticmethod(skin_motion)
+    posed_mesh = staticmethod(posed_mesh)
+    local_rotations = staticmethod(local_rotations)
     visibility = staticmethod(visibility_transfer)
     point_shadows = staticmethod(point_shadows)
     first_hit = staticmethod(first_hit)

@@ -135,7 +135,7 @@ def sample_rays(hand: HandInView, config: SamplerConfig, generator: torch.Genera
 
 def shell_intervals(hand: HandInView, config: SamplerConfig) -> Intervals:
     """The intervals of every ray that meets the shell."""
-    mesh, topology, camera, known_depth = hand
+    mesh, topology, camera, known_depth = hand[:4]
     shell = config.shell_m * mesh.scale * mesh.normals
     outer = _fragments_of(mesh.vertices + shell, topology, camera)
     inner = _fragments_of(mesh.vertices - shell, topology, camera)

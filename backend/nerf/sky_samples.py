@@ -83,6 +83,26 @@ class SkySamples(NamedTuple):
         return LightViews.along(self.towards, torch.full_like(self.towards[:, 0], FAR))
 
 
+class ShadowedSky(NamedTuple):
+    """From where the light of the sky's cells is blocked.
+
+    Attributes:
+        views: M, for shadow maps.
+        of_cell: [SKY_DIRECTIONS] the view whose shadows each cell has: the nearest.
+    """
+
+    views: LightViews
+    of_cell: Tensor
+
+    @classmethod
+    def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
+        """From this many directions."""
+        towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
+        cells = torch.tensor(_sphere(SKY_DIRECTIONS), dtype=torch.float32, device=device)
+        views = LightViews.along(towards, torch.full_like(towards[:, 0], FAR))
+        return cls(views, (cells @ towards.T).argmax(1))
+
+
 def division_of(skies: Iterable[Sky | None], penumbra: Penumbra) -> Division:
     """By which the cells of skies that shine together are divided for shadows of this fineness."""
     grey = np.zeros(SKY_DIRECTIONS)

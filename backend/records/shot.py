@@ -78,8 +78,8 @@ class Shot:
         wrist_fade_m: length along the hand at rest over which the frame turns transparent towards the cut end of arm or
             wrist; 0: it ends opaque.
         hair: the share of its hairs that the hand shows, 0 to 1, where its avatar's skin is known.
-        is_moving: whether the frame is one of many that nobody looks at for long: its surface may then be coarser, and
-            it has no hairs.
+        is_moving: whether the frame is one of many that nobody looks at for long: its surface, its shadows and its
+            networks' arithmetic may then be coarser, and it has no hairs.
     """
 
     pose: HandPose

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.fine_surface import FineSurface, load_fine_surface
 from ..hand.hairs import Hairs, HairySkin, grown_hairs
-from ..hand.lbs import SkinMotion, skin_motion
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.skin_detail import SkinBend, load_skin_detail
 from ..nerf.avatar import Avatar
+from ..nerf.backend import RenderBackend
 from ..nerf.detail_maps import DetailMaps, SkinLook
-from ..nerf.fine_mesh import FineMesh, FineTemplate, fine_mesh, motion_of_mesh
+from ..nerf.fine_mesh import FineMesh, FineTemplate, motion_of_mesh
 from ..nerf.hairs import hair_albedo
 from ..records.shot import HandPose
 
-PosedFinely = Callable[[FineTemplate, SkinMotion, Tensor, Tensor, Tensor], FineMesh]
 _ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
 
 
@@ -51,7 +48,7 @@ class KnownSkin:
         pose: HandPose,
         mesh: PosedMesh,
         frames: LocalFrames,
-        finely: PosedFinely = fine_mesh,
+        backend: RenderBackend,
     ) -> FineMesh:
         """The surface over a posed mesh.
 
@@ -60,10 +57,10 @@ class KnownSkin:
             pose: of the mesh.
             mesh: that of the pose; or sculpted, scaled or of a retargeted rig.
             frames: of the mesh's topology.
-            finely: as `nerf.fine_mesh.fine_mesh`.
+            backend: poses it.
         """
         device = mesh.vertices.device
-        motion = skin_motion(template.skin, pose)
+        motion = backend.skin_motion(template.skin, pose)
         if (motion.vertices - mesh.vertices).abs().max() > _ON_POSE_M:
             motion = motion_of_mesh(template, mesh, frames)
         mirror = 1 if pose.side == "right" else MIRROR_AXIS_ANGLE
@@ -71,7 +68,7 @@ class KnownSkin:
         height_m = 1e-3 * self.surface.raised.height_mm(theta, self.veins_mm, forearm)
         height = torch.as_tensor(height_m[: len(template.offset_m)], dtype=torch.float32, device=device)
         flex = torch.as_tensor(self.bend.flex(theta), dtype=torch.float32, device=device)
-        return finely(template, motion, height, flex, mesh.scale)
+        return backend.fine_mesh(template, motion, height, flex, mesh.scale)
 
 
 def hairs_on(template: FineTemplate, hand: HandModel) -> Hairs:

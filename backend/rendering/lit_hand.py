@@ -90,7 +90,7 @@ class LitHand:
         image: coefficients and normals.
         edges: where one part of a known surface ends before or against another; None: it is not known.
         profile: of the rays; None: the image shows a surface that is known.
-        albedo: [P, 3] of the skin at the probes (`nerf.bounce`).
+        albedo: [V, 3] of the skin at the mesh's vertices.
         surface: that the rays meet; None: it is not known.
         hairs: over the skin; None: there are none.
     """
@@ -185,7 +185,7 @@ def render_lit_hand(
     superres: Callable[[Tensor], Tensor],
     backend: RenderBackend,
     decoder: Decoder,
-    albedo: Float[Tensor, "P 3"],
+    albedo: Float[Tensor, "V 3"],
     known: PosedSkin | None,
     on_stage: OnStage,
 ) -> LitHand:

@@ -11,24 +11,24 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..geometry.mesh import Topology, posed_mesh
+from ..geometry.mesh import Topology
 from ..hand.hairs import Hairs
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
 from ..hand.topology import Skinning, topology_of
 from ..nerf.avatar import Avatar
 from ..nerf.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
-from ..nerf.bounce import probe_vertices
 from ..nerf.conditions import FrameConditions
 from ..nerf.crop import Crop, crop_of
 from ..nerf.field import MlpField, PlaneField
 from ..nerf.fine_mesh import LevelsOfDetail, on_surface
+from ..nerf.fineness import MOVING, WHOLE
 from ..nerf.hairs import PosedHairs
 from ..nerf.lit_field import LitField
 from ..nerf.maps import depth_profile, image_of
@@ -50,6 +50,13 @@ from .rough_light import baked_light, roughly_relit
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
 Network = TypeVar("Network", bound=nn.Module)
+
+
+class _Networks(NamedTuple):
+    """The networks of an avatar in one precision; decoder None: its field has none."""
+
+    superres: Callable[[Tensor], Tensor]
+    decoder: Decoder | None
 
 
 class RenderStopped(Exception):
@@ -115,12 +122,14 @@ class Renderer:
         known = [lit for lit in self._lit_hands if lit.shows(shot)]
         if known:
             return self._in_light(known[0], shot, on_stage)
-        mesh = posed_mesh(topology, self._tensor(shot.vertices))
+        mesh = self._backend.posed_mesh(topology, self._tensor(shot.vertices))
         scale = self.avatar.config.superres.scale
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
-        hand = HandInView(mesh, topology, camera_tensors(crop.camera_of(shot.camera), self.torch_device))
+        fineness = MOVING if shot.is_moving else WHOLE
+        camera = camera_tensors(crop.camera_of(shot.camera), self.torch_device)
+        hand = HandInView(mesh, topology, camera, fineness=fineness)
         conditions = self._conditions(shot, hand)
         on_stage("rasterise")
         skin = None if self._skin is None else self._posed_skin(self._skin, shot, hand)
@@ -130,7 +139,7 @@ class Renderer:
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
-        superres, scale = _asking(self._superres, check), self.avatar.config.superres.scale
+        superres, scale = _asking(self._networks_of(shot).superres, check), self.avatar.config.superres.scale
         image, depth = image_of(superres, rays.composite, rays.pixel, hand.camera.size_px, scale)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
@@ -147,8 +156,9 @@ class Renderer:
         if self._skin is None:
             return None
         topology = self._topology_of(shot)
-        mesh, template = posed_mesh(topology, self._tensor(shot.vertices)), self._levels_of(shot.pose.side).finest
-        fine = self._skin.posed(template, shot.pose, mesh, topology.frames, self._backend.fine_mesh)
+        mesh = self._backend.posed_mesh(topology, self._tensor(shot.vertices))
+        template = self._levels_of(shot.pose.side).finest
+        fine = self._skin.posed(template, shot.pose, mesh, topology.frames, self._backend)
         return SurfaceMesh(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
 
     @property
@@ -176,8 +186,8 @@ class Renderer:
         return vertex_albedo(self.avatar, self.hand)
 
     @cached_property
-    def _probe_albedo(self) -> Tensor:
-        return self._tensor(self._vertex_albedo)[probe_vertices(len(self._vertex_albedo))]
+    def _skin_albedo(self) -> Tensor:
+        return self._tensor(self._vertex_albedo)
 
     @cached_property
     def _rough_light(self) -> Light | None:
@@ -202,11 +212,6 @@ class Renderer:
         return self._backend.ray_renderer(self._field, self.avatar.config.sampler, self.precision)
 
     @cached_property
-    def _decoder(self) -> Decoder:
-        assert isinstance(self._field, LitField)
-        return self._backend.decoder(self._field, self.torch_device, self.precision)
-
-    @cached_property
     def _lit_hands(self) -> list[LitHand]:
         """The last hand that was rendered, for the next light that falls on it; empty before."""
         return []
@@ -222,15 +227,17 @@ class Renderer:
         on_stage: OnStage,
         check: Callable[[], None],
     ) -> LitHand:
-        backend, superres = self._backend, _asking(self._superres, check)
+        backend, networks = self._backend, self._networks_of(shot)
+        assert networks.decoder is not None
+        superres, decoder = _asking(networks.superres, check), networks.decoder
         return render_lit_hand(
-            shot, crop, hand, rays, field, superres, backend, self._decoder, self._probe_albedo, skin, on_stage
+            shot, crop, hand, rays, field, superres, backend, decoder, self._skin_albedo, skin, on_stage
         )
 
     def _posed_skin(self, skin: KnownSkin, shot: Shot, hand: HandInView) -> PosedSkin:
         levels = self._levels_of(shot.pose.side)
         template = levels.seen_in(hand) if shot.is_moving else levels.finest
-        mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend.fine_mesh)
+        mesh = skin.posed(template, shot.pose, hand.mesh, hand.topology.frames, self._backend)
         hits = self._backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
         if shot.hair == 0 or shot.is_moving:
             return PosedSkin(skin.maps, mesh, hits)
@@ -266,9 +273,23 @@ class Renderer:
         light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
         return replace(lit.frame(self._backend, light), is_lit=shot.light is not None)
 
+    def _networks_of(self, shot: Shot) -> _Networks:
+        """What moves needs no more than bf16."""
+        precision = "bf16" if shot.is_moving else self.precision
+        if precision not in self._networks:
+            self._networks[precision] = self._networks_in(precision)
+        return self._networks[precision]
+
     @cached_property
-    def _superres(self) -> Callable[[Tensor], Tensor]:
-        return self._backend.superres(self._own(self.avatar.superres), self.torch_device, self.precision)
+    def _networks(self) -> dict[Precision, _Networks]:
+        """In the precisions that have been asked for."""
+        return {}
+
+    def _networks_in(self, precision: Precision) -> _Networks:
+        field, device = self._field, self.torch_device
+        superres = self._backend.superres(self._own(self.avatar.superres), device, precision)
+        decoder = self._backend.decoder(field, device, precision) if isinstance(field, LitField) else None
+        return _Networks(superres, decoder)
 
     def _own(self, network: Network) -> Network:
         """A copy for inference on this device; the avatar's own networks are not changed."""
@@ -298,7 +319,9 @@ class Renderer:
             visibility = hand.mesh.vertices.new_zeros(len(hand.mesh.vertices), 0)
         else:
             visibility = self._backend.visibility(hand.mesh, hand.topology)
-        conditions = FrameConditions.of(self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility)
+        conditions = FrameConditions.of(
+            self._tensor(theta), self._skinning, hand.topology, hand.mesh, visibility, self._backend.local_rotations
+        )
         if not isinstance(self._field, MlpField) or self._field.asks != "bones":
             return conditions
         check_on_pose(shot, self.hand)

@@ -250,7 +250,7 @@ class LitTrainingViews(TrainingViews):
         if self._skin is None or self._fine_template is None:
             return None
         pose = self._hand_poses[self.views[index].pose_index]
-        return self._skin.posed(self._fine_template, pose, mesh, self.topology.frames)
+        return self._skin.posed(self._fine_template, pose, mesh, self.topology.frames, self.backend)
 
     def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
         """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""

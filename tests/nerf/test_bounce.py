@@ -76,11 +76,10 @@ def test_probes_have_the_hands_area(posed):
 
 
 @pytest.mark.parametrize("most", [100, 5000])
-def test_a_part_of_the_vertices_may_stand_for_all(posed, monkeypatch, most):
+def test_a_part_of_the_vertices_may_stand_for_all(posed, most):
     """A fist sheds as much light on itself by a third of its discs, but for their size."""
-    monkeypatch.setattr("livehand.backend.nerf.bounce.MOST_PROBES", most)
     hand = posed("fist")
-    probes = Probes.of(hand.mesh, hand.topology)
+    probes = Probes.of(hand.mesh, hand.topology, most)
     assert len(probes.chosen) == min(most, len(hand.mesh.vertices))
     a, b, c = hand.mesh.vertices[hand.topology.faces].unbind(1)
     area_m2 = float(torch.linalg.cross(b - a, c - a).norm(dim=1).sum() / 2)

@@ -5,16 +5,19 @@ import pytest
 import torch
 from livehand.backend.geometry.mesh import PosedMesh
 from livehand.backend.geometry.rasterise import NearestFronts
-from livehand.backend.geometry.shadow_maps import Bounds
-from livehand.backend.nerf.bounce import SkinPlaces, bounced_on_skin
+from livehand.backend.geometry.shadow_maps import FAR, Bounds, LightViews
+from livehand.backend.geometry.visibility import direction_frames
+from livehand.backend.nerf.bounce import SkinPlaces, bounced_on_skin, probe_vertices
 from livehand.backend.nerf.field import FieldConfig
 from livehand.backend.nerf.fine_mesh import FineMesh
+from livehand.backend.nerf.fineness import WHOLE, Fineness
 from livehand.backend.nerf.lamp_samples import LampSamples
 from livehand.backend.nerf.light_samples import LightSamples
 from livehand.backend.nerf.lighting import SurfacePoints, light_features
 from livehand.backend.nerf.lit_field import LitField
 from livehand.backend.nerf.lit_rays import (
     NO_OCCLUDERS,
+    SKY_MAP_PX,
     HitSurface,
     SkinLayers,
     features_among,
@@ -117,6 +120,37 @@ def test_skin_that_sheds_light_may_be_lit_by_fewer_samples_than_the_rays(backend
     assert torch.equal(quick.lamps.lit, whole.lamps.lit)
     assert torch.equal(quick.probes.of_lamps, rough.probes.of_lamps)
     assert 0 < (quick.probes.of_lamps - whole.probes.of_lamps).abs().mean() < 0.05 * whole.probes.of_lamps.mean()
+
+
+def test_of_a_sky_that_is_looked_at_along_few_directions_each_cell_has_the_nearest_ones_shadows(
+    backend, posed, seen_from
+):
+    one = posed("fist")
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), fineness=Fineness(16, 100))
+    position = one.mesh.vertices[::7]
+    found = sky_shadows(backend, hand, NO_OCCLUDERS, position)
+    few = direction_frames(16, "cpu")[:, 2]
+    nearest = (direction_frames(SKY_DIRECTIONS, "cpu")[:, 2] @ few.T).argmax(1)
+    points = torch.cat([position, one.mesh.vertices[probe_vertices(len(one.mesh.vertices), 100)]])
+    views = LightViews.along(few, torch.full((16,), FAR))
+    of_few = backend.point_shadows(one.mesh, one.topology.faces, NO_OCCLUDERS, views, points, SKY_MAP_PX)
+    torch.testing.assert_close(found.lit, of_few.lit[nearest])
+    torch.testing.assert_close(found.depth_in_m, of_few.depth_in_m[nearest])
+    assert len(nearest.unique()) == 16
+    whole = sky_shadows(backend, hand._replace(fineness=WHOLE), NO_OCCLUDERS, position)
+    here, there = (split_points(shadows, len(position))[0].lit.mean(0) for shadows in (found, whole))
+    assert 0 < (here - there).abs().mean() < 0.04  # of the sky, at each point
+
+
+def test_few_probes_have_the_albedo_of_their_own_vertices(backend, posed, seen_from):
+    one = posed("fist")
+    hand = HandInView(one.mesh, one.topology, seen_from(one.mesh, (0.2, -1, 0.3)), fineness=Fineness(16, 100))
+    position, light = one.mesh.vertices[:5], LightSamples.of(Light(), Bounds.of(one.mesh))
+    albedo = torch.rand(len(one.mesh.vertices), 3, generator=torch.Generator().manual_seed(1))
+    of_sky = sky_shadows(backend, hand, NO_OCCLUDERS, position)
+    probes = light_shadows(backend, hand, light, NO_OCCLUDERS, position, of_sky, albedo).probes
+    assert torch.equal(probes.albedo, albedo[probe_vertices(len(one.mesh.vertices), 100)])
+    assert probes.of_sky.shape == (SKY_DIRECTIONS, 100)
 
 
 def test_a_window_of_the_sky_casts_softer_shadows_in_finer_parts(backend, spheres, seen_from):

@@ -11,6 +11,7 @@ from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.lbs import posed_vertices, skin_motion
 from livehand.backend.hand.topology import topology_of
 from livehand.backend.nerf.fine_mesh import FineTemplate, fine_mesh
+from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.shot import HandPose
 from livehand.backend.rendering.known_skin import skin_of
 
@@ -77,12 +78,12 @@ def test_the_surface_follows_the_pose_and_else_the_mesh(avatar, hand):
     topology, template = topology_of(hand), FineTemplate.of(known.surface, hand)
     pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.array([0.1, 0.2, 0.3]))
     mesh = posed_mesh(topology, torch.as_tensor(posed_vertices(hand, pose), dtype=torch.float32))
-    of_pose = known.posed(template, pose, mesh, topology.frames)
+    of_pose = known.posed(template, pose, mesh, topology.frames, ReferenceBackend())
     height = torch.as_tensor(1e-3 * known.surface.raised.height_mm(pose.theta, known.veins_mm), dtype=torch.float32)
     flex = torch.as_tensor(known.bend.flex(pose.theta), dtype=torch.float32)
     expected = fine_mesh(template, skin_motion(template.skin, pose), height, flex, mesh.scale)
     assert torch.equal(of_pose.vertices, expected.vertices)
     sculpted = mesh._replace(vertices=mesh.vertices + 0.002 * mesh.normals)
-    raised = known.posed(template, pose, sculpted, topology.frames).vertices - of_pose.vertices
+    raised = known.posed(template, pose, sculpted, topology.frames, ReferenceBackend()).vertices - of_pose.vertices
     along_mm = 1e3 * (raised * of_pose.normals).sum(-1)
     assert 1.5 < along_mm.median() < 2.1
