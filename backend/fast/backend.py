@@ -20,7 +20,6 @@ from ..nerf.sampler import SamplerConfig
 from .decoder import decoder, decoder_inputs
 from .fine_mesh import fine_mesh, seen_surface
 from .fused_render import FusedRayRenderer
-from .kernels.compiled import in_parallel
 from .kernels.records import ShadowPoints
 from .kernels.shadow import lit_share
 from .lighting import bounced, light_features, openness
@@ -36,6 +35,7 @@ from .skin_detail import detailed_image
 from .superres import superres
 from .surface_means import surface_means
 from .surroundings import near_light
+from .threads import in_parallel, on_all_threads, threads_of_frame
 from .trace import trace
 
 
@@ -45,15 +45,14 @@ def lit_share_by_kernel(points: ShadowMapPoints, topology: Topology) -> Float[Te
     arrays = ShadowPoints(px, depth, lifted_px, lifted_depth, np.float32(points.bias))
     faces, lit = topology.faces.numpy(), torch.empty(points.depth.shape)
     out = lit.numpy()
-    in_parallel(
-        lambda first, last: lit_share(arrays, faces, MAP_PX, first, last, out), len(lit), torch.get_num_threads()
-    )
+    in_parallel(lambda first, last: lit_share(arrays, faces, MAP_PX, first, last, out), len(lit))
     return lit
 
 
 class NumbaBackend:
     """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
 
+    threads_of_frame = staticmethod(threads_of_frame)
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
     local_rotations = staticmethod(local_rotations)
@@ -91,4 +90,4 @@ class NumbaBackend:
         """As the protocol; the paper's field is traced by the kernels and queried by torch."""
         if isinstance(field, PlaneField):
             return FusedRayRenderer(field, config, precision)
-        return ChunkedRayRenderer(self, field, config, precision)
+        return on_all_threads(ChunkedRayRenderer(self, field, config, precision))

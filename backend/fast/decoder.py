@@ -16,11 +16,11 @@ from ..nerf.lighting import Openness
 from ..nerf.lit_field import LitField
 from ..nerf.volume import Composite
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.decoder import GROUP, decode_rays
 from .kernels.decoder import decoder_inputs as fill_inputs
 from .kernels.vectors import has_int8_products, has_vectors
 from .packing import PackedWeights
+from .threads import in_parallel, on_all_threads
 
 Layer = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Weights, factors and bias as `decode_rays` takes them."""
@@ -29,7 +29,7 @@ Layer = tuple[np.ndarray, np.ndarray, np.ndarray]
 def decoder(field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
     """A field's decoder by the kernels; in reduced precision its second layer, the widest, multiplies int8."""
     if not has_vectors():
-        return decoder_in_precision(field, device, precision)
+        return on_all_threads(decoder_in_precision(field, device, precision))
     is_int8 = precision == "bf16" and has_int8_products()
     layers: list[Layer] = []
     for layer in (*field.trunk, field.channels):
@@ -48,7 +48,7 @@ def decoder_inputs(
     inputs = torch.empty(count, near + field.ANGLES)
     rays, out = as_arrays(gathered.channels, gathered.alpha, view, *open_to), inputs.numpy()
     known = *rays, near, field.normal_slice.start, np.float32(MIN_ALPHA)
-    in_parallel(lambda first, last: fill_inputs(*known, first, last, out), count, torch.get_num_threads())
+    in_parallel(lambda first, last: fill_inputs(*known, first, last, out), count)
     return inputs
 
 
@@ -56,9 +56,7 @@ def _decode(layers: Sequence[Layer], steps: np.ndarray, outputs: int, inputs: Fl
     """[R, outputs]."""
     source, decoded = inputs.float().contiguous().numpy(), torch.empty(len(inputs), outputs)
     out = decoded.numpy()
-    in_parallel(
-        lambda first, last: decode_rays(source, *layers, steps, first, last, out), len(out), torch.get_num_threads()
-    )
+    in_parallel(lambda first, last: decode_rays(source, *layers, steps, first, last, out), len(out))
     return decoded
 
 

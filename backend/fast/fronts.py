@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
-from .kernels.compiled import in_parallel
 from .kernels.outline import front_rows, nearest_of_rows
 from .kernels.records import ProjectedMesh
+from .threads import in_parallel
 
 
 class Fronts(NamedTuple):
@@ -28,9 +27,9 @@ class Fronts(NamedTuple):
 
 def find_fronts(mesh: ProjectedMesh, size_px: tuple[int, int]) -> Fronts:
     """The first front faces of a projected mesh."""
-    (width, height), threads = size_px, torch.get_num_threads()
+    width, height = size_px
     depth, face = np.full(width * height, np.inf, np.float32), np.full(width * height, -1, np.int32)
     rows = np.empty((len(mesh.faces), 2), np.int32)
-    in_parallel(lambda first, last: front_rows(mesh, width, height, first, last, rows), len(rows), threads)
-    in_parallel(lambda first, last: nearest_of_rows(mesh, rows, width, first, last, depth, face), height, threads)
+    in_parallel(lambda first, last: front_rows(mesh, width, height, first, last, rows), len(rows))
+    in_parallel(lambda first, last: nearest_of_rows(mesh, rows, width, first, last, depth, face), height)
     return Fronts(depth, face, rows)

@@ -17,12 +17,12 @@ from ..nerf.rays import HandInView, RenderedRays
 from ..nerf.sampler import SamplerConfig
 from ..nerf.volume import Composite
 from .decoder import decoder
-from .kernels.compiled import in_parallel
 from .kernels.fused import DENSITY_BLOCK, render_rays
 from .kernels.planes import BLOCK
 from .kernels.records import PackedField, RayOutputs, RayUnits, Skin
 from .kernels.vectors import has_half_precision
 from .shell import live_rays, rasterise_shell, surface_of
+from .threads import in_parallel
 
 
 class GatheredRays(NamedTuple):
@@ -84,7 +84,6 @@ class FusedRayRenderer:
                     rays, crossings, surface, skin, self._packed, units, start + first, start + last, out
                 ),
                 min(self.rays_per_chunk, len(pixel) - start),
-                torch.get_num_threads(),
             )
         return GatheredRays(pixel, directions / directions.norm(dim=-1, keepdim=True), gathered, t, dt)
 

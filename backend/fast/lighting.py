@@ -25,10 +25,10 @@ from ..nerf.lighting import (
 from ..nerf.sky_samples import SkySamples
 from .arrays import as_arrays, whole_rows
 from .kernels.bounce import bounce
-from .kernels.compiled import in_parallel
 from .kernels.lighting import light_features as fill_features
 from .kernels.lighting import openness as fill_openness
 from .kernels.records import FeatureArrays, LampArrays, Lobes, PointArrays, ProbeArrays, SkyArrays
+from .threads import in_parallel
 
 
 def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePoints) -> LightFeatures:
@@ -43,11 +43,7 @@ def light_features(light: LightSamples, shadows: LightShadows, points: SurfacePo
     of_sky_cells = as_arrays(sky.towards, sky.flux, sky.brightness, sky.share)
     sky_arrays = SkyArrays(*of_sky_cells, *(whole_rows(values) for values in shadows.sky))
     lamp_arrays = LampArrays(*as_arrays(*lamps[:-1], *shadows.lamps))
-    in_parallel(
-        lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out),
-        count,
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: fill_features(arrays, sky_arrays, lamp_arrays, lobes(), first, last, out), count)
     probes, shed = shadows.probes.probes, shadows.probes.shed(light)
     reflected = bounced_on_skin(points.places, points.position, points.normal, probes, shed, bounced)
     return LightFeatures(
@@ -70,9 +66,7 @@ def bounced(
     """As `nerf.bounce.bounced`."""
     arrays = ProbeArrays(*as_arrays(probes.position.T, probes.normal.T, probes.area_m2, shed.T))
     at, unit, received = as_arrays(position, normal, torch.empty(len(position), 3))
-    in_parallel(
-        lambda first, last: bounce(at, unit, arrays, first, last, received), len(position), torch.get_num_threads()
-    )
+    in_parallel(lambda first, last: bounce(at, unit, arrays, first, last, received), len(position))
     return torch.as_tensor(received)
 
 
@@ -80,11 +74,7 @@ def openness(sky: SkySamples, shadows: PointShadows, normal: Float[Tensor, "R 3"
     """The openness of points with these normals."""
     found = Openness(torch.empty(len(normal)), torch.empty(len(normal), 3))
     (towards, normals, share, mean), lit = as_arrays(sky.towards, normal.T, *found), whole_rows(shadows.lit)
-    in_parallel(
-        lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean),
-        len(normal),
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: fill_openness(towards, normals, lit, first, last, share, mean), len(normal))
     return found
 
 

@@ -10,8 +10,8 @@ from torch import Tensor
 from ..nerf.part_edges import PartEdges
 from ..nerf.relighting import MIN_ALPHA
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.part_edges import blend_parts
+from .threads import in_parallel
 
 
 def blended(
@@ -21,5 +21,5 @@ def blended(
     pixels, mixed = colours.permute(1, 2, 0).flatten(0, 1), torch.empty(len(edges.pixel), 3)
     image, out = as_arrays(pixels, alpha.flatten(), depth.flatten()), mixed.numpy()
     what = (*image, depth.shape[1], tuple(as_arrays(*edges)), np.float32(MIN_ALPHA))
-    in_parallel(lambda first, last: blend_parts(*what, first, last, out), len(mixed), torch.get_num_threads())
+    in_parallel(lambda first, last: blend_parts(*what, first, last, out), len(mixed))
     return pixels.index_put((edges.pixel,), mixed).T.reshape(colours.shape)

@@ -9,8 +9,8 @@ from torch import Tensor
 from ..geometry.mesh import PosedMesh
 from ..nerf.bounce import SkinPlaces
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.places import skin_places as fill_places
+from .threads import in_parallel
 
 
 def skin_places(
@@ -21,5 +21,5 @@ def skin_places(
     places = SkinPlaces(torch.empty(count, 3, dtype=faces.dtype), torch.empty(count, 3))
     arrays = as_arrays(mesh.vertices, faces, face, position)
     vertex, weight = (values.numpy() for values in places)
-    in_parallel(lambda first, last: fill_places(*arrays, first, last, vertex, weight), count, torch.get_num_threads())
+    in_parallel(lambda first, last: fill_places(*arrays, first, last, vertex, weight), count)
     return places

@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ..nerf.encoding import FeaturePlane
-from .kernels.compiled import in_parallel
 from .kernels.planes import place_gradient, read_samples, table_gradient
+from .threads import in_parallel
 
 Sizes = tuple[int, int, int]
 """Resolution, heights, channels of a plane."""
@@ -39,7 +39,6 @@ class _PlaneRead(torch.autograd.Function):
                 arrays[0], sizes, *arrays[1:], first, last, out.view(-1).numpy(), sizes[2], 0
             ),
             len(uv),
-            torch.get_num_threads(),
         )
         ctx.sizes = sizes
         ctx.save_for_backward(table, *places)
@@ -64,9 +63,7 @@ def _table_gradient(
     gradient = torch.zeros_like(table, memory_format=torch.contiguous_format)
     uv, height, fade, flat, total = (values.numpy() for values in (*places, outward.view(-1), gradient.view(-1)))
     in_parallel(
-        lambda first, last: table_gradient(sizes, uv, height, fade, flat, sizes[2], 0, first, last, total),
-        sizes[0],
-        torch.get_num_threads(),
+        lambda first, last: table_gradient(sizes, uv, height, fade, flat, sizes[2], 0, first, last, total), sizes[0]
     )
     return gradient
 
@@ -81,6 +78,5 @@ def _place_gradient(
     in_parallel(
         lambda first, last: place_gradient(texels, sizes, uv, height, fade, flat, sizes[2], 0, first, last, total),
         len(outward),
-        torch.get_num_threads(),
     )
     return gradient

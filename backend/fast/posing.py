@@ -1,4 +1,7 @@
-"""A posed mesh on the CPU: as `hand.lbs.skin_motion`, `geometry.mesh.posed_mesh` and `local_rotations`, by kernels."""
+"""A posed mesh on the CPU: as `hand.lbs.skin_motion`, `geometry.mesh.posed_mesh` and `local_rotations`, by kernels.
+
+A mesh is small: one thread is faster than two.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,6 @@ from ..geometry.mesh import PosedMesh, Topology
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..records.shot import HandPose
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.posing import (
     add_offsets,
     blend_transforms,
@@ -30,7 +32,7 @@ def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
     )
     rest = skin.v_template.numpy().copy()
     _add(skin.shapedirs, beta, rest)
-    rest_joints = skin.J_regressor.numpy() @ rest
+    rest_joints = (skin.J_regressor @ torch.as_tensor(rest)).numpy()
     rotations, transforms = np.empty((len(theta), 3, 3), np.float32), np.empty((len(theta), 3, 4), np.float32)
     for axis_angle, rotation in zip(theta, rotations, strict=True):
         rotate(axis_angle, rotation)
@@ -39,13 +41,7 @@ def skin_motion(skin: SkinTensors, pose: HandPose) -> SkinMotion:
     _add(skin.posedirs, (rotations[1:] - identity).ravel(), rest)
     of_forearm = _of_forearm(forearm, transforms[0], rest_joints[0])
     blended, weights = np.empty((len(rest), 3, 4), np.float32), as_arrays(skin.lbs_weights, skin.arm_weights)
-    in_parallel(
-        lambda first, last: blend_transforms(
-            transforms, weights[0], of_forearm, weights[1], transl, first, last, blended
-        ),
-        len(rest),
-        torch.get_num_threads(),
-    )
+    blend_transforms(transforms, weights[0], of_forearm, weights[1], transl, blended)
     return SkinMotion(torch.as_tensor(rest), torch.as_tensor(blended))
 
 
@@ -60,11 +56,8 @@ def local_rotations(
     vertices: Float[Tensor, "V 3"], normals: Float[Tensor, "V 3"], frames: LocalFrames
 ) -> Float[Tensor, "V 3 3"]:
     """Matrices from the canonical template's directions to the world's."""
-    rotations, count = torch.empty(len(vertices), 3, 3), len(vertices)
-    arrays = as_arrays(vertices, normals, *frames, rotations)
-    in_parallel(
-        lambda first, last: surface_rotations(*arrays[:-1], first, last, arrays[-1]), count, torch.get_num_threads()
-    )
+    rotations = torch.empty(len(vertices), 3, 3)
+    surface_rotations(*as_arrays(vertices, normals, *frames, rotations))
     return rotations
 
 
@@ -72,9 +65,7 @@ def _add(directions: Float[Tensor, "V 3 K"], features: np.ndarray, vertices: np.
     """Add the features' sum of directions to vertices [V, 3]."""
     rows, values = directions.flatten(0, 1).numpy(), vertices.reshape(-1)
     if features.any():
-        in_parallel(
-            lambda first, last: add_offsets(rows, features, first, last, values), len(rows), torch.get_num_threads()
-        )
+        add_offsets(rows, features, values)
 
 
 def _of_forearm(forearm: np.ndarray, wrist: np.ndarray, rest_wrist: np.ndarray) -> np.ndarray:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..nerf.rays import CameraTensors
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.projection import project_vertices
 from .kernels.records import ProjectedMesh
+from .threads import in_parallel
 
 
 def projected_mesh(camera: CameraTensors, vertices: Float[Tensor, "V 3"], faces: Int[Tensor, "F 3"]) -> ProjectedMesh:
@@ -19,7 +18,5 @@ def projected_mesh(camera: CameraTensors, vertices: Float[Tensor, "V 3"], faces:
     count = len(vertices)
     at, corners, *matrices = as_arrays(vertices, faces, camera.K, camera.world2cam)
     mesh = ProjectedMesh(np.empty((count, 2), np.float32), np.empty(count, np.float32), corners)
-    in_parallel(
-        lambda first, last: project_vertices(at, *matrices, first, last, *mesh[:2]), count, torch.get_num_threads()
-    )
+    in_parallel(lambda first, last: project_vertices(at, *matrices, first, last, *mesh[:2]), count)
     return mesh

@@ -11,9 +11,9 @@ from ..nerf.ray_hits import RayHits
 from ..nerf.rays import CameraTensors
 from .arrays import as_arrays
 from .fronts import find_fronts
-from .kernels.compiled import in_parallel
 from .kernels.ray_hits import fill_normals
 from .projection import projected_mesh
+from .threads import in_parallel
 
 
 def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> RayHits:
@@ -23,9 +23,5 @@ def ray_hits(mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) ->
     at, of_vertices = as_arrays(pixel, mesh.normals)
     normal = torch.empty(len(pixel), 3)
     face, width, out = fronts.face[at], camera.size_px[0], normal.numpy()
-    in_parallel(
-        lambda first, last: fill_normals(projected, of_vertices, face, at, width, first, last, out),
-        len(pixel),
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: fill_normals(projected, of_vertices, face, at, width, first, last, out), len(pixel))
     return RayHits(torch.as_tensor(fronts.depth[at]), normal)

@@ -13,12 +13,12 @@ from ..nerf.rays import CameraTensors
 from ..nerf.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
 from ..nerf.round_lobes import LEAST_ROUGHNESS
 from .arrays import as_arrays, row_of
-from .kernels.compiled import in_parallel
 from .kernels.enlarging import enlarge_rows
 from .kernels.records import EnlargedArrays, MirrorArrays, RelitImage
 from .kernels.relighting import ray_shares, relit_pixels, step_normals
 from .kernels.relighting import view_directions as fill_views
 from .lighting import lobes
+from .threads import in_parallel
 
 MIN_ALPHA_32 = np.float32(MIN_ALPHA)
 
@@ -34,7 +34,7 @@ def smooth_enlarged_rays(
     source, added, pixels, axes = as_arrays(rows, detail.permute(1, 2, 0).flatten(0, 1), covered, world2cam)
     starts = np.searchsorted(pixels, width * np.arange(height + 1))
     arrays = source, added, pixels, starts, axes, width // 2, MIN_ALPHA_32
-    in_parallel(lambda first, last: enlarge_rows(*arrays, first, last, out), height, torch.get_num_threads())
+    in_parallel(lambda first, last: enlarge_rows(*arrays, first, last, out), height)
     return EnlargedRays(*buffers)
 
 
@@ -49,7 +49,7 @@ def shares_of_rays(
     depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
     arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
     where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
-    in_parallel(lambda first, last: ray_shares(*where, first, last, out), len(at), torch.get_num_threads())
+    in_parallel(lambda first, last: ray_shares(*where, first, last, out), len(at))
     return shares
 
 
@@ -62,9 +62,7 @@ def normals_at_steps(
     at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
     after = normals.numpy()
     in_parallel(
-        lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after),
-        len(normal),
-        torch.get_num_threads(),
+        lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after), len(normal)
     )
     return normals
 
@@ -74,7 +72,7 @@ def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Te
     directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
     at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
     out = directions.numpy()
-    in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at), torch.get_num_threads())
+    in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at))
     return directions
 
 
@@ -91,9 +89,5 @@ def relit(
     light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
     record, flat = RelitImage._make((*as_arrays(*large, rays), row, width, *as_arrays(*light))), out.numpy()
     sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE, np.float32(LEAST_ROUGHNESS)))
-    in_parallel(
-        lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat),
-        len(image.pixel),
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat), len(image.pixel))
     return out.T.reshape(3, 2 * height, 2 * width)

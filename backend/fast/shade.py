@@ -25,8 +25,8 @@ from ..nerf.volume import Composite, Steps
 from .arrays import as_arrays
 from .kernels import gather as kernels
 from .kernels import planes as plane_kernels
-from .kernels.compiled import in_parallel
 from .planes import read_plane
+from .threads import in_parallel
 
 # An optical depth of transmittance 1e-13, as in `nerf.volume`.
 _OPAQUE = 30.0
@@ -166,11 +166,7 @@ def _gather(
     _read(*bumps, uv, samples.height, relief, 0)
     where = (face, barycentric, *as_arrays(samples.height, relief), faces, channels, LOCAL_POSE_CHANNELS)
     flat = gathered.view(-1).numpy()
-    in_parallel(
-        lambda first, last: kernels.gather_features(*where, first, last, flat, columns, at),
-        count,
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: kernels.gather_features(*where, first, last, flat, columns, at), count)
     return uv, gathered, relief
 
 
@@ -181,7 +177,6 @@ def _read(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, out: Tensor,
             texels, plane.sizes, *place, first, last, flat, out.shape[1], at
         ),
         len(uv),
-        torch.get_num_threads(),
     )
 
 
@@ -225,7 +220,6 @@ def _gather_gradient(
     in_parallel(
         lambda first, last: kernels.relief_gradient(*where, columns, normal_at, first, last, of_relief.numpy()),
         len(relief),
-        torch.get_num_threads(),
     )
     of_tables.append(_table_gradient(planes[-1], tables[-1], uv, samples.height, of_relief, 0))
     of_light = torch.zeros(light_shape)
@@ -242,7 +236,6 @@ def _table_gradient(plane: _Plane, table: Tensor, uv: Tensor, height: Tensor, ou
             plane.sizes, *place, flat, outward.shape[1], at, first, last, total
         ),
         plane.sizes[0],
-        torch.get_num_threads(),
     )
     return gradient
 
@@ -255,4 +248,4 @@ def _surface(samples: Samples) -> list[Any]:
 
 def _run(count: int, kernel: Any, inputs: Any, more: Any, out: Any) -> None:
     """Run a kernel over [0, count): its arguments are inputs, the range, and the outputs."""
-    in_parallel(lambda first, last: kernel(*inputs, *more, first, last, *out), count, torch.get_num_threads())
+    in_parallel(lambda first, last: kernel(*inputs, *more, first, last, *out), count)

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..geometry.shadow_maps import PointShadows, ShadowScene
-from .kernels.compiled import in_parallel
 from .kernels.records import ShadowCasters
 from .kernels.shadow import look_up_points
+from .threads import in_parallel
 
 
 def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> PointShadows:
@@ -23,6 +23,5 @@ def look_up_by_kernel(scene: ShadowScene, points: Float[Tensor, "P 3"]) -> Point
     shape, places = (len(scene.views.distance), len(points)), points.T.contiguous().numpy()
     shadows = PointShadows(torch.empty(shape), torch.empty(shape))
     lit, depth_in = (values.numpy() for values in shadows)
-    threads = torch.get_num_threads()
-    in_parallel(lambda first, last: look_up_points(casters, places, first, last, lit, depth_in), len(lit), threads)
+    in_parallel(lambda first, last: look_up_points(casters, places, first, last, lit, depth_in), len(lit))
     return shadows

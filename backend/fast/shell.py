@@ -11,11 +11,11 @@ from ..geometry.rasterise import NearestFronts
 from ..nerf.rays import HandInView, project, ray_directions, ray_origin
 from ..nerf.sampler import BEFORE_M, BEHIND_M, LEAST_REACH_M, SamplerConfig
 from .fronts import find_fronts
-from .kernels.compiled import in_parallel
 from .kernels.raster import find_crossings, nearest_depth
 from .kernels.rays import find_live
 from .kernels.records import ProjectedMesh, Rays, ShellCrossings, SurfaceTables
 from .kernels.surface import FACE_COLUMNS, face_shapes, gather_shapes
+from .threads import in_parallel
 
 
 def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
@@ -43,7 +43,7 @@ def rasterise_shell(hand: HandInView, config: SamplerConfig) -> ShellCrossings:
         find_crossings(outer, width, first, last, crossings)
         nearest_depth(inner, width, first, last, False, crossings.inner)
 
-    in_parallel(rasterise_rows, height, torch.get_num_threads())
+    in_parallel(rasterise_rows, height)
     return crossings
 
 
@@ -58,7 +58,7 @@ def first_hit(hand: HandInView) -> NearestFronts:
 def live_rays(crossings: ShellCrossings, hand: HandInView) -> tuple[Tensor, Tensor, Rays]:
     """Pixels [R] and directions [R, 3] of the rays that have anything to sample, also as the kernels take them."""
     is_live = np.zeros(len(crossings.counts), np.bool_)
-    in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live), torch.get_num_threads())
+    in_parallel(lambda first, last: find_live(crossings, first, last, is_live), len(is_live))
     pixel = torch.as_tensor(is_live.nonzero()[0])
     directions = ray_directions(hand.camera, pixel)
     return pixel, directions, Rays(pixel.numpy(), directions.numpy(), ray_origin(hand.camera).numpy())
@@ -69,7 +69,6 @@ def surface_of(mesh: PosedMesh, topology: Topology) -> SurfaceTables:
     vertices, faces, neighbours = mesh.vertices.numpy(), topology.faces.numpy(), topology.neighbours.numpy()
     shapes = np.empty((len(faces), FACE_COLUMNS), np.float32)
     around = np.empty((len(faces), FACE_COLUMNS, neighbours.shape[1] - 1), np.float32)
-    threads = torch.get_num_threads()
-    in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes), len(faces), threads)
-    in_parallel(lambda first, last: gather_shapes(shapes, neighbours, first, last, around), len(faces), threads)
+    in_parallel(lambda first, last: face_shapes(vertices, faces, first, last, shapes), len(faces))
+    in_parallel(lambda first, last: gather_shapes(shapes, neighbours, first, last, around), len(faces))
     return SurfaceTables(shapes, around, neighbours, faces, vertices, mesh.normals.numpy())

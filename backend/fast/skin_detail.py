@@ -20,9 +20,9 @@ from ..nerf.skin_detail import (
     SHARPER,
 )
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.detail import add_skin
 from .kernels.records import DetailConstants, DetailedArrays, DetailTable, PosedSurface, SeenFaces
+from .threads import in_parallel
 
 
 def detailed_image(
@@ -38,11 +38,7 @@ def detailed_image(
     filled = changed.coefficients, changed.normal, *of_skin, changed.alpha.flatten()
     arrays = DetailedArrays(*as_arrays(changed.pixel, changed.view, *filled))
     constants = _constants(mesh, camera, maps)
-    in_parallel(
-        lambda first, last: add_skin(faces, surface, table, constants, first, last, arrays),
-        len(image.pixel),
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: add_skin(faces, surface, table, constants, first, last, arrays), len(image.pixel))
     return changed._replace(depth=seen.depth.reshape(image.depth.shape), skin=skin)
 
 

@@ -18,7 +18,6 @@ from torch import Tensor, nn
 
 from ..nerf.backend import Precision, in_precision
 from ..nerf.superres import ResidualSuperRes
-from .kernels.compiled import in_parallel
 from .kernels.convolution import (
     CHANNELS,
     LAST_CHANNELS,
@@ -33,6 +32,7 @@ from .kernels.convolution import (
 )
 from .kernels.vectors import has_int8_products, has_vectors
 from .packing import PackedWeights
+from .threads import in_parallel, on_all_threads
 
 _STEPS = np.float32(255)
 _LEAST_SPAN = 1e-6
@@ -42,7 +42,7 @@ def superres(network: nn.Module, device: torch.device, precision: Precision) -> 
     """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
     if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and has_vectors():
         return RowSuperRes.of(network, is_int8=precision == "bf16" and has_int8_products())
-    return in_precision(network, device, precision)
+    return on_all_threads(in_precision(network, device, precision))
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.
 
 
 def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.ndarray) -> None:
-    in_parallel(lambda first, last: kernel(first, last, out), rows, torch.get_num_threads())
+    in_parallel(lambda first, last: kernel(first, last, out), rows)
 
 
 def _image(height: int, width: int, channels: int) -> np.ndarray:

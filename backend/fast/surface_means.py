@@ -9,9 +9,9 @@ from torch import Tensor
 
 from ..nerf.surface_means import FACING_POWER, SHARES, RayPlaces
 from .arrays import as_arrays, row_of
-from .kernels.compiled import in_parallel
 from .kernels.records import RaysOnSurface
 from .kernels.surface_means import mean_over_surface
+from .threads import in_parallel
 
 _MEAN_SHARES = np.array(SHARES, np.float32)
 
@@ -26,6 +26,5 @@ def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) 
     in_parallel(
         lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
         len(values),
-        torch.get_num_threads(),
     )
     return means

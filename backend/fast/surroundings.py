@@ -12,10 +12,10 @@ from ..nerf.lighting import SurfacePoints
 from ..nerf.surrounding_light import CELLS, NearLight, sky_cells
 from ..nerf.surroundings import Patches
 from .arrays import as_arrays
-from .kernels.compiled import in_parallel
 from .kernels.records import NearArrays, PatchArrays, PointArrays
 from .kernels.surroundings import near_light as fill_near_light
 from .lighting import lobes
+from .threads import in_parallel
 
 
 def near_light(
@@ -29,7 +29,5 @@ def near_light(
     nearest, weights = sky_cells(shed.device)
     cells, weights = nearest.numpy().astype(np.int32), weights.numpy()
     arrays = PatchArrays(*shapes, sky_cell=cells, sky_weight=weights, cells=CELLS)
-    in_parallel(
-        lambda first, last: fill_near_light(at, arrays, lobes(), first, last, out), count, torch.get_num_threads()
-    )
+    in_parallel(lambda first, last: fill_near_light(at, arrays, lobes(), first, last, out), count)
     return found

@@ -7,10 +7,10 @@ import torch
 from ..geometry.uvh import SurfaceSamples
 from ..nerf.rays import HandInView, SurfaceRays
 from ..nerf.sampler import SamplerConfig, strata
-from .kernels.compiled import in_parallel
 from .kernels.rays import trace_samples
 from .kernels.records import TracedSamples
 from .shell import live_rays, rasterise_shell, surface_of
+from .threads import in_parallel
 
 
 def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | None = None) -> SurfaceRays:
@@ -23,10 +23,6 @@ def trace(hand: HandInView, config: SamplerConfig, generator: torch.Generator | 
     dt, is_stopped = torch.empty(shape[0]), torch.empty(shape[0], dtype=torch.bool)
     face = torch.empty(shape, dtype=torch.long)
     out = TracedSamples(*(values.numpy() for values in (t, dt, is_stopped, face, barycentric, height)))
-    in_parallel(
-        lambda first, last: trace_samples(rays, offsets, crossings, surface, first, last, out),
-        len(pixel),
-        torch.get_num_threads(),
-    )
+    in_parallel(lambda first, last: trace_samples(rays, offsets, crossings, surface, first, last, out), len(pixel))
     samples = SurfaceSamples(face.flatten(), barycentric.flatten(0, 1), height.flatten() / hand.mesh.scale)
     return SurfaceRays(pixel, directions, t, dt, is_stopped, samples)

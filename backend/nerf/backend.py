@@ -7,6 +7,7 @@ the CPU, many times faster. `rendering.backends` chooses one per device, and eve
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, Protocol, runtime_checkable
@@ -68,6 +69,10 @@ RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
 @runtime_checkable
 class RenderBackend(Protocol):
     """The costly stages of rendering and training."""
+
+    def threads_of_frame(self, pixels: int) -> AbstractContextManager[None]:
+        """A context for the rendering of a frame of this many pixels, in which threads are shared as suits it."""
+        ...
 
     def skin_motion(self, skin: SkinTensors, pose: HandPose) -> SkinMotion:
         """As `hand.lbs.skin_motion`."""

@@ -41,6 +41,11 @@ class Crop:
         """(width, height) in pixels of the image."""
         return self.scale * self.width, self.scale * self.height
 
+    @property
+    def pixels(self) -> int:
+        """Of the image."""
+        return self.scale**2 * self.width * self.height
+
     def camera_of(self, camera: Camera) -> Camera:
         """The low-resolution camera of the crop."""
         return camera.scaled(1 / self.scale).cropped(self.x0, self.y0, (self.width, self.height))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import torch
@@ -59,6 +60,10 @@ class ReferenceBackend:
     blended = staticmethod(blended)
     trace = staticmethod(trace)
     shade = staticmethod(shade)
+
+    def threads_of_frame(self, pixels: int) -> AbstractContextManager[None]:
+        """As the protocol: torch does everything, on all its threads."""
+        return nullcontext()
 
     def decoder_inputs(
         self, field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..geometry.mesh import Topology
+from ..geometry.mesh import PosedMesh, Topology
 from ..hand.hairs import Hairs
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ..hand.posed_bones import bone_frames, check_on_pose
@@ -127,6 +127,19 @@ class Renderer:
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
+        with self._backend.threads_of_frame(crop.pixels):
+            return self._render_crop(shot, crop, mesh, topology, on_stage, check)
+
+    def _render_crop(
+        self,
+        shot: Shot,
+        crop: Crop,
+        mesh: PosedMesh,
+        topology: Topology,
+        on_stage: OnStage,
+        check: Callable[[], None],
+    ) -> Frame:
+        scale = self.avatar.config.superres.scale
         fineness = MOVING if shot.is_moving else WHOLE
         camera = camera_tensors(crop.camera_of(shot.camera), self.torch_device)
         hand = HandInView(mesh, topology, camera, fineness=fineness)
@@ -139,7 +152,7 @@ class Renderer:
             self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
             return self._in_light(self._lit_hands[0], shot, on_stage)
         on_stage("superres")
-        superres, scale = _asking(self._networks_of(shot).superres, check), self.avatar.config.superres.scale
+        superres = _asking(self._networks_of(shot).superres, check)
         image, depth = image_of(superres, rays.composite, rays.pixel, hand.camera.size_px, scale)
         on_stage("decode")
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
@@ -271,7 +284,8 @@ class Renderer:
         """The hand in the shot's light, or in its capture's."""
         on_stage("light")
         light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
-        return replace(lit.frame(self._backend, light), is_lit=shot.light is not None)
+        with self._backend.threads_of_frame(lit.crop.pixels):
+            return replace(lit.frame(self._backend, light), is_lit=shot.light is not None)
 
     def _networks_of(self, shot: Shot) -> _Networks:
         """What moves needs no more than bf16."""

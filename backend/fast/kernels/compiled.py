@@ -1,8 +1,4 @@
-"""How kernels are compiled, cached, and run on several threads.
-
-Kernels release the GIL and run on plain Python threads: numba's own threading layers must not be entered from two
-threads at once, which Blender does (a render beside the viewport).
-"""
+"""How kernels are compiled and cached."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import contextlib
 import hashlib
 import inspect
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,8 +16,6 @@ from numba.core.options import DefaultOptions
 
 from .cache_folder import writable_cache
 
-# Chunks per thread: enough that a thread with costly pixels does not keep the others waiting.
-_CHUNKS_PER_THREAD = 8
 _LOOSE = {"reassoc", "contract", "nsz", "arcp"}
 _UNCOUNTED = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
@@ -78,36 +71,6 @@ def disk_cache() -> Iterator[bool]:
 def kernel_folder() -> Path | None:
     """Where machine code is kept; None: nowhere."""
     return _cache_folder(config.__dict__["CACHE_DIR"])
-
-
-def in_parallel(run: Callable[[int, int], Any], count: int, threads: int) -> None:
-    """Call run(first, last) for consecutive ranges of [0, count) on `threads` threads.
-
-    The calling thread is one of them, and whoever is ready takes the next range: if other programs hold a core, nobody
-    waits for the thread that would run there.
-    """
-    if threads == 1 or count < threads * _CHUNKS_PER_THREAD:
-        run(0, count)
-        return
-    size = -(-count // (threads * _CHUNKS_PER_THREAD))
-    starts = iter(range(0, count, size))
-
-    def work() -> None:
-        for start in starts:
-            run(start, min(start + size, count))
-
-    helpers = [_pool(threads - 1).submit(work) for _ in range(threads - 1)]
-    try:
-        work()
-    finally:
-        failed = [helper.exception() for helper in helpers if not helper.cancel()]
-    for error in filter(None, failed):
-        raise error
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="livehand-kernels")
 
 
 @cache

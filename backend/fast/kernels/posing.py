@@ -56,9 +56,9 @@ def joint_transforms(rotations, rest_joints, parents, transforms):
 
 
 @compiled_loosely
-def add_offsets(directions, features, first, last, values):
-    """Add to values [first, last) the features' sum of `directions` [3 V, K]."""
-    for row in range(first, last):
+def add_offsets(directions, features, values):
+    """Add to values [N] the features' sum of `directions` [N, K]."""
+    for row in range(len(values)):
         total = _0
         for k in range(np.uintp(len(features))):
             total += features[k] * directions[row, k]
@@ -66,9 +66,9 @@ def add_offsets(directions, features, first, last, values):
 
 
 @compiled
-def blend_transforms(transforms, weights, of_forearm, arm_weights, shift, first, last, blended):
-    """Fill blended [V, 3, 4] of vertices [first, last): each one's own transform to the world."""
-    for vertex in range(first, last):
+def blend_transforms(transforms, weights, of_forearm, arm_weights, shift, blended):
+    """Fill blended [V, 3, 4]: each vertex's own transform to the world."""
+    for vertex in range(len(blended)):
         for row in range(3):
             for column in range(4):
                 blended[vertex, row, column] = arm_weights[vertex] * of_forearm[row, column]
@@ -108,10 +108,10 @@ def mesh_normals(vertices, faces, edges, normals):
 
 
 @compiled
-def surface_rotations(vertices, normals, neighbours, weights, template, first, last, rotations):
-    """Fill rotations [V, 3, 3] of vertices [first, last) as `local_rotations`."""
+def surface_rotations(vertices, normals, neighbours, weights, template, rotations):
+    """Fill rotations [V, 3, 3] as `local_rotations`."""
     frame = np.empty((3, 3), np.float32)
-    for vertex in range(first, last):
+    for vertex in range(len(rotations)):
         normal = normals[vertex]
         x, y, z = _0, _0, _0
         for k in range(neighbours.shape[1]):
