@@ -17,11 +17,13 @@ from PIL import Image, ImageDraw
 
 from ..geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from ..hand.gestures import GESTURES, FingerAxes, theta_of
-from ..hand.lbs import SkinTensors, pose_hand
+from ..hand.lbs import SkinTensors
 from ..hand.model import UPRIGHT, HandModel
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose, Shot
+from ..rendering.backends import choose_backend
 
+_CPU = torch.device("cpu")
 # The keys of the loop, evenly in time.
 _GESTURES = ("open", "pinch", "point", "fist")
 # Rotation of the wrist at each key: degrees about X, Y and Z of the upright hand.
@@ -68,9 +70,8 @@ class MovingHand:
 
     def shot(self, frame: MotionFrame) -> Shot:
         """The shot with the posed mesh; part of the stage `pose`."""
-        pose = frame.pose
-        parameters = (torch.as_tensor(v, dtype=torch.float32) for v in (pose.theta, pose.beta, pose.transl))
-        return Shot(pose, pose_hand(self._skin, *parameters).vertices.numpy(), frame.camera)
+        moved = choose_backend(_CPU).skin_motion(self._skin, frame.pose)
+        return Shot(frame.pose, moved.vertices.numpy(), frame.camera)
 
     def covered(self, frame: MotionFrame) -> float:
         """The share of the image that the mesh covers."""

@@ -9,7 +9,14 @@ from torch import Tensor
 
 def as_arrays(*values: Tensor) -> list[np.ndarray]:
     """Contiguous, without gradients; of the tensors' own memory where they are contiguous."""
-    return [value.detach().contiguous().numpy() for value in values]
+    return [_as_array(value) for value in values]
+
+
+def _as_array(value: Tensor) -> np.ndarray:
+    """A frame asks for hundreds: what there is nothing to do for is asked first."""
+    if value.requires_grad:
+        value = value.detach()
+    return (value if value.is_contiguous() else value.contiguous()).numpy()
 
 
 def whole_rows(values: Float[Tensor, "K P"]) -> np.ndarray:

@@ -27,7 +27,7 @@ from .kernels.records import EdgeSamples, FinerRows, PartMarks
 from .projection import projected_mesh
 from .threads import in_parallel
 
-_SAMPLES, _SPREAD = np.array(SAMPLES, np.float32), np.array(SPREAD, np.float32)
+_SAMPLES, _SPREAD = np.array(SAMPLES, np.float32).T.copy(), np.array(SPREAD, np.float32)
 
 
 def fine_mesh(

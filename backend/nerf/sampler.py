@@ -29,7 +29,7 @@ BEFORE_M, BEHIND_M = 0.0015, 0.0025
 """How far before and behind a known surface its rays are sampled: depth, template metres."""
 LEAST_REACH_M = 0.0003
 """Rays with less of the shell there are sampled along all of it: the surface lies outside."""
-SAMPLES_AT_SURFACE = 4
+SAMPLES_AT_SURFACE = 3
 """Samples per ray where the surface is known."""
 
 

@@ -39,7 +39,7 @@ class Camera:
         rotation = self.cam2world[:3, :3]
         is_rotation = np.abs(rotation.T @ rotation - np.eye(3)).max() < _ROTATION_TOLERANCE
         _check(
-            bool(is_rotation and np.cross(rotation[0], rotation[1]) @ rotation[2] > 0),
+            bool(is_rotation and _is_right_handed(rotation)),
             "the upper left of cam2world must be a rotation, got a scaled, sheared or mirrored matrix; "
             "remove the scale of the camera and of its parents",
         )
@@ -94,6 +94,11 @@ def look_at(origin: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarra
     cam2world[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
     cam2world[:3, 3] = origin
     return cam2world
+
+
+def _is_right_handed(axes: np.ndarray) -> bool:
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes.tolist()
+    return ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx) > 0
 
 
 def _check(holds: bool, message: str) -> None:

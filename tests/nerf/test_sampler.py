@@ -242,7 +242,7 @@ def test_a_known_surface_takes_few_samples_which_skip_what_lies_before_it(sphere
     view = a_view()
     depth = crossings(view, FAR[0], RADIUS_M)[0].nan_to_num(torch.inf)
     rays = sample_rays(known(mesh, topology, view, depth), CONFIG)
-    assert rays.t.shape[1] == SAMPLES_AT_SURFACE == 4
+    assert rays.t.shape[1] == SAMPLES_AT_SURFACE == 3
     past_core = crossings(view, NEAR[0], NEAR[1] - SHELL_M + 3 * FACET_M)[0].isnan()
     meets = (depth.isfinite() & past_core)[rays.pixel]
     gap = rays.t - depth[rays.pixel, None]

@@ -1,219 +1,227 @@
-"""Equals `nerf.skin_detail.detailed_image`."""
+"""Equals `nerf.skin_detail.detailed_image`.
+
+Pixels are taken in blocks: what does not read the maps is the same arithmetic for all of them, side by side in rows,
+and so in vector instructions.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
+from .vectors import TEXEL, add_texels
 
 _0, _HALF, _1, _TINY = (np.float32(value) for value in (0, 0.5, 1, 1e-12))
-_CHANNELS, _SLOPES, _NAIL, _SQUARED, _HIDDEN_FOLDS = 12, 6, 9, 10, 11
+_SLOPES, _NAIL, _SQUARED, _HIDDEN_FOLDS = 6, 9, 10, 11
 _COLOURS = 3  # where the coefficients of colours begin, RGB three times
 _COLOURED = 3
 _GLOSS = 12  # where that of both lobes begins
-_AB, _AC, _NORMAL, _ALONG_B, _ALONG_C = 0, 1, 2, 3, 4  # rows of a face's shape
-_SHAPE = 5
+_BLOCK = 64
+# Rows of a block. Of the faces' corners: place, u and v, normal and bend of the skin.
+_A, _B, _C, _CORNER = 0, 9, 18, 9
+_UV, _NORMAL, _FLEX = 3, 5, 8
+_VIEW, _DEPTH = 27, 30
+# How the shares of corners b and c grow along the face; what u and v are there against the first corner's.
+_ALONG_B, _ALONG_C, _UV_B, _UV_C = 31, 34, 37, 39
+# Place in the maps, a step along the tilt of the face, cosine of view and face, bend, the surface's normal.
+_U, _V, _STEP, _COSINE, _BENT, _SURFACE = 41, 42, 43, 45, 46, 47
+_SLOPES_AT, _BLURRED_AT = 50, 56  # slopes that were read, sharp and blurred
+_BUMPED, _BLURRED = 62, 65  # normals
+_ROWS = 68
 
 
 @compiled
 def add_skin(seen, surface, maps, constants, first, last, image):
     """Give pixels [first, last) of `image` (`DetailedArrays`) the coverage, normals, colours and nails of the skin."""
-    corner, step = np.empty(4, np.int64), np.empty(2, np.float32)
-    values, blurred = np.empty(_CHANNELS, np.float32), np.empty(_CHANNELS, np.float32)
-    shape, weights = np.empty((_SHAPE, 3), np.float32), np.empty(3, np.float32)
-    for index in range(first, last):
-        at = image.pixel[index]
-        coverage, coefficients = seen.coverage[at], image.coefficients[index]
+    rows, of_pixel = np.zeros((_ROWS, _BLOCK), np.float32), np.empty(_BLOCK, np.int64)
+    values, blurred = np.empty((_BLOCK, TEXEL), np.float32), np.empty(TEXEL, np.float32)
+    start = first
+    while start < last:
+        start, count = _gather(seen, surface, constants, image, start, last, rows, of_pixel)
+        _place(rows, seen.camera, constants)
+        for index in range(count):
+            _read(maps, constants, rows, index, values[index], blurred)
+        _bend(rows, constants)
+        for index in range(count):
+            _finish(image, constants, rows, index, of_pixel[index], values[index], seen.coverage)
+
+
+@part
+def _gather(seen, surface, constants, image, start, last, rows, of_pixel):
+    """Fill the columns of pixels from `start` on that show the surface; all take its coverage.
+
+    Returns where the next block starts, and the number of columns.
+    """
+    count = 0
+    while start < last and count < _BLOCK:
+        at, coefficients = image.pixel[start], image.coefficients[start]
+        coverage, face = seen.coverage[at], seen.face[at]
         share = coverage / min(max(image.alpha[at], constants.least_alpha), _1)
         image.alpha[at] = coverage
         for k in range(len(coefficients)):
             coefficients[k] *= share
-        _fill_gloss(image.nail[index], coverage, coefficients)
-        face = seen.face[at]
-        if face < 0:
-            continue
-        view = image.view_direction[index]
-        _describe(surface, face, shape)
-        cosine = _locate(surface, face, shape, seen.camera, view, weights)
-        u, v, flex = _0, _0, _0
-        for k in range(3):
-            u += weights[k] * surface.corner_uv[face, k, 0]
-            v += weights[k] * surface.corner_uv[face, k, 1]
-            flex += weights[k] * surface.flex[surface.faces[face, k]]
-        cosine = max(cosine, constants.least_cosine)
-        taps = min(int(_1 / cosine + constants.one_tap_more), constants.most_taps)
-        texels = seen.depth[at] * constants.texels
-        level = np.log2(texels) - constants.sharper
-        values[:], step[:] = _0, _0
-        if taps > 1:
-            _step_along(surface, face, shape, view, texels * constants.texel_m / (cosine * np.float32(taps)), step)
-        for tap in range(taps):
-            aside = np.float32(tap) - _HALF * np.float32(taps - 1)
-            _add_sample(maps, u + aside * step[0], v + aside * step[1], level, _1 / np.float32(taps), corner, values)
-        dorsal = max(_1 - constants.flattened * flex, _0)
-        palmar = constants.deepened_from + constants.deepened_by * flex
-        _fill_normal(surface, face, weights, image.surface_normal[index])
-        _bend(
-            surface,
-            face,
-            shape,
-            values,
-            dorsal,
-            palmar,
-            constants.bump,
-            image.surface_normal[index],
-            image.normal[index],
-        )
-        if level < constants.blurred_level:
-            blurred[:] = _0
-            _add_sample(maps, u, v, constants.blurred_level, _1, corner, blurred)
-        else:
-            blurred[:] = values
-        _bend(
-            surface,
-            face,
-            shape,
-            blurred,
-            dorsal,
-            palmar,
-            constants.bump,
-            image.surface_normal[index],
-            image.blurred_normal[index],
-        )
-        folds = dorsal * constants.bump_share
-        image.alpha_squared[index] = max(values[_SQUARED] + folds * folds * values[_HIDDEN_FOLDS], _1) * constants.gloss
-        nail = values[_NAIL] * constants.shade
-        image.nail[index] = nail
-        _fill_gloss(nail, coverage, coefficients)
-        folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
-        for k in range(3):
-            pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]
-            factor = np.exp(pigment + folded * constants.fold_log_albedo[k])
-            for group in range(_COLOURED):
-                coefficients[_COLOURS + 3 * group + k] *= factor
+        _fill_gloss(image.nail[start], coverage, coefficients)
+        if face >= 0:
+            for corner in range(3):
+                vertex, row = surface.faces[face, corner], _CORNER * corner
+                for k in range(3):
+                    rows[row + k, count] = surface.vertices[vertex, k]
+                    rows[row + _NORMAL + k, count] = surface.normals[vertex, k]
+                for k in range(2):
+                    rows[row + _UV + k, count] = surface.corner_uv[face, corner, k]
+                rows[row + _FLEX, count] = surface.flex[vertex]
+            for k in range(3):
+                rows[_VIEW + k, count] = image.view_direction[start, k]
+            rows[_DEPTH, count] = seen.depth[at]
+            of_pixel[count] = start
+            count += 1
+        start += 1
+    return start, count
 
 
-@compiled
+@part
 def _fill_gloss(nail, coverage, coefficients):
     """Fill the coefficients of gloss, which is known: the tight lobe's on nails, the broad one's on skin."""
     coefficients[_GLOSS], coefficients[_GLOSS + 1] = nail * coverage, (_1 - nail) * coverage
 
 
-@compiled
-def _describe(surface, face, shape):
-    """Fill both sides of a face from its first corner, its normal, and the gradients of the other corners' shares."""
-    a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]
+@part
+def _place(rows, camera, constants):
+    """Fill where in the maps the pixels look, and what is known of the surface there."""
+    eye_x, eye_y, eye_z = camera[0], camera[1], camera[2]
+    for i in range(np.uintp(_BLOCK)):
+        ax, ay, az = rows[_A, i], rows[_A + 1, i], rows[_A + 2, i]
+        bx, by, bz = rows[_B, i] - ax, rows[_B + 1, i] - ay, rows[_B + 2, i] - az
+        cx, cy, cz = rows[_C, i] - ax, rows[_C + 1, i] - ay, rows[_C + 2, i] - az
+        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        squared = nx * nx + ny * ny + nz * nz
+        inverse = _1 / max(squared, _TINY * _TINY)
+        to_bx, to_by, to_bz = (
+            (cy * nz - cz * ny) * inverse,
+            (cz * nx - cx * nz) * inverse,
+            (cx * ny - cy * nx) * inverse,
+        )
+        to_cx, to_cy, to_cz = (
+            (ny * bz - nz * by) * inverse,
+            (nz * bx - nx * bz) * inverse,
+            (nx * by - ny * bx) * inverse,
+        )
+        vx, vy, vz = rows[_VIEW, i], rows[_VIEW + 1, i], rows[_VIEW + 2, i]
+        facing = vx * nx + vy * ny + vz * nz
+        ahead = (ax - eye_x) * nx + (ay - eye_y) * ny + (az - eye_z) * nz
+        distance = ahead / facing if facing != _0 else _0
+        ox, oy, oz = eye_x + distance * vx - ax, eye_y + distance * vy - ay, eye_z + distance * vz - az
+        wb, wc = ox * to_bx + oy * to_by + oz * to_bz, ox * to_cx + oy * to_cy + oz * to_cz
+        wa = _1 - wb - wc
+        length = max(np.sqrt(squared), _TINY)
+        cosine = max(abs(facing) / length, constants.least_cosine)
+        rows[_COSINE, i] = cosine
+        ub, vb = rows[_B + _UV, i] - rows[_A + _UV, i], rows[_B + _UV + 1, i] - rows[_A + _UV + 1, i]
+        uc, vc = rows[_C + _UV, i] - rows[_A + _UV, i], rows[_C + _UV + 1, i] - rows[_A + _UV + 1, i]
+        rows[_U, i] = wa * rows[_A + _UV, i] + wb * rows[_B + _UV, i] + wc * rows[_C + _UV, i]
+        rows[_V, i] = wa * rows[_A + _UV + 1, i] + wb * rows[_B + _UV + 1, i] + wc * rows[_C + _UV + 1, i]
+        rows[_BENT, i] = wa * rows[_A + _FLEX, i] + wb * rows[_B + _FLEX, i] + wc * rows[_C + _FLEX, i]
+        # The direction in which the face is tilted, along it.
+        into = facing * inverse
+        tilt = max(np.sqrt(max(_1 - into * into * squared, _0)), _TINY)
+        tx, ty, tz = (vx - into * nx) / tilt, (vy - into * ny) / tilt, (vz - into * nz) / tilt
+        along_b, along_c = tx * to_bx + ty * to_by + tz * to_bz, tx * to_cx + ty * to_cy + tz * to_cz
+        step_m = rows[_DEPTH, i] * constants.texels * constants.texel_m / cosine
+        rows[_STEP, i], rows[_STEP + 1, i] = (
+            step_m * (along_b * ub + along_c * uc),
+            step_m * (along_b * vb + along_c * vc),
+        )
+        rows[_UV_B, i], rows[_UV_B + 1, i], rows[_UV_C, i], rows[_UV_C + 1, i] = ub, vb, uc, vc
+        rows[_ALONG_B, i], rows[_ALONG_B + 1, i], rows[_ALONG_B + 2, i] = to_bx, to_by, to_bz
+        rows[_ALONG_C, i], rows[_ALONG_C + 1, i], rows[_ALONG_C + 2, i] = to_cx, to_cy, to_cz
+        nx = wa * rows[_A + _NORMAL, i] + wb * rows[_B + _NORMAL, i] + wc * rows[_C + _NORMAL, i]
+        ny = wa * rows[_A + _NORMAL + 1, i] + wb * rows[_B + _NORMAL + 1, i] + wc * rows[_C + _NORMAL + 1, i]
+        nz = wa * rows[_A + _NORMAL + 2, i] + wb * rows[_B + _NORMAL + 2, i] + wc * rows[_C + _NORMAL + 2, i]
+        inverse = _1 / max(np.sqrt(nx * nx + ny * ny + nz * nz), _TINY)
+        rows[_SURFACE, i], rows[_SURFACE + 1, i], rows[_SURFACE + 2, i] = nx * inverse, ny * inverse, nz * inverse
+
+
+@part
+def _read(maps, constants, rows, index, values, blurred):
+    """Fill a pixel's values [12] of the maps, and its columns of slopes."""
+    u, v = rows[_U, index], rows[_V, index]
+    taps = min(int(_1 / rows[_COSINE, index] + constants.one_tap_more), constants.most_taps)
+    level = np.log2(rows[_DEPTH, index] * constants.texels) - constants.sharper
+    for k in range(TEXEL):
+        values[k], blurred[k] = _0, _0
+    share = _1 / np.float32(taps)
+    for tap in range(taps):
+        aside = (np.float32(tap) - _HALF * np.float32(taps - 1)) * share
+        _add_sample(maps, u + aside * rows[_STEP, index], v + aside * rows[_STEP + 1, index], level, share, values)
+    if level < constants.blurred_level:
+        _add_sample(maps, u, v, constants.blurred_level, _1, blurred)
+    for k in range(_SLOPES):
+        rows[_SLOPES_AT + k, index] = values[k]
+        rows[_BLURRED_AT + k, index] = blurred[k] if level < constants.blurred_level else values[k]
+
+
+@part
+def _bend(rows, constants):
+    """Fill the unit normals: that of the surface, bent by the slopes, sharp and blurred."""
+    for to, slopes in ((_BUMPED, _SLOPES_AT), (_BLURRED, _BLURRED_AT)):
+        for i in range(np.uintp(_BLOCK)):
+            dorsal = max(_1 - constants.flattened * rows[_BENT, i], _0)
+            palmar = constants.deepened_from + constants.deepened_by * rows[_BENT, i]
+            along_u = rows[slopes, i] - dorsal * rows[slopes + 2, i] - palmar * rows[slopes + 4, i]
+            along_v = rows[slopes + 1, i] - dorsal * rows[slopes + 3, i] - palmar * rows[slopes + 5, i]
+            along_u, along_v = along_u * constants.bump, along_v * constants.bump
+            to_b = along_u * rows[_UV_B, i] + along_v * rows[_UV_B + 1, i]
+            to_c = along_u * rows[_UV_C, i] + along_v * rows[_UV_C + 1, i]
+            x = rows[_SURFACE, i] + to_b * rows[_ALONG_B, i] + to_c * rows[_ALONG_C, i]
+            y = rows[_SURFACE + 1, i] + to_b * rows[_ALONG_B + 1, i] + to_c * rows[_ALONG_C + 1, i]
+            z = rows[_SURFACE + 2, i] + to_b * rows[_ALONG_B + 2, i] + to_c * rows[_ALONG_C + 2, i]
+            inverse = _1 / max(np.sqrt(x * x + y * y + z * z), _TINY)
+            rows[to, i], rows[to + 1, i], rows[to + 2, i] = x * inverse, y * inverse, z * inverse
+
+
+@part
+def _finish(image, constants, rows, index, pixel, values, coverage):
+    """Write a pixel's normals, gloss, nail and colours."""
     for k in range(3):
-        shape[_AB, k] = surface.vertices[b, k] - surface.vertices[a, k]
-        shape[_AC, k] = surface.vertices[c, k] - surface.vertices[a, k]
-    _cross(shape[_AB], shape[_AC], shape[_NORMAL])
-    squared = max(_dot(shape[_NORMAL], shape[_NORMAL]), _TINY * _TINY)
-    _cross(shape[_AC], shape[_NORMAL], shape[_ALONG_B])
-    _cross(shape[_NORMAL], shape[_AB], shape[_ALONG_C])
+        image.surface_normal[pixel, k] = rows[_SURFACE + k, index]
+        image.normal[pixel, k] = rows[_BUMPED + k, index]
+        image.blurred_normal[pixel, k] = rows[_BLURRED + k, index]
+    dorsal = max(_1 - constants.flattened * rows[_BENT, index], _0)
+    palmar = constants.deepened_from + constants.deepened_by * rows[_BENT, index]
+    folds = dorsal * constants.bump_share
+    squared = values[_SQUARED] + folds * folds * values[_HIDDEN_FOLDS]
+    image.alpha_squared[pixel] = max(squared, _1) * constants.gloss
+    nail, coefficients = values[_NAIL] * constants.shade, image.coefficients[pixel]
+    image.nail[pixel] = nail
+    _fill_gloss(nail, coverage[image.pixel[pixel]], coefficients)
+    folded = (dorsal * values[7] + palmar * values[8]) * constants.shade
     for k in range(3):
-        shape[_ALONG_B, k] /= squared
-        shape[_ALONG_C, k] /= squared
+        pigment = values[_SLOPES] * constants.shade * constants.pigment_colour[k]
+        factor = np.exp(pigment + folded * constants.fold_log_albedo[k])
+        for group in range(_COLOURED):
+            coefficients[_COLOURS + 3 * group + k] *= factor
 
 
-@compiled
-def _locate(surface, face, shape, camera, view, weights):
-    """Fill the barycentric coordinates of the point that is seen there; returns the cosine of view and face."""
-    corner, normal = surface.vertices[surface.faces[face, 0]], shape[_NORMAL]
-    facing, ahead = _dot(view, normal), _0
-    for k in range(3):
-        ahead += (corner[k] - camera[k]) * normal[k]
-    distance = ahead / facing if facing != _0 else _0
-    weights[1], weights[2] = _0, _0
-    for k in range(3):
-        off = camera[k] + distance * view[k] - corner[k]
-        weights[1] += off * shape[_ALONG_B, k]
-        weights[2] += off * shape[_ALONG_C, k]
-    weights[0] = _1 - weights[1] - weights[2]
-    return abs(facing) / max(np.sqrt(_dot(normal, normal)), _TINY)
-
-
-@compiled
-def _step_along(surface, face, shape, view, step_m, step):
-    """Fill what a step along a face, in the direction in which it is tilted, is in u and v."""
-    uv, normal = surface.corner_uv[face], shape[_NORMAL]
-    squared = max(_dot(normal, normal), _TINY * _TINY)
-    facing = _dot(view, normal) / squared
-    length = max(np.sqrt(max(_1 - facing * facing * squared, _0)), _TINY)
-    to_b, to_c = _0, _0
-    for k in range(3):
-        tilt = (view[k] - facing * normal[k]) / length
-        to_b += tilt * shape[_ALONG_B, k]
-        to_c += tilt * shape[_ALONG_C, k]
-    for k in range(2):
-        step[k] = step_m * (to_b * (uv[1, k] - uv[0, k]) + to_c * (uv[2, k] - uv[0, k]))
-
-
-@compiled
-def _fill_normal(surface, face, weights, normal):
-    """Fill the unit normal at a point of a face."""
-    corners = surface.faces[face]
-    for k in range(3):
-        normal[k] = _0
-        for corner in range(3):
-            normal[k] += weights[corner] * surface.normals[corners[corner], k]
-    _normalise(normal)
-
-
-@compiled
-def _bend(surface, face, shape, values, dorsal, palmar, bump, surface_normal, normal):
-    """Fill a unit normal: that of the surface, bent by the slopes among these values of the maps."""
-    uv = surface.corner_uv[face]
-    along_u = (values[0] - dorsal * values[2] - palmar * values[4]) * bump
-    along_v = (values[1] - dorsal * values[3] - palmar * values[5]) * bump
-    to_b = along_u * (uv[1, 0] - uv[0, 0]) + along_v * (uv[1, 1] - uv[0, 1])
-    to_c = along_u * (uv[2, 0] - uv[0, 0]) + along_v * (uv[2, 1] - uv[0, 1])
-    for k in range(3):
-        normal[k] = surface_normal[k] + to_b * shape[_ALONG_B, k] + to_c * shape[_ALONG_C, k]
-    _normalise(normal)
-
-
-@compiled
-def _normalise(vector):
-    length = max(np.sqrt(_dot(vector, vector)), _TINY)
-    for k in range(3):
-        vector[k] /= length
-
-
-@compiled
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@compiled
-def _add_sample(maps, u, v, level, weight, corner, values):
+@part
+def _add_sample(maps, u, v, level, weight, values):
     """Add the values at a place between two levels, in stored steps, times a weight."""
     level = min(max(level, _0), np.float32(len(maps.first) - 1))
     fine = int(level)
     share = level - np.float32(fine)
-    _add_level(maps, u, v, fine, weight * (_1 - share), corner, values)
+    _add_level(maps, u, v, fine, weight * (_1 - share), values)
     if share > _0:
-        _add_level(maps, u, v, fine + 1, weight * share, corner, values)
+        _add_level(maps, u, v, fine + 1, weight * share, values)
 
 
-@compiled
-def _add_level(maps, u, v, level, share, corner, values):
+@part
+def _add_level(maps, u, v, level, share, values):
     """Add one level's values, bilinear, times a share."""
     size = maps.resolution >> level
     x = min(max(u * np.float32(size) - _HALF, _0), np.float32(size - 1))
     y = min(max(v * np.float32(size) - _HALF, _0), np.float32(size - 1))
     column, row = min(int(x), size - 2), min(int(y), size - 2)
     right, above = x - np.float32(column), y - np.float32(row)
-    corner[0] = maps.first[level] + row * size + column
-    corner[1], corner[2], corner[3] = corner[0] + 1, corner[0] + size, corner[0] + size + 1
     wa, wb = share * (_1 - right) * (_1 - above), share * right * (_1 - above)
     wc, wd = share * (_1 - right) * above, share * right * above
-    a, b, c, d = maps.table[corner[0]], maps.table[corner[1]], maps.table[corner[2]], maps.table[corner[3]]
-    for k in range(_CHANNELS):
-        values[k] += wa * np.float32(a[k]) + wb * np.float32(b[k]) + wc * np.float32(c[k]) + wd * np.float32(d[k])
+    add_texels(maps.table, maps.first[level] + row * size + column, size, (wa, wb, wc, wd), values)

@@ -11,6 +11,7 @@ from .raster import covered_centres, fragment_depth, projected_area
 
 _0, _HALF, _1, _INF, _MIN_AREA = (np.float32(value) for value in (0, 0.5, 1, np.inf, MIN_AREA_PX2))
 _BITS = 16
+_NO_BONE, _MOST_BONE = np.int8(-1), np.int8(127)
 
 
 @compiled
@@ -55,37 +56,82 @@ def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
 @compiled
 def mark_outline(face_at, width, height, first_row, last_row, on_outline):
     """Mark the pixels in rows [first_row, last_row) around which some centres see the mesh and others do not."""
+    some, all_ = np.empty(width + 2, np.uint8), np.empty(width + 2, np.uint8)
     for y in range(first_row, last_row):
+        above, here, below = _rows_around(y, width, height)
         for x in range(width):
-            own, differs = face_at[y * width + x] >= 0, False
-            for below in range(max(y - 1, 0), min(y + 2, height)):
-                for right in range(max(x - 1, 0), min(x + 2, width)):
-                    differs |= (face_at[below * width + right] >= 0) != own
-            on_outline[y * width + x] = differs
+            a, b, c = face_at[above + x] >= 0, face_at[here + x] >= 0, face_at[below + x] >= 0
+            some[x + 1], all_[x + 1] = a | b | c, a & b & c
+        _repeat_ends(some)
+        _repeat_ends(all_)
+        for x in range(width):
+            is_some = some[x] | some[x + 1] | some[x + 2]
+            on_outline[here + x] = is_some != (all_[x] & all_[x + 1] & all_[x + 2])
 
 
 @compiled
 def mark_parts(nearest, face_at, width, height, step_m, step_per_m, first_row, last_row, marks):
     """Fill rows [first_row, last_row) of `marks` (`PartMarks`)."""
+    low, high = np.empty(width + 2, np.float32), np.empty(width + 2, np.float32)
+    bones = np.empty((3, width + 2), np.int8)
+    least, most = np.empty(width + 2, np.int8), np.empty(width + 2, np.int8)
     for y in range(first_row, last_row):
+        above, here, below = _rows_around(y, width, height)
         for x in range(width):
-            at, low, high, other = y * width + x, _INF, _0, -1
-            own = marks.bone_of_face[face_at[at]] if face_at[at] >= 0 else -1
-            for below in range(max(y - 1, 0), min(y + 2, height)):
-                for right in range(max(x - 1, 0), min(x + 2, width)):
-                    near = below * width + right
-                    low = min(low, nearest[near])
-                    high = max(high, nearest[near] if nearest[near] < _INF else _0)
-                    if other < 0 and own >= 0 and face_at[near] >= 0:
-                        bone = marks.bone_of_face[face_at[near]]
-                        other = bone if marks.apart[own, bone] else -1
-            marks.between[at] = _HALF * (low + high) if high - low > step_m + step_per_m * low else _0
-            marks.part[at] = min(own, other) if other >= 0 else -1
+            a, b, c = nearest[above + x], nearest[here + x], nearest[below + x]
+            low[x + 1] = min(a, b, c)
+            high[x + 1] = max(a if a < _INF else _0, b if b < _INF else _0, c if c < _INF else _0)
+        _repeat_ends(low)
+        _repeat_ends(high)
+        for x in range(width):
+            near, far = min(low[x], low[x + 1], low[x + 2]), max(high[x], high[x + 1], high[x + 2])
+            is_step = far - near > step_m + step_per_m * near
+            marks.between[here + x] = _HALF * (near + far) if is_step else _0
+        for row, start in enumerate((above, here, below)):
+            for x in range(width):
+                face = face_at[start + x]
+                bones[row, x + 1] = marks.bone_of_face[face] if face >= 0 else _NO_BONE
+            _repeat_ends(bones[row])
+        for x in range(width + 2):
+            a, b, c = bones[0, x], bones[1, x], bones[2, x]
+            most[x] = max(a, b, c)
+            least[x] = min(a if a >= 0 else _MOST_BONE, b if b >= 0 else _MOST_BONE, c if c >= 0 else _MOST_BONE)
+        for x in range(width):
+            own, marks.part[here + x] = bones[1, x + 1], _NO_BONE
+            if own < 0 or (min(least[x], least[x + 1], least[x + 2]) == max(most[x], most[x + 1], most[x + 2])):
+                continue
+            other = _first_apart(bones, x, own, marks.apart)
+            if other >= 0:
+                marks.part[here + x] = min(own, other)
+
+
+@part
+def _first_apart(bones, x, own, apart):
+    """The first bone, row by row, that is apart from a pixel's own among the nine around it; -1: none is."""
+    for row in range(3):
+        for column in range(x, x + 3):
+            bone = bones[row, column]
+            if bone >= 0 and apart[own, bone]:
+                return bone
+    return _NO_BONE
+
+
+@part
+def _rows_around(y, width, height):
+    """Where the rows of pixels above, at and below y begin; those of the image's rim stand for what lies beyond it."""
+    return max(y - 1, 0) * width, y * width, min(y + 1, height - 1) * width
+
+
+@part
+def _repeat_ends(row):
+    """The rim of a row stands for what lies beyond it, too."""
+    last = len(row) - 1
+    row[0], row[last] = row[1], row[last - 1]
 
 
 @compiled
 def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bits, at_edges):
-    """Look for front faces at the samples of pixels in rows [first_row, last_row).
+    """Look for front faces at the `samples` [2, 16] of pixels in rows [first_row, last_row).
 
     Of outline pixels, set a bit for every sample in a face; of those in `at_edges` (`EdgeSamples`), note the nearest.
     """
@@ -103,19 +149,25 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bi
                 slot = at_edges.slot[at]
                 if not on_outline[at] and slot < 0:
                     continue
-                found = np.uint16(0)
-                for k in range(_BITS):
-                    px, py = np.float32(x) + samples[k, 0], np.float32(y) + samples[k, 1]
+                found = np.uint32(0)
+                for k in range(np.uintp(samples.shape[1])):  # a number that is not known, or it is no vector loop
+                    px, py = np.float32(x) + samples[0, k], np.float32(y) + samples[1, k]
                     wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
                     wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
                     wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-                    if (wa <= _0) & (wb <= _0) & (wc <= _0):  # front faces are clockwise on screen
-                        found |= np.uint16(1 << k)
-                        if slot >= 0:
+                    is_inside = (wa <= _0) & (wb <= _0) & (wc <= _0)  # front faces are clockwise on screen
+                    found |= np.uint32(is_inside) << np.uint32(k)
+                if found != 0 and slot >= 0:
+                    for k in range(_BITS):
+                        if (found >> np.uint32(k)) & np.uint32(1):
+                            px, py = np.float32(x) + samples[0, k], np.float32(y) + samples[1, k]
+                            wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
+                            wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
+                            wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
                             z = (wa + wb + wc) / (wa / depth[a] + wb / depth[b] + wc / depth[c])
                             if z < at_edges.depth[slot, k]:
                                 at_edges.depth[slot, k], at_edges.face[slot, k] = z, face
-                bits[at] |= found
+                bits[at] |= np.uint16(found)
 
 
 @compiled
@@ -134,21 +186,21 @@ def pixel_squares(face_at, on_outline, bits, first, last, covered):
 @compiled
 def spread_coverage(covered, on_outline, taps, width, height, first_row, last_row, coverage):
     """Fill rows [first_row, last_row) of the squares' coverage, spread as `nerf.fine_mesh.spread` does."""
+    near = np.empty(width + 2, np.bool_)
     for y in range(first_row, last_row):
+        above, here, below = _rows_around(y, width, height)
         for x in range(width):
-            at, is_near = y * width + x, False
-            for below in range(max(y - 1, 0), min(y + 2, height)):
-                for right in range(max(x - 1, 0), min(x + 2, width)):
-                    is_near |= on_outline[below * width + right]
-            coverage[at] = covered[at]
-            if not is_near:
+            near[x + 1] = on_outline[above + x] | on_outline[here + x] | on_outline[below + x]
+            coverage[here + x] = covered[here + x]
+        _repeat_ends(near)
+        for x in range(width):
+            if not (near[x] | near[x + 1] | near[x + 2]):
                 continue
             total = _0
-            for row in range(3):
-                below = min(max(y + row - 1, 0), height - 1) * width
+            for row, start in enumerate((above, here, below)):
                 for column in range(3):
-                    total += taps[row] * taps[column] * covered[below + min(max(x + column - 1, 0), width - 1)]
-            coverage[at] = total
+                    total += taps[row] * taps[column] * covered[start + min(max(x + column - 1, 0), width - 1)]
+            coverage[here + x] = total
 
 
 @compiled

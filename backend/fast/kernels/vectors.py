@@ -208,6 +208,48 @@ def _blend_texels(typingctx, table, first, texel, row, above, weights, share, ou
 blend_texels: Callable[..., None] = intrinsic(_blend_texels)
 """Called by kernels, without `typingctx`."""
 
+
+def _add_texels(typingctx, table, first, row, weights, values):
+    """Add the weighted sum of four texels of `TEXEL` int8 each to values [>= TEXEL] of fp32.
+
+    Args:
+        typingctx: numba's.
+        table: [T, TEXEL].
+        first: the row of the first texel; the second follows it.
+        row: from these to the third and the fourth.
+        weights: fp32 of the four.
+        values: to be changed.
+    """
+    signature = types.void(table, types.intp, types.intp, types.UniTuple(types.float32, 4), values)
+
+    def codegen(context, builder, signature, arguments):
+        tables, first, row, weights, sums = arguments
+        data, result = (
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in ((signature.args[0], tables), (signature.args[4], sums))
+        )
+        target = builder.bitcast(result, _TEXEL_FLOATS.as_pointer())
+        total, next_one = builder.load(target, align=4), ir.Constant(_ADDRESS, 1)
+        texels = first, builder.add(first, next_one), builder.add(first, row)
+        for texel, weight in zip(
+            (*texels, builder.add(texels[2], next_one)), cgutils.unpack_tuple(builder, weights), strict=True
+        ):
+            start = builder.gep(data, [builder.mul(texel, ir.Constant(_ADDRESS, TEXEL))])
+            steps = builder.load(builder.bitcast(start, _TEXEL_BYTES.as_pointer()), align=1)
+            factors = _in_every_lane(builder, weight, _TEXEL_FLOATS)
+            total = builder.fadd(total, builder.fmul(builder.sitofp(steps, _TEXEL_FLOATS), factors))
+        builder.store(total, target, align=4)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+add_texels: Callable[..., None] = intrinsic(_add_texels)
+"""Called by kernels, without `typingctx`."""
+
+TEXEL = 12
+"""Channels of a map of detail."""
+_TEXEL_BYTES, _TEXEL_FLOATS = (ir.VectorType(of, TEXEL) for of in (ir.IntType(8), ir.FloatType()))
 _FOUR = ir.VectorType(ir.FloatType(), 4)
 
 
@@ -219,6 +261,10 @@ def _load_four(builder: ir.IRBuilder, address, is_half: bool):
 
 
 def _spread_four(builder: ir.IRBuilder, value):
-    nothing = ir.Constant(_FOUR, ir.Undefined)
+    return _in_every_lane(builder, value, _FOUR)
+
+
+def _in_every_lane(builder: ir.IRBuilder, value, kind: ir.VectorType):
+    nothing = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(_WORD, 0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_WORD, 4), [0] * 4))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_WORD, kind.count), [0] * kind.count))

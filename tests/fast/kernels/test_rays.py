@@ -8,7 +8,7 @@ from livehand.backend.fast.shell import first_hit, live_rays, rasterise_shell
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.nerf.rays import CameraTensors, HandInView
-from livehand.backend.nerf.sampler import SamplerConfig
+from livehand.backend.nerf.sampler import SAMPLES_AT_SURFACE, SamplerConfig
 from livehand.backend.nerf.trace import trace as trace_reference
 
 pytestmark = pytest.mark.slow
@@ -63,11 +63,11 @@ def test_samples_about_a_known_surface_are_those_of_torch(posed, seen_from, gest
     depth = depth + 0.001 * torch.sin(torch.arange(len(depth)))
     depth[::7], depth[::9] = torch.inf, depth[::9] + 0.02
     rays = assert_same(hand.mesh, hand.topology, view, seed=seed, known_depth=depth)
-    assert rays.t.shape[1] == 4
+    assert rays.t.shape[1] == SAMPLES_AT_SURFACE == 3
     plain = assert_same(hand.mesh, hand.topology, view, seed=seed)
     assert rays.is_stopped.double().mean() > plain.is_stopped.double().mean() + 0.02
     meets = depth.isfinite()[rays.pixel]
-    assert 4 * rays.dt[meets].median() < 0.7 * 8 * plain.dt[meets].median()
+    assert SAMPLES_AT_SURFACE * rays.dt[meets].median() < 0.7 * 8 * plain.dt[meets].median()
     assert torch.equal(2 * plain.dt[~meets], rays.dt[~meets])
 
 
