@@ -52,6 +52,8 @@ def lit_share_by_kernel(points: ShadowMapPoints, topology: Topology) -> Float[Te
 class NumbaBackend:
     """Equals `nerf.reference.ReferenceBackend` on the CPU; it takes tensors that lie there only."""
 
+    frames_at_once = 2
+
     threads_of_frame = staticmethod(threads_of_frame)
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)

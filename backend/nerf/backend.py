@@ -70,6 +70,11 @@ RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
 class RenderBackend(Protocol):
     """The costly stages of rendering and training."""
 
+    @property
+    def frames_at_once(self) -> int:
+        """Of a sequence, in threads that share the processor, where one by one would take longer."""
+        ...
+
     def threads_of_frame(self, pixels: int) -> AbstractContextManager[None]:
         """A context for the rendering of a frame of this many pixels, in which threads are shared as suits it."""
         ...

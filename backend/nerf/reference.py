@@ -37,6 +37,8 @@ from .volume import Composite
 class ReferenceBackend:
     """The stages as `geometry` and `nerf` define them."""
 
+    frames_at_once = 1
+
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
     local_rotations = staticmethod(local_rotations)

@@ -1,25 +1,29 @@
-"""Renders frames in a thread of its own, so that Blender evaluates, encodes and writes meanwhile.
+"""Renders frames in threads of its own, so that Blender evaluates, encodes and writes meanwhile.
 
-While frame n is rendered, the tasks of frame n + 1 may be prefetched: their render begins when that of n ends, and goes
-on while Blender writes n. Only tasks, which are plain values, cross to the thread; bpy belongs to the main thread, and
-so do all methods here. A prefetched task is a guess. Its frame is used only for a submitted task that is equal to the
-last bit; any other task is rendered as it is.
+While frame n is rendered, the tasks of frame n + 1 may be prefetched: their render goes on while Blender writes n. It
+begins at once if the renderer gains by that (`HandRenderer.frames_at_once`), and each frame then has its share of the
+threads; else it begins when that of n ends. Only tasks, which are plain values, cross to the threads; bpy belongs to
+the main thread, and so do all methods here. A prefetched task is a guess. Its frame is used only for a submitted task
+that is equal to the last bit; any other task is rendered as it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 
 from ..records.errors import LiveHandError
+from ..runtime.thread_limits import thread_limit, usable_threads
 from .frame_task import ExposureFrames, FrameTask
 
 # After this many wrong guesses in a row, prefetching costs renders and saves none.
 _MAX_MISSES = 2
+_AT_ONCE = 2
 
 
 class FrameQueue:
-    """Renders the current frame and the next one, one after the other. Leaving the context stops what still runs.
+    """Renders the current frame and the next one. Leaving the context stops what still runs.
 
     Attributes:
         submitted: the tasks of the current frame, each once.
@@ -28,7 +32,9 @@ class FrameQueue:
     def __init__(self):
         self.submitted: list[FrameTask] = []
         self._is_stopped = False
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="livehand-queue")
+        self._one_by_one = ThreadPoolExecutor(1, thread_name_prefix="livehand-queue")
+        self._at_once = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="livehand-queue")
+        self._threads = usable_threads()
         self._renders: list[_Render] = []
         self._frame: int | None = None
         self._next_frame: int | None = None
@@ -39,7 +45,8 @@ class FrameQueue:
 
     def __exit__(self, *_):
         self.stop()
-        self._worker.shutdown()
+        self._one_by_one.shutdown()
+        self._at_once.shutdown()
 
     def stop(self) -> None:
         """Make every result an error from now on, and stop the running render soon. A signal handler may call this."""
@@ -76,21 +83,30 @@ class FrameQueue:
         return next((r for r in self._renders if r.frame == frame and r.task.is_same_as(task)), None)
 
     def _add(self, frame: int | None, task: FrameTask) -> _Render:
-        render = _Render(frame, task, self._worker, lambda: self._is_stopped)
+        share = self._threads // min(task.frames_at_once, _AT_ONCE)
+        is_shared = 0 < share < self._threads
+        workers = self._at_once if is_shared else self._one_by_one
+        limit = share if is_shared and self._next_frame is not None else None
+        render = _Render(frame, task, workers, limit, lambda: self._is_stopped)
         self._renders.append(render)
         return render
 
 
 class _Render:
-    """One task in the queue."""
+    """One task in the queue; `threads` that it may use, None: all."""
 
     def __init__(
-        self, frame: int | None, task: FrameTask, worker: ThreadPoolExecutor, is_queue_stopped: Callable[[], bool]
+        self,
+        frame: int | None,
+        task: FrameTask,
+        workers: ThreadPoolExecutor,
+        threads: int | None,
+        is_queue_stopped: Callable[[], bool],
     ):
-        self.frame, self.task = frame, task
+        self.frame, self.task, self._threads = frame, task, threads
         self._is_cancelled = False
         self._is_queue_stopped = is_queue_stopped
-        self.result = worker.submit(self._run)
+        self.result = workers.submit(self._run)
 
     def cancel(self) -> None:
         """Do not begin, or end soon: the result is not needed."""
@@ -99,11 +115,15 @@ class _Render:
     def _should_stop(self) -> bool:
         return self._is_cancelled or self._is_queue_stopped()
 
+    def _limit(self) -> AbstractContextManager[None]:
+        return nullcontext() if self._threads is None else thread_limit(self._threads)
+
     def _run(self) -> tuple[ExposureFrames, ...]:
         """The frames. A stopped render raises: Blender crashes if it saves a render without a result."""
         try:
             if not self._should_stop():
-                return self.task.run(self._should_stop)
+                with self._limit():
+                    return self.task.run(self._should_stop)
         except Exception:
             if not self._should_stop():
                 raise

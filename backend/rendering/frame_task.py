@@ -53,6 +53,11 @@ class HandRenderer(Protocol):
         """[3] linear diffuse reflectance of the skin; None: not known, as light is baked into its colours."""
         ...
 
+    @property
+    def frames_at_once(self) -> int:
+        """How many frames of a sequence it renders in less time at once than one by one; 1: it must not."""
+        ...
+
     def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
         """The skin's own surface as frames show it; None: frames show the mesh's."""
         ...
@@ -81,7 +86,7 @@ class HandInstance:
 
 @dataclass(frozen=True)
 class HandTask:
-    """One hand in one exposure sample, and its renderer, which must never work on two tasks at once."""
+    """One hand in one exposure sample, and its renderer."""
 
     renderer: HandRenderer
     shot: Shot
@@ -105,6 +110,11 @@ class FrameTask:
     """Every hand in every exposure sample of one frame: a sharp frame has one sample, a blurred one several."""
 
     samples: tuple[tuple[HandTask, ...], ...]
+
+    @property
+    def frames_at_once(self) -> int:
+        """As in `HandRenderer`, of all hands."""
+        return min((hand.renderer.frames_at_once for hand in chain(*self.samples)), default=1)
 
     def run(self, should_stop: Callable[[], bool]) -> tuple[ExposureFrames, ...]:
         """Render all hands; raises what a renderer raises."""

@@ -7,6 +7,7 @@ same backend and the same maps.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -57,6 +58,12 @@ class _Networks(NamedTuple):
 
     superres: Callable[[Tensor], Tensor]
     decoder: Decoder | None
+
+
+class _Last(threading.local):
+    """Of each thread, the last hand that it rendered, for the next light that falls on it; None before."""
+
+    hand: LitHand | None = None
 
 
 class RenderStopped(Exception):
@@ -119,9 +126,9 @@ class Renderer:
         on_stage = _both(check, on_stage)
         on_stage("pose")
         topology = self._topology_of(shot)
-        known = [lit for lit in self._lit_hands if lit.shows(shot)]
-        if known:
-            return self._in_light(known[0], shot, on_stage)
+        known = self._last.hand
+        if known is not None and known.shows(shot):
+            return self._in_light(known, shot, on_stage)
         mesh = self._backend.posed_mesh(topology, self._tensor(shot.vertices))
         scale = self.avatar.config.superres.scale
         crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, scale)
@@ -149,8 +156,8 @@ class Renderer:
         met = hand if skin is None else on_surface(hand, skin.mesh, skin.hits.depth)
         rays = self._render_rays(met, conditions, RenderHooks(on_stage, check))
         if isinstance(self._field, LitField):
-            self._lit_hands[:] = [self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)]
-            return self._in_light(self._lit_hands[0], shot, on_stage)
+            lit = self._last.hand = self._lit_hand(shot, crop, hand, rays, self._field, skin, on_stage, check)
+            return self._in_light(lit, shot, on_stage)
         on_stage("superres")
         superres = _asking(self._networks_of(shot).superres, check)
         image, depth = image_of(superres, rays.composite, rays.pixel, hand.camera.size_px, scale)
@@ -181,8 +188,13 @@ class Renderer:
         return config if self._skin is None else config.at_surface
 
     def forget(self) -> None:
-        """Forget the last hand, so that the next frame is rendered from its pose on, whatever it shows."""
-        self._lit_hands.clear()
+        """Forget this thread's last hand, so that its next frame is rendered from its pose on, whatever it shows."""
+        self._last.hand = None
+
+    @property
+    def frames_at_once(self) -> int:
+        """As in `HandRenderer`: any number of threads may render."""
+        return self._backend.frames_at_once
 
     @property
     def is_relightable(self) -> bool:
@@ -225,9 +237,8 @@ class Renderer:
         return self._backend.ray_renderer(self._field, self.avatar.config.sampler, self.precision)
 
     @cached_property
-    def _lit_hands(self) -> list[LitHand]:
-        """The last hand that was rendered, for the next light that falls on it; empty before."""
-        return []
+    def _last(self) -> _Last:
+        return _Last()
 
     def _lit_hand(
         self,

@@ -26,9 +26,17 @@ def allow_cpu_for_mps() -> None:
     os.environ.setdefault("PYTORCH_ENABLE_MPS_FALLBACK", "1")
 
 
+def usable_threads() -> int:
+    """As many as torch may use: `OMP_NUM_THREADS`, or the cores on which this process may run."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    if asked.isdecimal() and int(asked):
+        return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextlib.contextmanager
 def thread_limit(count: int) -> Generator[None, None, None]:
-    """Inside the context, torch and the kernels use `count` threads; nothing else may use torch meanwhile."""
+    """Inside the context, torch and the kernels use `count` threads for what the calling thread asks of them."""
     import torch
 
     usual = torch.get_num_threads()

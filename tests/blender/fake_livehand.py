@@ -17,6 +17,7 @@ class FakeRenderer:
     avatar = SimpleNamespace(name="fake")
     is_relightable = False
     mean_albedo = None
+    frames_at_once = 1
 
     def __init__(self, avatar_path=None, hand=None, device=None):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

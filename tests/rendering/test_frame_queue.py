@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import empty_frame
@@ -22,14 +23,16 @@ class Recorder:
     is_relightable = False
     mean_albedo = None
 
-    def __init__(self):
+    def __init__(self, frames_at_once=1):
+        self.frames_at_once = frames_at_once
+        self.thread_counts = []
         self.begun = {}
         self.held = {}
         self.kept = []
         self.stopped = []
         self.threads = []
         self.broken = set()
-        self._is_free = threading.Lock()
+        self._is_free = threading.Semaphore(frames_at_once)
 
     def posed_surface(self, shot):
         return None
@@ -46,7 +49,8 @@ class Recorder:
         self.held[id(shot)].set()
 
     def render(self, shot, should_stop):
-        assert self._is_free.acquire(blocking=False), "two renders at once"
+        assert self._is_free.acquire(blocking=False), "too many renders at once"
+        self.thread_counts.append(torch.get_num_threads())
         try:
             return self._render(shot, should_stop)
         finally:
@@ -116,6 +120,39 @@ def test_frames_are_rendered_one_at_a_time_and_in_order(queue, renderer):
     assert renderer.has_begun(two)
     renderer.release(two)
     assert len(set(renderer.threads)) == 1
+
+
+def test_frames_of_a_renderer_that_gains_by_it_are_rendered_at_once_and_share_the_threads(monkeypatch):
+    monkeypatch.setattr("livehand.backend.rendering.frame_queue.usable_threads", lambda: 6)
+    renderer = Recorder(frames_at_once=2)
+    held = [renderer.hold(shot_of(number)) for number in (1, 2, 3)]
+    with FrameQueue() as queue:
+        queue.begin(1, 2)
+        first = queue.submit(task_of(renderer, held[0]))
+        queue.prefetch(task_of(renderer, held[1]))
+        assert renderer.has_begun(held[0])
+        assert renderer.has_begun(held[1])  # while the first is still rendered
+        assert renderer.thread_counts == [3, 3]
+        renderer.release(held[0])
+        first.result(SECONDS)
+        queue.begin(2, 3)
+        queue.prefetch(task_of(renderer, held[2]))
+        second = queue.submit(task_of(renderer, shot_of(2)))
+        assert renderer.has_begun(held[2])
+        for shot in held[1:]:
+            renderer.release(shot)
+        second.result(SECONDS)
+    assert len(renderer.threads) == 3
+
+
+@pytest.mark.parametrize("threads", [1, 6])
+def test_a_frame_that_nothing_follows_has_all_threads(monkeypatch, threads):
+    monkeypatch.setattr("livehand.backend.rendering.frame_queue.usable_threads", lambda: threads)
+    renderer, usual = Recorder(frames_at_once=2), torch.get_num_threads()
+    with FrameQueue() as queue:
+        queue.begin(1, None)
+        queue.submit(task_of(renderer, shot_of(1))).result(SECONDS)
+    assert renderer.thread_counts == [usual]
 
 
 def nudged(values):

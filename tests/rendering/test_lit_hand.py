@@ -176,7 +176,7 @@ def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_ar
 
 def test_pixels_on_edges_of_the_known_surface_show_both_parts(renderer, shot):
     renderer.render(shot)
-    (lit,) = renderer._lit_hands
+    lit = renderer._last.hand
     backend, edges = renderer._backend, lit.edges
     assert len(edges.pixel) > 10
     features = lit.features(backend, LIGHT)
