@@ -83,17 +83,17 @@ class FrameQueue:
         return next((r for r in self._renders if r.frame == frame and r.task.is_same_as(task)), None)
 
     def _add(self, frame: int | None, task: FrameTask) -> _Render:
-        share = self._threads // min(task.frames_at_once, _AT_ONCE)
-        is_shared = 0 < share < self._threads
-        workers = self._at_once if is_shared else self._one_by_one
-        limit = share if is_shared and self._next_frame is not None else None
-        render = _Render(frame, task, workers, limit, lambda: self._is_stopped)
+        workers, threads = self._one_by_one, None
+        if min(task.frames_at_once, self._threads) >= _AT_ONCE:
+            is_last = self._next_frame is None
+            workers, threads = self._at_once, self._threads if is_last else self._threads // _AT_ONCE
+        render = _Render(frame, task, workers, threads, lambda: self._is_stopped)
         self._renders.append(render)
         return render
 
 
 class _Render:
-    """One task in the queue; `threads` that it may use, None: all."""
+    """One task in the queue; `threads` that it uses, None: as many as torch does."""
 
     def __init__(
         self,

@@ -18,6 +18,7 @@ class RecordedRenderer:
     avatar = SimpleNamespace(name="recorded")
     is_relightable = False
     mean_albedo = None
+    frames_at_once = 1
 
     def __init__(self, avatar_path, hand, device):
         self.avatar_path, self.hand, self.device = avatar_path, hand, device

@@ -145,14 +145,28 @@ def test_frames_of_a_renderer_that_gains_by_it_are_rendered_at_once_and_share_th
     assert len(renderer.threads) == 3
 
 
-@pytest.mark.parametrize("threads", [1, 6])
-def test_a_frame_that_nothing_follows_has_all_threads(monkeypatch, threads):
-    monkeypatch.setattr("livehand.backend.rendering.frame_queue.usable_threads", lambda: threads)
-    renderer, usual = Recorder(frames_at_once=2), torch.get_num_threads()
+def test_a_frame_that_nothing_follows_has_all_threads(monkeypatch):
+    monkeypatch.setattr("livehand.backend.rendering.frame_queue.usable_threads", lambda: 6)
+    renderer = Recorder(frames_at_once=2)
     with FrameQueue() as queue:
         queue.begin(1, None)
         queue.submit(task_of(renderer, shot_of(1))).result(SECONDS)
-    assert renderer.thread_counts == [usual]
+    assert renderer.thread_counts == [6]
+
+
+def test_one_core_renders_one_frame_at_a_time(monkeypatch):
+    monkeypatch.setattr("livehand.backend.rendering.frame_queue.usable_threads", lambda: 1)
+    renderer = Recorder(frames_at_once=2)
+    one, two = renderer.hold(shot_of(1)), renderer.hold(shot_of(2))
+    with FrameQueue() as queue:
+        queue.begin(1, 2)
+        queue.submit(task_of(renderer, one))
+        queue.prefetch(task_of(renderer, two))
+        assert renderer.has_begun(one)
+        assert not renderer.begun[id(two)].wait(0.2)
+        renderer.release(one)
+        renderer.release(two)
+        assert renderer.has_begun(two)
 
 
 def nudged(values):
