@@ -30,8 +30,9 @@ from .surrounding_light import SurroundingLight
 from .surroundings import Patches
 from .volume import Composite
 
-SKY_MAP_PX, LAMP_MAP_PX, PROBE_MAP_PX = 64, 256, 64
-"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at probes."""
+SKY_MAP_PX, LAMP_MAP_PX, SOFT_MAP_PX, PROBE_MAP_PX = 64, 256, 192, 64
+"""Sides of the shadow maps of one direction of the sky, and of one sample of a lamp: at rays and patches; at rays, of a
+lamp whose shadows are too soft to show their pixels; at probes."""
 # Template metres: how far the skin stands out of the mesh, and by how much the depths of two surfaces differ.
 _STANDS_OUT_M, _EDGE_M = 0.0006, 0.003
 # By how much patches lie before their surface in shadow maps: it must not shadow itself where light grazes.
@@ -297,21 +298,23 @@ def light_shadows(
     def cast(views: LightViews, skin: LampSkin, map_px: int) -> PointShadows:
         return backend.point_shadows(skin.mesh, skin.faces, occluders, views, skin.position, map_px, bounds)
 
-    def of_lamps(lamps: LampSamples, skins: LampSkins, map_px: int) -> PointShadows:
+    def of_lamps(lamps: LampSamples, skins: LampSkins, hard_px: int, soft_px: int) -> PointShadows:
         views, is_hard = lamps.views(bounds), lamps.is_hard
-        if skins.hard is skins.soft or not is_hard.any():
-            return cast(views, skins.soft, map_px)
+        if is_hard.all() or (skins.hard is skins.soft and hard_px == soft_px):
+            return cast(views, skins.hard, hard_px)
+        if not is_hard.any():
+            return cast(views, skins.soft, soft_px)
         soft, hard = ((~is_hard).nonzero()[:, 0], is_hard.nonzero()[:, 0])
-        parts = (cast(views.chosen(soft), skins.soft, map_px), cast(views.chosen(hard), skins.hard, map_px))
+        parts = (cast(views.chosen(soft), skins.soft, soft_px), cast(views.chosen(hard), skins.hard, hard_px))
         order = torch.cat([soft, hard]).argsort()
         return PointShadows(*(torch.cat(values)[order] for values in zip(*parts, strict=True)))
 
     on_mesh = LampSkin(hand.mesh, hand.topology.faces, position)
     at_probes = on_mesh._replace(position=probes.position)
     # Apart, for a map is as fine as its points are near.
-    lamps = of_lamps(light.lamps, lamp_skins or LampSkins(on_mesh, on_mesh), LAMP_MAP_PX)
+    lamps = of_lamps(light.lamps, lamp_skins or LampSkins(on_mesh, on_mesh), LAMP_MAP_PX, SOFT_MAP_PX)
     probe_light = light._replace(lamps=light.lamps if shining_on_probes is None else shining_on_probes)
-    probe_lamps = of_lamps(probe_light.lamps, LampSkins(at_probes, at_probes), PROBE_MAP_PX)
+    probe_lamps = of_lamps(probe_light.lamps, LampSkins(at_probes, at_probes), PROBE_MAP_PX, PROBE_MAP_PX)
     sky, probe_sky = split_points(of_sky, len(position))
     of_probes = light_at_probes(probe_light, probe_sky, probe_lamps, probes)
     of_discs = albedo if albedo.dim() == 1 else albedo[probes.chosen]
