@@ -91,10 +91,10 @@ def hand_crop(
     in_front = depth > NEAR_M
     if not in_front.any():
         return None
-    low, reach = positions_px[in_front] / scale, reach_px[in_front, None] / scale
+    low, reach = np.ascontiguousarray(positions_px[in_front].T) / scale, reach_px[in_front] / scale
     limit = (np.array(size_px) + scale - 1) // scale
-    first = np.maximum(np.floor((low - reach).min(0)), 0)
-    last = np.minimum(np.ceil((low + reach).max(0)), limit)
+    first = np.maximum(np.floor((low - reach).min(1)), 0)
+    last = np.minimum(np.ceil((low + reach).max(1)), limit)
     if (last <= first).any():
         return None
     first, last = first.astype(int) - MARGIN_PX, last.astype(int) + MARGIN_PX

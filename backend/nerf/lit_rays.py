@@ -264,9 +264,14 @@ class HitSurface(NamedTuple):
 
     def lamp_skins(self, is_finest: bool) -> LampSkins:
         """A quarter of its faces with the corners where they are; for hard lamps all of them, if it is to be finest."""
-        posed = PosedMesh(self.mesh.vertices, self.mesh.normals, self.mesh.scale)
-        soft = LampSkin(posed, self.mesh.coarse_faces, self.position)
-        return LampSkins(soft._replace(faces=self.mesh.faces) if is_finest else soft, soft)
+        soft = self.lamp_skin(self.mesh.coarse_faces)
+        return LampSkins(self.lamp_skin(self.mesh.faces) if is_finest else soft, soft)
+
+    def lamp_skin(self, faces: Int[Tensor, "F 3"]) -> LampSkin:
+        """These faces with their corners where they are on the surface; those are its first vertices."""
+        count = int(faces.max()) + 1
+        posed = PosedMesh(self.mesh.vertices[:count], self.mesh.normals[:count], self.mesh.scale)
+        return LampSkin(posed, faces, self.position)
 
 
 def light_shadows(

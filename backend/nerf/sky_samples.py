@@ -98,9 +98,8 @@ class ShadowedSky(NamedTuple):
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
         """From this many directions."""
         towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
-        cells = torch.tensor(_sphere(SKY_DIRECTIONS), dtype=torch.float32, device=device)
         views = LightViews.along(towards, torch.full_like(towards[:, 0], FAR))
-        return cls(views, (cells @ towards.T).argmax(1))
+        return cls(views, torch.tensor(_nearest_of_cells(count), device=device))
 
 
 def division_of(skies: Iterable[Sky | None], penumbra: Penumbra) -> Division:
@@ -132,6 +131,12 @@ def _in_small_texels(sky: Sky) -> Sky:
 def _sphere(count: int) -> np.ndarray:
     """[count, 3] directions."""
     return direction_frames(count, "cpu")[:, 2].numpy().astype(np.float64)
+
+
+@cache
+def _nearest_of_cells(count: int) -> np.ndarray:
+    """[SKY_DIRECTIONS] the nearest of so many directions to each cell."""
+    return (_sphere(SKY_DIRECTIONS) @ _sphere(count).T).argmax(1)
 
 
 @lru_cache(maxsize=32)

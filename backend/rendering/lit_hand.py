@@ -31,6 +31,7 @@ from ..nerf.lit_field import LitField
 from ..nerf.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
+    LampSkins,
     features_among,
     light_shadows,
     occluding_triangles,
@@ -143,7 +144,7 @@ class LitHand:
         is_fine = light.penumbra == "fine"
         # Light that the hand sheds on itself is soft whatever its shadows.
         coarse = LampSamples.of(light.lamps, self.bounds) if is_fine else None
-        skins = None if self.surface is None else self.surface.lamp_skins(is_fine)
+        skins = self._lamp_skins(is_fine)
         shadows = light_shadows(backend, self.hand, samples, occluders, position, of_sky, self.albedo, coarse, skins)
         places = RayPlaces.of(self.points, self.pixel, self.hand.camera.size_px, self.hand.mesh.scale)
         if light.measured is None:
@@ -158,6 +159,15 @@ class LitHand:
         features = corrected(features, self.points.normal, direct, indirect)
         of_rays = at_rays.filled(torch.cat([features.arriving, features.reflected], 1))
         return features._replace(arriving=of_rays[:, :3], reflected=of_rays[:, 3:])
+
+    def _lamp_skins(self, is_fine: bool) -> LampSkins | None:
+        """Of what moves, the mesh's own faces are fine enough, with their corners on the surface."""
+        if self.surface is None:
+            return None
+        if not self.shot.is_moving:
+            return self.surface.lamp_skins(is_fine)
+        rough = self.surface.lamp_skin(self.hand.topology.faces)
+        return LampSkins(rough, rough)
 
     def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop's skin, premultiplied by alpha."""

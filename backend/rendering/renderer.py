@@ -129,9 +129,9 @@ class Renderer:
         known = self._last.hand
         if known is not None and known.shows(shot):
             return self._in_light(known, shot, on_stage)
-        mesh = self._backend.posed_mesh(topology, self._tensor(shot.vertices))
-        scale = self.avatar.config.superres.scale
-        crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, scale)
+        with self._backend.threads_of_frame(0):  # a mesh is small
+            mesh = self._backend.posed_mesh(topology, self._tensor(shot.vertices))
+            crop = crop_of(mesh, shot.camera, self.avatar.config.sampler, self.avatar.config.superres.scale)
         if crop is None:
             return empty_frame(shot.camera.size_px)
         with self._backend.threads_of_frame(crop.pixels):

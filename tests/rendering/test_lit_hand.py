@@ -174,6 +174,20 @@ def test_shadows_are_of_the_known_surface_and_of_all_its_faces_in_frames_that_ar
     assert 0 < change < 0.1
 
 
+def test_of_what_moves_lamps_shadows_are_of_the_meshs_faces_on_the_surface(renderer, shot, monkeypatch):
+    asked, lamp_skin, light = [], HitSurface.lamp_skin, Light((KEY,), penumbra="none")
+    monkeypatch.setattr(
+        HitSurface, "lamp_skin", lambda surface, faces: asked.append(lamp_skin(surface, faces)) or asked[-1]
+    )
+    moving = renderer.render(replace(shot, is_moving=True, light=light))
+    ((mesh, faces, _),), lit = asked, renderer._last.hand
+    assert torch.equal(faces, lit.hand.topology.faces)
+    assert torch.equal(mesh.vertices, lit.surface.mesh.vertices[: len(shot.vertices)])
+    resting = renderer.render(replace(shot, light=light))
+    on_hand = resting.alpha > 0.99
+    assert 0 < np.abs(moving.rgb - resting.rgb)[on_hand].mean() < 0.08 * resting.rgb[on_hand].mean()
+
+
 def test_pixels_on_edges_of_the_known_surface_show_both_parts(renderer, shot):
     renderer.render(shot)
     lit = renderer._last.hand
