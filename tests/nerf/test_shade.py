@@ -71,7 +71,7 @@ def test_steps_are_millimetres_of_the_template_and_footprints_pixels_of_it(scene
     """The field gets the same inputs in a world ten times as large."""
     rays, hand, conditions = scene
     small, large = Recorder(), Recorder()
-    mesh, topology, view, _ = hand
+    mesh, topology, view = hand[:3]
     shade(small, rays, hand, conditions, 0.003)
     bigger = rays._replace(t=rays.t * 10, dt=rays.dt * 10)
     large_hand = hand._replace(mesh=posed_mesh(topology, mesh.vertices * 10))
