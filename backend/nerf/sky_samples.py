@@ -80,7 +80,7 @@ class SkySamples(NamedTuple):
 
     def views(self) -> LightViews:
         """Views for shadow maps."""
-        return LightViews.along(self.towards, torch.full_like(self.towards[:, 0], FAR))
+        return _views_from_afar(self.towards)
 
 
 class ShadowedSky(NamedTuple):
@@ -98,8 +98,11 @@ class ShadowedSky(NamedTuple):
     def of(cls, count: int, device: torch.device | str) -> ShadowedSky:
         """From this many directions."""
         towards = torch.tensor(_sphere(count), dtype=torch.float32, device=device)
-        views = LightViews.along(towards, torch.full_like(towards[:, 0], FAR))
-        return cls(views, torch.tensor(_nearest_of_cells(count), device=device))
+        return cls(_views_from_afar(towards), torch.tensor(_nearest_of_cells(count), device=device))
+
+
+def _views_from_afar(towards: Float[Tensor, "K 3"]) -> LightViews:
+    return LightViews.along(towards, torch.full_like(towards[:, 0], FAR))
 
 
 def division_of(skies: Iterable[Sky | None], penumbra: Penumbra) -> Division:

@@ -142,6 +142,7 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bi
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
         ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
         ay, by, cy = positions_px[a, 1], positions_px[b, 1], positions_px[c, 1]
+        corners = ax, ay, bx, by, cx, cy
         x0, x1 = max(int(np.floor(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))) + 1, width)
         for y in range(max(rows[face, 0], first_row), min(rows[face, 1], last_row)):
             for x in range(x0, x1):
@@ -151,23 +152,33 @@ def sample_faces(mesh, rows, samples, width, first_row, last_row, on_outline, bi
                     continue
                 found = np.uint32(0)
                 for k in range(np.uintp(samples.shape[1])):  # a number that is not known, or it is no vector loop
-                    px, py = np.float32(x) + samples[0, k], np.float32(y) + samples[1, k]
-                    wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
-                    wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
-                    wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+                    wa, wb, wc = _edges(corners, np.float32(x) + samples[0, k], np.float32(y) + samples[1, k])
                     is_inside = (wa <= _0) & (wb <= _0) & (wc <= _0)  # front faces are clockwise on screen
                     found |= np.uint32(is_inside) << np.uint32(k)
                 if found != 0 and slot >= 0:
-                    for k in range(_BITS):
-                        if (found >> np.uint32(k)) & np.uint32(1):
-                            px, py = np.float32(x) + samples[0, k], np.float32(y) + samples[1, k]
-                            wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
-                            wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
-                            wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-                            z = (wa + wb + wc) / (wa / depth[a] + wb / depth[b] + wc / depth[c])
-                            if z < at_edges.depth[slot, k]:
-                                at_edges.depth[slot, k], at_edges.face[slot, k] = z, face
+                    _note_nearest(found, slot, face, corners, (depth[a], depth[b], depth[c]), x, y, samples, at_edges)
                 bits[at] |= np.uint16(found)
+
+
+@part
+def _edges(corners, px, py):
+    """Twice the signed areas, px^2, of a point and the sides of a face, opposite its corners a, b and c."""
+    ax, ay, bx, by, cx, cy = corners
+    wa = (cx - bx) * (py - by) - (cy - by) * (px - bx)
+    wb = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
+    wc = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+    return wa, wb, wc
+
+
+@part
+def _note_nearest(found, slot, face, corners, depths, x, y, samples, at_edges):
+    """Note a face at the samples at which a pixel found it, where nothing nearer was; `depths` are its corners'."""
+    for k in range(_BITS):
+        if (found >> np.uint32(k)) & np.uint32(1):
+            wa, wb, wc = _edges(corners, np.float32(x) + samples[0, k], np.float32(y) + samples[1, k])
+            z = (wa + wb + wc) / (wa / depths[0] + wb / depths[1] + wc / depths[2])
+            if z < at_edges.depth[slot, k]:
+                at_edges.depth[slot, k], at_edges.face[slot, k] = z, face
 
 
 @compiled
