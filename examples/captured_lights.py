@@ -13,8 +13,8 @@ import bpy
 import livehand
 import numpy as np
 import torch
-from livehand.backend.captures.capture import Capture, CaptureView, load_capture
-from livehand.backend.captures.picture import read_linear_picture
+from livehand.backend.capture.capture import Capture, CaptureView, load_capture
+from livehand.backend.capture.picture import read_linear_picture
 from livehand.backend.evaluation.exposure import exposed, exposure_gain
 from livehand.backend.evaluation.metrics import psnr_db
 from livehand.backend.hand.model_file import load_default_hand

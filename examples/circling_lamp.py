@@ -11,9 +11,9 @@ import bpy
 import livehand
 import numpy as np
 from cycles_truth import put_skin_in, render
+from livehand.livehand_blender.hands.shot import world_vertices
+from livehand.livehand_blender.light.studio import remove_studio
 from livehand.livehand_blender.rig.hand import RiggedHand
-from livehand.livehand_blender.scene.shot import world_vertices
-from livehand.livehand_blender.scene.studio import remove_studio
 from mathutils import Vector
 from PIL import Image
 

@@ -14,15 +14,15 @@ import livehand
 import numpy as np
 import torch
 from livehand.backend.evaluation.contrast_bands import contrast
-from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.skin import SkinTone, baked_material
 from livehand.livehand_blender.capture.surface import SkinSurface
+from livehand.livehand_blender.hands.shot import world_vertices
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_pose
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import world_vertices
 from PIL import Image
 
 

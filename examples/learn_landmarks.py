@@ -23,6 +23,7 @@ from livehand.backend.hand.joint_limits import FREE
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
+from livehand.backend.image.decode import straight_srgb
 from livehand.backend.motion.landmarks import lifting
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
 from livehand.backend.motion.landmarks.lifting import CanonicalView
@@ -32,8 +33,7 @@ from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.rendering.decode import straight_srgb
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.tracking.crop import region_of_landmarks
 from livehand.backend.tracking.tracker import HandTracker
 from livehand.backend.tracking.weights import load_networks

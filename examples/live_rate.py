@@ -24,7 +24,7 @@ from livehand.backend.motion.landmarks.take_fit import FilmCamera
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.tracking.live import CameraSource, LiveTracker
 from livehand.backend.tracking.video_writer import write_video
 

@@ -10,9 +10,9 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import FingerAxes, Gesture, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
+from livehand.livehand_blender.light.studio import add_studio
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import write_theta
-from livehand.livehand_blender.scene.studio import add_studio
 from mathutils import Matrix
 from photo_set import add_camera
 

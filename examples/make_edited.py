@@ -11,9 +11,9 @@ import numpy as np
 from example_file import write_example
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.light.studio import add_studio
 from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
-from livehand.livehand_blender.scene.studio import add_studio
 
 SIZE_PX = (1152, 432)
 APART_M = 0.175

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from example_file import write_example
 from livehand.backend.hand.model import JOINT_NAMES
-from livehand.livehand_blender.scene.studio import add_studio
+from livehand.livehand_blender.light.studio import add_studio
 from mathutils import Euler, Matrix, Vector
 
 SIZE_PX = (384, 448)

@@ -21,9 +21,9 @@ from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES, LibraryPose
+from livehand.backend.image.decode import straight_srgb
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.rendering.decode import straight_srgb
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import bone_quaternions

@@ -16,9 +16,9 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_a
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MANO_FINGERS, UPRIGHT
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.light.studio import add_studio
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta, keyframe_transl
-from livehand.livehand_blender.scene.studio import add_studio
 
 FRAMES = range(1, 25)
 FPS = 24

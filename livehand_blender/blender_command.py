@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..backend.runtime.command import Command, run_commands
+from ..backend.system.command import Command, run_commands
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from .render import command as render
 

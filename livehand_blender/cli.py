@@ -15,33 +15,30 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
 
-from ..backend.avatars.thumbnail_command import COMMAND as THUMBNAIL
-from ..backend.captures.importers.interhand_command import COMMAND as IMPORT_INTERHAND
-from ..backend.captures.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
-from ..backend.captures.masks.mask_command import COMMAND as MASK
+from ..backend.capture.importers.interhand_command import COMMAND as IMPORT_INTERHAND
+from ..backend.capture.importers.transforms_command import COMMAND as IMPORT_TRANSFORMS
+from ..backend.capture.masks.mask_command import COMMAND as MASK
 from ..backend.commands import render_motion as render_poses
 from ..backend.commands.inspect import COMMAND as INSPECT
 from ..backend.commands.inspect import report
+from ..backend.commands.reenact.command import COMMAND as REENACT
 from ..backend.commands.track import COMMAND as TRACK
 from ..backend.commands.warm_up import COMMAND as WARM_UP
-from ..backend.comparison.command import COMMAND as COMPARE
 from ..backend.evaluation.command import COMMAND as EVALUATE
 from ..backend.evaluation.sheet_command import COMMAND as SHEET
 from ..backend.motion.document import SUFFIXES as POSE_FILES
 from ..backend.records.errors import LiveHandError
-from ..backend.reenact.command import COMMAND as REENACT
-from ..backend.retarget.rig_suffixes import RIG_SUFFIXES
-from ..backend.runtime.command import Command, run_commands
-from ..backend.runtime.process_end import run_process
-from ..backend.runtime.stdout import blender_silenced
+from ..backend.render.thumbnail_command import COMMAND as THUMBNAIL
+from ..backend.rigs.rig_suffixes import RIG_SUFFIXES
+from ..backend.system.command import Command, run_commands
+from ..backend.system.process_end import run_process
+from ..backend.system.stdout import blender_silenced
 from ..backend.tracking.fetch_command import COMMAND as FETCH_TRACKER
 from ..backend.training.command import COMMAND as TRAIN
-from .benchmark.command import COMMAND as BENCHMARK
 from .capture import command as capture
-from .lookdev import command as lookdev
 from .render import command as render
-from .retarget import command as make_hand
-from .retarget import rig_motion
+from .rigs import command as make_hand
+from .rigs import rig_motion
 
 ABOUT = "Photoreal frames of hands posed in Blender."
 
@@ -118,6 +115,17 @@ def _registered() -> Iterator[None]:
         unregister()
 
 
+def _optional(module: str) -> tuple[Command, ...]:
+    """The commands of a module that not every installation has."""
+    name = f"{str(__package__).removesuffix('livehand_blender')}{module}"
+    try:
+        return importlib.import_module(name).COMMANDS
+    except ModuleNotFoundError as missing:
+        if missing.name is None or not f"{name}.".startswith(f"{missing.name}."):
+            raise
+        return ()
+
+
 COMMANDS: dict[str, Command] = {
     command.name: command
     for command in (
@@ -134,16 +142,8 @@ COMMANDS: dict[str, Command] = {
             capture.add_arguments,
             _silent_in_blender(capture.run),
         ),
-        Command(
-            "lookdev",
-            "render the built-in hand's look in a key light, and measure its contrast and colours",
-            lookdev.add_arguments,
-            _silent_in_blender(lookdev.run),
-        ),
         TRAIN,
         EVALUATE,
-        COMPARE,
-        BENCHMARK,
         WARM_UP,
         SHEET,
         replace(INSPECT, run=_inspect),
@@ -154,6 +154,8 @@ COMMANDS: dict[str, Command] = {
         FETCH_TRACKER,
         TRACK,
         REENACT,
+        *_optional("livehand_blender.research.commands"),
+        *(replace(command, run=_silent_in_blender(command.run)) for command in _optional("tools.commands")),
     )
 }
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import bpy
 
 from .blender_command import BlenderCommand
+from .hands import hand_selection, old_files, old_sliders, whole_hands
 from .motion import live as live_hands
 from .render import engine, memory
 from .render.viewport import rendered_views
 from .rig import properties
-from .scene import hand_selection, main_thread, old_files, old_sliders, whole_hands
+from .scene import main_thread
 from .ui import (
     avatars,
     compositing,
@@ -25,11 +26,11 @@ from .ui import (
     pose_library,
     posing,
     preferences,
-    retarget,
     shape,
     studio,
     video,
 )
+from .ui import rigs as retarget
 
 CLASSES = (
     *properties.CLASSES,

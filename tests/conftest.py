@@ -12,27 +12,27 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
-from livehand.backend.captures.exr import write_exr
-from livehand.backend.captures.lights import CaptureLight
-from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.capture.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.capture.exr import write_exr
+from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.field.conditions import FrameConditions
+from livehand.backend.field.rays import camera_tensors
 from livehand.backend.geometry.mesh import PosedMesh, Topology, face_neighbours, mean_edge_length, posed_mesh
 from livehand.backend.geometry.rasterise import rasterise
-from livehand.backend.hand.fine_surface import load_fine_surface
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, skin_motion
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.hand.poses import POSES
 from livehand.backend.hand.topology import Skinning, topology_of
-from livehand.backend.nerf.conditions import FrameConditions
-from livehand.backend.nerf.fine_mesh import FineTemplate, fine_mesh
-from livehand.backend.nerf.rays import camera_tensors
-from livehand.backend.nerf.reference import ReferenceBackend
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.records.shot import HandPose
-from livehand.backend.runtime.process_end import end_process
+from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
+from livehand.backend.surface.fine_surface import load_fine_surface
+from livehand.backend.system.process_end import end_process
 from PIL import Image
 
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from livehand.backend.avatars.avatar import AvatarConfig
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.benchmark.motion import MovingHand
+from livehand.backend.compute.reference import ReferenceBackend
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.avatar import AvatarConfig
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.reference import ReferenceBackend
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.light import Lamp, Light, Sky
-from livehand.backend.rendering.renderer import Renderer
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.render.renderer import Renderer
+from livehand.backend.research.benchmark.motion import MovingHand
+from livehand.backend.system.command import run_commands
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
 from livehand.backend.training.processes import ComputeSetup

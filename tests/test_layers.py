@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 HALVES = ("backend", "livehand_blender")
+# Beside the product, and never imported by it: the program finds their commands by name, if they are installed.
+BESIDE = ("tools", "backend.research", "livehand_blender.research")
 BLENDER_MODULES = {
     "bpy",
     "bpy_extras",
@@ -29,46 +31,34 @@ BLENDER_MODULES = {
 # its own. The modules at the top of `livehand_blender`, which register and start everything, are a room of their own.
 ROWS = (
     ("backend.records",),
-    ("backend.runtime", "backend.geometry", "backend.files"),
-    ("backend.hand",),
-    ("backend.nerf", "backend.captures", "backend.batch", "backend.tracking", "livehand_blender.rig"),
-    ("backend.fast", "backend.motion", "livehand_blender.scene"),
-    (
-        "backend.rendering",
-        "backend.retarget",
-        "livehand_blender.capture",
-        "livehand_blender.compositing",
-        "livehand_blender.motion",
-    ),
-    ("backend.avatars", "livehand_blender.retarget"),
-    ("backend.evaluation", "backend.benchmark", "backend.commands", "livehand_blender.render"),
-    (
-        "backend.training",
-        "backend.reenact",
-        "livehand_blender.benchmark",
-        "livehand_blender.lookdev",
-        "livehand_blender.ui",
-    ),
-    ("backend.baselines",),
-    ("backend.comparison",),
-    ("livehand_blender",),
+    ("backend.system", "backend.geometry", "livehand_blender.scene"),
+    ("backend.hand", "backend.light", "backend.batch", "livehand_blender.compositing"),
+    ("backend.field", "backend.capture", "livehand_blender.rig"),
+    ("backend.image", "backend.motion", "livehand_blender.hands"),
+    ("backend.surface", "backend.avatars", "backend.rigs", "backend.tracking", "livehand_blender.light"),
+    ("backend.compute", "backend.teacher", "livehand_blender.motion"),
+    ("backend.render", "livehand_blender.capture"),
+    ("backend.evaluation", "backend.commands", "livehand_blender.render", "livehand_blender.rigs"),
+    ("backend.training", "livehand_blender.ui"),
+    ("backend.research", "livehand_blender"),
+    ("livehand_blender.research", "tools"),
 )
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
-# numba may be missing: only this room imports it, and no other imports its modules but inside a function.
-NUMBA_ROOM = "backend.fast"
+# numba may be missing: only these folders import it, and no other imports their modules but inside a function.
+NUMBA_ROOMS = ("backend.compute.cpu", "backend.compute.kernels")
 # What differs between systems is in one module each of this room; beside it, who owns a temporary folder, and reports.
-SYSTEM_ROOM = "backend.runtime"
+SYSTEM_ROOM = "backend.system"
 ASKS_THE_SYSTEM = re.compile(r"os\.name|sys\.platform|platform\.system|hasattr\((os|signal)\b|getattr\(signal\b")
-SYSTEM_MODULES = {"backend.fast.kernels.cache_folder", "backend.benchmark.machine"}
+SYSTEM_MODULES = {"backend.compute.kernels.cache_folder", "backend.research.benchmark.machine"}
 # The kernels stand alone: beside these and the interpreter's own modules, only numbers that they share with torch.
 # llvmlite is numba's own LLVM.
-KERNELS, KERNEL_NUMBERS = "backend.fast.kernels", "backend.geometry.tolerances"
+KERNELS, KERNEL_NUMBERS = "backend.compute.kernels", "backend.geometry.tolerances"
 KERNEL_PACKAGES = {"llvmlite", "numba", "numpy"}
 
 
 def modules(root):
     """Dotted name below the root -> file; the root package itself is ''."""
-    files = [root / "__init__.py", *(path for half in HALVES for path in (root / half).rglob("*.py"))]
+    files = [root / "__init__.py", *(path for half in (*HALVES, "tools") for path in (root / half).rglob("*.py"))]
     return {name_of(path.relative_to(root)): path for path in files if path.is_file()}
 
 
@@ -109,8 +99,8 @@ def folder_of(name, path):
 
 
 def room_of(name, path):
-    """The folder at the top of a half that holds a module; a half itself for the modules at its top."""
-    return ".".join(folder_of(name, path).split(".")[:2])
+    """The folder at the top of a half that holds a module; a half itself for the modules at its top; all of tools."""
+    return "tools" if is_in(name, "tools") else ".".join(folder_of(name, path).split(".")[:2])
 
 
 def is_in(name, room):
@@ -145,22 +135,24 @@ def is_package_root(name):
 
 def foreign_faults(name, foreign):
     blender = sorted(foreign & BLENDER_MODULES) if is_in(name, "backend") else []
-    absolute = sorted(foreign & {"livehand", *HALVES})
+    absolute = sorted(foreign & {"livehand", "tools", *HALVES})
     heavy = sorted(foreign - KERNEL_PACKAGES - sys.stdlib_module_names) if is_in(name, KERNELS) else []
     return [f"{name} imports {module}" for module in sorted({*blender, *absolute, *heavy})]
 
 
 def numba_faults(name, ours, foreign):
-    if is_in(name, NUMBA_ROOM):
+    if any(is_in(name, room) for room in NUMBA_ROOMS):
         outside = {module for module in ours if not is_in(module, KERNELS) and module != KERNEL_NUMBERS}
         return [f"{name} imports {module}" for module in sorted(outside)] if is_in(name, KERNELS) else []
-    theirs = {module for module in ours if is_in(module, NUMBA_ROOM)}
+    theirs = {module for module in ours for room in NUMBA_ROOMS if is_in(module, room)}
     return [f"{name} imports {module} outside a function" for module in sorted(theirs | (foreign & {"numba"}))]
 
 
 def arrow_faults(name, room, imported, imported_room):
     if is_in(name, "backend") and is_in(imported, "livehand_blender"):
         return [f"{name} imports {imported}: the backend knows nothing of Blender"]
+    if imported_room in BESIDE and room not in BESIDE:
+        return [f"{name} imports {imported}: what ships imports nothing that lies beside it"]
     rows = ROW_OF.get(room), ROW_OF.get(imported_room)
     if None in rows or room == imported_room or rows[1] < rows[0]:
         return []
@@ -195,7 +187,7 @@ def test_every_folder_has_a_row_and_every_row_its_folders():
     folders = {
         f"{half}.{path.name}" for half in HALVES for path in (ROOT / half).iterdir() if (path / "__init__.py").is_file()
     }
-    assert folders | {"livehand_blender"} == set(ROW_OF)
+    assert folders | {"livehand_blender", "tools"} == set(ROW_OF)
     assert len(ROWS) <= 12
 
 
@@ -233,18 +225,18 @@ SOUND = {
     "backend/geometry/tolerances.py": "",
     "backend/hand/__init__.py": "",
     "backend/hand/model.py": "from ..records.shot import Side",
-    "backend/hand/builtin/__init__.py": "",
-    "backend/hand/builtin/generate.py": "from ..model import HandModel",
-    "backend/nerf/__init__.py": "",
-    "backend/nerf/field.py": "import torch",
-    "backend/fast/__init__.py": "",
-    "backend/fast/backend.py": "from ..nerf.field import Field\nfrom .kernels.planes import read_plane",
-    "backend/fast/kernels/__init__.py": "",
-    "backend/fast/kernels/planes.py": "import numba\nimport numpy\nfrom functools import cache\n"
+    "backend/teacher/__init__.py": "",
+    "tools/builtin_hand/generate.py": "from ..model import HandModel",
+    "backend/field/__init__.py": "",
+    "backend/field/field.py": "import torch",
+    "backend/compute/cpu/__init__.py": "",
+    "backend/compute/cpu/backend.py": "from ..nerf.field import Field\nfrom .kernels.planes import read_plane",
+    "backend/compute/kernels/__init__.py": "",
+    "backend/compute/kernels/planes.py": "import numba\nimport numpy\nfrom functools import cache\n"
     "from ...geometry.tolerances import NEAR_M",
-    "backend/rendering/__init__.py": "",
-    "backend/rendering/backends.py": "def choose():\n    from ..fast.backend import NumbaBackend\n"
-    "if TYPE_CHECKING:\n    from ..fast import backend",
+    "backend/render/__init__.py": "",
+    "backend/render/backends.py": "def choose():\n    from ..compute.cpu.backend import NumbaBackend\n"
+    "if TYPE_CHECKING:\n    from ..compute.cpu import backend",
     "livehand_blender/__init__.py": "",
     "livehand_blender/cli.py": "from .rig.hand import read",
     "livehand_blender/rig/__init__.py": "",
@@ -252,6 +244,10 @@ SOUND = {
     "livehand_blender/rig/hand.py": "from .pose import read",
     "livehand_blender/ui/__init__.py": "",
     "livehand_blender/ui/panels.py": "",
+    "backend/research/__init__.py": "",
+    "backend/research/rows.py": "",
+    "tools/__init__.py": "",
+    "tools/commands.py": "from ..backend.research.rows import ROWS",
 }
 
 
@@ -265,7 +261,7 @@ def test_a_sound_tree_has_no_faults(tmp_path):
         ("backend/records/shot.py", "import bpy", "backend.records.shot imports bpy"),
         ("backend/records/shot.py", "def f():\n    from mathutils import Matrix", "imports mathutils"),
         ("backend/records/shot.py", "from ...livehand_blender.rig import pose", "the backend knows nothing of Blender"),
-        ("backend/nerf/field.py", "from ...livehand_blender.rig import pose", "the backend knows nothing of Blender"),
+        ("backend/field/field.py", "from ...livehand_blender.rig import pose", "the backend knows nothing of Blender"),
         (
             "backend/records/shot.py",
             "from livehand.backend.records import errors",
@@ -275,30 +271,32 @@ def test_a_sound_tree_has_no_faults(tmp_path):
         ("backend/records/errors.py", "from . import shot", "cycle: backend.records.shot -> backend.records.errors"),
         (
             "backend/hand/model.py",
-            "from .builtin import generate",
+            "from .files import reading",
             "cycle of folders: backend.hand",
         ),
         (
-            "backend/nerf/field.py",
-            "def f():\n    from ..fast import backend",
-            "imports backend.fast.backend, whose room",
+            "backend/field/field.py",
+            "def f():\n    from ..compute.cpu import backend",
+            "imports backend.compute.cpu.backend, whose room",
         ),
         ("livehand_blender/rig/pose.py", "from . import hand", "cycle: livehand_blender.rig.hand"),
         ("livehand_blender/rig/pose.py", "from ..ui.panels import draw", "imports livehand_blender.ui.panels"),
         (
             "livehand_blender/rig/pose.py",
-            "from ...backend.fast.backend import f",
-            "imports backend.fast.backend, whose room",
+            "from ...backend.compute.cpu.backend import f",
+            "imports backend.compute.cpu.backend, whose room",
         ),
         ("livehand_blender/rig/pose.py", "from .. import cli", "imports livehand_blender.cli, whose room"),
+        ("backend/render/backends.py", "from ..research import rows", "what ships imports nothing that lies beside it"),
+        ("livehand_blender/cli.py", "from ..tools import commands", "what ships imports nothing that lies beside it"),
         ("backend/surprise.py", "", "backend.surprise is in no room"),
         ("backend/surprise/thing.py", "", "backend.surprise.thing is in no room"),
-        ("backend/fast/kernels/planes.py", "from ...records.errors import E", "imports backend.records.errors"),
-        ("backend/fast/kernels/planes.py", "import torch", "backend.fast.kernels.planes imports torch"),
+        ("backend/compute/kernels/planes.py", "from ...records.errors import E", "imports backend.records.errors"),
+        ("backend/compute/kernels/planes.py", "import torch", "backend.compute.kernels.planes imports torch"),
         (
-            "backend/rendering/backends.py",
-            "from ..fast.backend import f",
-            "imports backend.fast.backend outside a",
+            "backend/render/backends.py",
+            "from ..compute.cpu.backend import f",
+            "imports backend.compute.cpu.backend outside a",
         ),
         ("backend/hand/model.py", "if True:\n    from numba import njit", "imports numba outside a function"),
     ],

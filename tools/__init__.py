@@ -1,1 +1,1 @@
-"""Programs of the repository itself, which no user installs."""
+"""What made the files that ship, and look development: programs for maintainers, in no package."""

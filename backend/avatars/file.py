@@ -18,15 +18,15 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ..files.json_file import parse_json
-from ..files.regular_file import MIB, check_regular, is_file
-from ..nerf.avatar import Avatar, AvatarConfig, build_field
-from ..nerf.field import FieldConfig
-from ..nerf.sampler import SamplerConfig
-from ..nerf.superres import SuperResConfig, build_superres
+from ..field.field import FieldConfig
+from ..field.sampler import SamplerConfig
+from ..image.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from ..records.light import Sky
-from ..runtime.atomic_file import replacing
+from ..system.atomic_file import replacing
+from ..system.json_file import parse_json
+from ..system.regular_file import MIB, check_regular, is_file
+from .avatar import Avatar, AvatarConfig, build_field
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
 

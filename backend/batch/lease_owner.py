@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from ..files.json_file import read_json
-from ..files.regular_file import is_file
 from ..records.errors import LiveHandError
-from ..runtime.process_identity import is_running, process_space
+from ..system.json_file import read_json
+from ..system.process_identity import is_running, process_space
+from ..system.regular_file import is_file
 
 _MOST_BYTES = 1 << 12
 _LARGEST_PID = 1 << 31

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ..runtime.command import say, warn
+from ..system.command import say, warn
 from .progress import Event, EventHandler, Failed, FrameProgress, ShotTally, Warned, to_record
 
 

@@ -16,8 +16,8 @@ import time
 from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
 
-from ..runtime.command import FAILED, INTERRUPTED, OK
-from ..runtime.signals import ask_this_process_to_stop
+from ..system.command import FAILED, INTERRUPTED, OK
+from ..system.signals import ask_this_process_to_stop
 from .progress import Failed, FrameProgress, from_record
 from .report import RunReport
 

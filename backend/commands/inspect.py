@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files.json_file import parse_json
-from ..files.npz_file import read_npz
-from ..files.regular_file import is_file, is_folder
 from ..records.errors import LiveHandError
-from ..runtime.command import Command
+from ..system.command import Command
+from ..system.json_file import parse_json
+from ..system.npz_file import read_npz
+from ..system.regular_file import is_file, is_folder
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,7 +84,7 @@ def _avatar_facts(path: Path) -> dict:
 
 
 def _capture_facts(folder: Path) -> dict:
-    from ..captures.capture import load_capture
+    from ..capture.capture import load_capture
 
     capture = load_capture(folder)
     sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
@@ -103,7 +103,7 @@ def _capture_facts(folder: Path) -> dict:
 
 def _skin_facts(capture: Any) -> dict[str, bool]:
     """Whether a capture, by its provenance, shows the built-in skin as it is now; nothing where it does not tell."""
-    from ..hand.skin_version import is_current_skin
+    from ..surface.skin_version import is_current_skin
 
     is_current = is_current_skin(capture)
     return {} if is_current is None else {"skin_is_current": is_current}

@@ -29,8 +29,8 @@ from ..motion.spaces import rest_wrists, to_blender, transformed
 from ..records.errors import LiveHandError
 from ..records.shot import Shot
 from ..records.side import SIDES
-from ..runtime.atomic_file import replacing
-from ..runtime.command import parse_size_px, warn
+from ..system.atomic_file import replacing
+from ..system.command import parse_size_px, warn
 
 if TYPE_CHECKING:
     from ..records.frame import Frame
@@ -84,8 +84,8 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     (path,) = args.shots
     from ..avatars.file import load_avatar
     from ..hand.lbs import posed_vertices
-    from ..rendering.renderer import Renderer
-    from ..rendering.studio_light import studio_light
+    from ..render.renderer import Renderer
+    from ..render.studio_light import studio_light
 
     avatar = load_avatar(args.avatar)
     hand = load_hand_of(avatar.hand_sha256, args.hand)
@@ -170,7 +170,7 @@ def write_png(frame: Frame, path: Path) -> None:
     """Write a frame as sRGB with straight alpha, atomically."""
     from PIL import Image
 
-    from ..rendering.decode import straight_srgb
+    from ..image.decode import straight_srgb
 
     with replacing(path) as temporary:
         Image.fromarray((straight_srgb(frame) * 255).round().astype(np.uint8)).save(temporary, format="PNG")

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..hand.model import HandModel
 from ..hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
-from ..motion.landmarks.sighted_take import filmed_take
 from ..motion.landmarks.take_file import FilmedTake, write_take
 from ..motion.landmarks.take_fit import LONGEST_GAP_S, TakeFit, fit_take
 from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
-from ..runtime.command import Command, warn
-from ..runtime.figure import check_plot_name, new_figure, save_figure
+from ..system.command import Command, warn
+from ..system.figure import check_plot_name, new_figure, save_figure
+from ..tracking.sighted_take import filmed_take
 from .doubt_plot import PANEL_IN, draw_doubt
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         check_plot_name(args.plot)
         new_figure(*PANEL_IN)  # before minutes of tracking: it raises where matplotlib is missing
     if args.capture:
-        from ..motion.turning_hand.filmed_capture import check_capture_can_be_made
+        from ..tracking.turning_hand.filmed_capture import check_capture_can_be_made
 
         check_capture_can_be_made(args.capture)
     elif args.side:
@@ -105,8 +105,8 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _captured(args: argparse.Namespace, video: Video, take: FilmedTake, model: HandModel) -> dict[str, Any]:
-    from ..motion.turning_hand.filmed_capture import hand_to_capture, write_filmed_capture
-    from ..motion.turning_hand.take_shape import fit_with_shape
+    from ..tracking.turning_hand.filmed_capture import hand_to_capture, write_filmed_capture
+    from ..tracking.turning_hand.take_shape import fit_with_shape
 
     side = hand_to_capture(take, args.side)
     if len(take.hands) > 1 and not args.side:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..avatars.library import AVATAR_HELP, avatar_path
-from ..runtime.command import Command
+from ..system.command import Command
 
 if TYPE_CHECKING:
     from ..hand.model import HandModel
@@ -24,8 +24,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
     from ..hand.model_file import load_hand_of
-    from ..rendering.backends import has_numba, kernel_cache
-    from ..rendering.renderer import Renderer
+    from ..render.backends import has_numba, kernel_cache
+    from ..render.renderer import Renderer
 
     if not has_numba():
         return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}
@@ -53,7 +53,7 @@ def _shots(hand: HandModel) -> list[Shot]:
     from ..records.camera import Camera, look_at
     from ..records.light import Light
     from ..records.shot import HandPose, Shot
-    from ..rendering.studio_light import studio_light
+    from ..render.studio_light import studio_light
 
     pose = HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3), hand.side)
     vertices = posed_vertices(hand, pose)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..avatars.library import AVATAR_HELP, avatar_path, shipped_avatar_path
-from ..runtime.command import Command, parse_count
+from ..system.command import Command, parse_count
 
 if TYPE_CHECKING:
     import torch
 
-    from ..captures.capture import Capture, CaptureView
-    from ..nerf.avatar import Avatar
+    from ..avatars.avatar import Avatar
+    from ..capture.capture import Capture, CaptureView
     from .distances import Distance
     from .evaluate import ViewScore
     from .summary import Summary
@@ -83,9 +83,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
-    from ..captures.capture import load_capture
+    from ..capture.capture import load_capture
     from ..hand.model_file import load_hand_of
-    from ..rendering.renderer import Renderer
+    from ..render.renderer import Renderer
     from .evaluate import check_any, scored_views
     from .report import summary_tables
     from .sheets import SheetViews

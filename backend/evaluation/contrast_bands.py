@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..rendering.srgb import srgb_to_linear
+from ..image.srgb import srgb_to_linear
 from .cie_lab import lightness
 from .neighbourhood import distance_px, masked_blur
 from .seen_surface import SeenSurface

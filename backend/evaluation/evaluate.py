@@ -9,17 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..captures.capture import Capture, CaptureView, Split
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture, CaptureView, Split
+from ..compute.backend import Precision
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..nerf.avatar import Avatar
-from ..nerf.backend import Precision
+from ..image.decode import straight_srgb
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
-from ..rendering.decode import straight_srgb
-from ..rendering.renderer import Renderer
+from ..render.renderer import Renderer
 from .contrast_bands import contrast_figures
 from .distances import Distance
 from .exposure import exposed, exposure_gain, is_reached

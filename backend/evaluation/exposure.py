@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ..geometry.shadow_maps import Bounds
-from ..nerf.light_samples import LightSamples
+from ..image.srgb import linear_to_srgb
+from ..light.light_samples import LightSamples
+from ..light.shadow_maps import Bounds
 from ..records.light import Light
-from ..rendering.srgb import linear_to_srgb
 
 WHITE_SHARE, WHITE = 99.0, 0.9
 """The truth's values on the hand at this percentile become this linear value."""

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..captures.capture import CaptureView
+from ..capture.capture import CaptureView
+from ..field.rays import camera_tensors
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.model import HandModel
 from ..hand.topology import topology_of
-from ..nerf.rays import camera_tensors
 from ..records.side import Side
 from .seen_surface import SeenSurface, seen_surface, vertex_openness
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
-from ..runtime.atomic_file import replacing
+from ..system.atomic_file import replacing
 from .breakdown import CAUSES, REGIONS
 from .contrast_bands import BANDS_MM, CONTRAST_KEYS, SPAN, TRUTH
 from .evaluate import ViewScore

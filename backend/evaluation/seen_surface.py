@@ -7,11 +7,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..field.rays import CameraTensors, project
 from ..geometry.mesh import PosedMesh, Topology
 from ..geometry.rasterise import rasterise
-from ..geometry.visibility import DIRECTIONS, direction_frames
-from ..nerf.rays import CameraTensors, project
-from ..rendering.backends import choose_backend
+from ..light.visibility import DIRECTIONS, direction_frames
+from ..render.backends import choose_backend
 
 _MIN_COSINES = 1e-3  # a vertex without a normal faces no direction; all others have about 8
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files.picture_file import opened_picture
 from ..records.errors import LiveHandError
-from ..runtime.command import Command, parse_count
+from ..system.command import Command, parse_count
+from ..system.picture_file import opened_picture
 from .contact_sheet import on_background, save_sheet, tile
 
 SHEET_NAME = "contact_sheet.png"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from ..compute.backend import OnStage
 from ..hand.model import HandModel
-from ..nerf.backend import OnStage
 from ..records.frame import Frame
 from ..records.shot import Shot
 

@@ -16,6 +16,7 @@ from ..hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..hand.poses import POSES
+from ..image.decode import straight_srgb
 from ..motion.landmarks.skeleton import landmarks_of
 from ..motion.motion import HandMotion, mirrored
 from ..motion.spaces import rest_wrists
@@ -23,8 +24,7 @@ from ..records.camera import Camera
 from ..records.light import Light, Sky
 from ..records.shot import Shot
 from ..records.side import Side
-from ..rendering.decode import straight_srgb
-from ..rendering.renderer import Renderer
+from ..render.renderer import Renderer
 
 TakePoses = Literal["library", "mixes", "single"]
 TakeView = Literal["palm", "back", "side"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..captures.capture import Capture, CaptureView
+from ..capture.capture import Capture, CaptureView
 
 
 def train_view_angle_deg(

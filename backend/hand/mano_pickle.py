@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..files.pickle_scan import scan_pickle
-from ..files.regular_file import MIB, read_regular
 from ..records.errors import LiveHandError
+from ..system.pickle_scan import scan_pickle
+from ..system.regular_file import MIB, read_regular
 from .pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
 
 # The file also holds strings, which are ignored.

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files.npz_file import read_npz
-from ..files.regular_file import is_file
 from ..records.errors import LiveHandError
 from ..records.side import Side
+from ..system.npz_file import read_npz
+from ..system.regular_file import is_file
 from .atlas import unwrap, with_cap_chart
 from .cap import cap_faces, capped
 from .model import MIRROR_POINT, PARENTS, HandModel

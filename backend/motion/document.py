@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files.json_file import MOST_BYTES as MOST_JSON_BYTES
-from ..files.json_file import parse_json, read_json
-from ..files.npz_file import MOST_BYTES, read_npy_header, read_npz
-from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
+from ..system.json_file import MOST_BYTES as MOST_JSON_BYTES
+from ..system.json_file import parse_json, read_json
+from ..system.npz_file import MOST_BYTES, read_npy_header, read_npz
+from ..system.regular_file import MIB, is_file, read_regular
 from .plain_pickle import read_plain_pickle
 
 _MOST_TABLE_BYTES = 64 * MIB

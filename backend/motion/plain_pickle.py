@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files.pickle_scan import DEEPEST, scan_pickle
 from ..hand.pickled_arrays import Array, ArrayKind, Dtype, RestrictedUnpickler, Stub, require
+from ..system.pickle_scan import DEEPEST, scan_pickle
 
 _MOST_NUMBERS = 50_000_000
 _REFUSAL = "a pickle of poses may not use {}, which could run code; save plain numpy arrays as .npz instead"

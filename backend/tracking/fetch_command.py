@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..runtime.command import Command
+from ..system.command import Command
 from .weights import fetch_networks, load_networks, take_networks
 
 

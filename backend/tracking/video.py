@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
-from ..runtime.camera_device import CameraDevice, camera_device
-from ..runtime.command import warn
+from ..system.camera_device import CameraDevice, camera_device
+from ..system.command import warn
+from ..system.regular_file import check_regular
 from .tone_mapping import HLG, PQ, tone_mapped
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..files.regular_file import MIB, is_file, read_regular
 from ..records.errors import LiveHandError
-from ..runtime.atomic_file import replacing
-from ..runtime.data_folder import data_folder
+from ..system.atomic_file import replacing
+from ..system.data_folder import data_folder
+from ..system.regular_file import MIB, is_file, read_regular
 from .tflite import Network, read_network
 
 FETCH_COMMAND = "livehand fetch-tracker"

@@ -17,10 +17,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ..files.json_file import parse_json
-from ..files.regular_file import check_regular
 from ..records.errors import LiveHandError
-from ..runtime.atomic_file import replacing
+from ..system.atomic_file import replacing
+from ..system.json_file import parse_json
+from ..system.regular_file import check_regular
 
 _CHECKSUM = "sha256"
 

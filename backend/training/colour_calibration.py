@@ -16,9 +16,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..captures.capture import Capture
-from ..nerf.avatar import Avatar
-from ..nerf.superres import build_superres
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture
+from ..image.superres import build_superres
 from ..records.errors import LiveHandError
 from .parts import Correction, Rendered
 

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 from ..avatars.library import avatar_path
 from ..records.errors import LiveHandError
-from ..runtime.command import Command, warn
-from ..runtime.options import add_options, from_options
+from ..system.command import Command, warn
+from ..system.options import add_options, from_options
 from .config import LossConfig, ReportConfig, TrainConfig
 
 if TYPE_CHECKING:
     import torch
 
-    from ..captures.capture import Capture
+    from ..capture.capture import Capture
     from ..hand.model import HandModel
     from .parts import Correction
     from .processes import Processes
     from .setup import TrainingResult, TrainingSetup
 
 PRESET_NAMES = ("default", "relightable", "poseless", "paper")
-"""The names in `nerf.avatar.PRESETS`, which needs torch."""
+"""The names in `avatars.avatar.PRESETS`, which needs torch."""
 _SURFACE_DEVIATION_M = 0.001  # with --refine-surface
 
 
@@ -112,12 +112,12 @@ def _train(args: argparse.Namespace, device: torch.device, processes: Processes)
 
 
 def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> TrainingSetup:
-    from ..captures.capture import load_capture
-    from ..captures.check import check_capture
-    from ..captures.half_size import half_size
+    from ..avatars.avatar import PRESETS
+    from ..capture.capture import load_capture
+    from ..capture.check import check_capture
+    from ..capture.half_size import half_size
     from ..hand.model_file import load_hand_model, load_hand_of
-    from ..hand.skin_version import is_current_skin
-    from ..nerf.avatar import PRESETS
+    from ..surface.skin_version import is_current_skin
     from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
 

@@ -10,8 +10,8 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
-from ..runtime.command import parse_count
-from ..runtime.options import number_parser
+from ..system.command import parse_count
+from ..system.options import number_parser
 
 
 def parse_region(text: str) -> str:

@@ -17,17 +17,25 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..captures.capture import Capture, CaptureView
+from ..capture.capture import Capture, CaptureView
 from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
+from ..field.rays import CameraTensors, HandInView, view_directions
+from ..field.sampler import SamplerConfig
 from ..geometry.mesh import PosedMesh
-from ..geometry.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
 from ..hand.model import HandModel
-from ..nerf.bounce import SkinPlaces
-from ..nerf.fine_mesh import FineMesh, FineTemplate, on_surface
-from ..nerf.lamp_samples import LampSamples
-from ..nerf.light_samples import LightSamples
-from ..nerf.lighting import LightShadows
-from ..nerf.lit_rays import (
+from ..image.relighting import covered_pixels, doubled
+from ..image.srgb import linear_to_srgb
+from ..light.bounce import SkinPlaces
+from ..light.lamp_samples import LampSamples
+from ..light.light_samples import LightSamples
+from ..light.lighting import LightShadows
+from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
+from ..light.sky_samples import SkySamples, division_of
+from ..light.surrounding_light import SurroundingLight
+from ..records.errors import LiveHandError
+from ..records.light import Light
+from ..render.known_skin import KnownSkin, skin_of_capture
+from ..render.lit_rays import (
     NO_OCCLUDERS,
     HitSurface,
     light_shadows,
@@ -38,17 +46,9 @@ from ..nerf.lit_rays import (
     surrounding_light,
     with_parts,
 )
-from ..nerf.ray_hits import RayHits
-from ..nerf.rays import CameraTensors, HandInView, view_directions
-from ..nerf.relighting import covered_pixels, doubled
-from ..nerf.sampler import SamplerConfig
-from ..nerf.skin_detail import PixelSkin, pixel_skin
-from ..nerf.sky_samples import SkySamples, division_of
-from ..nerf.surrounding_light import SurroundingLight
-from ..records.errors import LiveHandError
-from ..records.light import Light
-from ..rendering.known_skin import KnownSkin, skin_of_capture
-from ..rendering.srgb import linear_to_srgb
+from ..surface.fine_mesh import FineMesh, FineTemplate, on_surface
+from ..surface.ray_hits import RayHits
+from ..surface.skin_detail import PixelSkin, pixel_skin
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
 

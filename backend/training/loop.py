@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from ..avatars.avatar import Avatar
 from ..avatars.file import save_avatar
-from ..avatars.thumbnail import with_thumbnail
-from ..nerf.avatar import Avatar
 from ..records.errors import LiveHandError
+from ..render.thumbnail import with_thumbnail
 from .checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from .clock import Clock, Interval
 from .config import ReportConfig, TrainConfig

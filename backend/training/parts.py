@@ -10,9 +10,9 @@ from typing import Generic, NamedTuple, TypeVar
 import torch
 from torch import Tensor, nn
 
-from ..captures.capture import CaptureView
-from ..nerf.avatar import Avatar
-from ..nerf.encoding import FeaturePlane
+from ..avatars.avatar import Avatar
+from ..capture.capture import CaptureView
+from ..field.encoding import FeaturePlane
 from .config import TrainConfig
 from .schedule import ScheduleState
 from .views import TrainingView, TrainingViews

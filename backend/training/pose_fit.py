@@ -10,9 +10,9 @@ import torch
 from torch import nn
 from tqdm import tqdm
 
-from ..captures.capture import Capture, Split
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture, Split
 from ..hand.model import HandModel
-from ..nerf.avatar import Avatar
 from .config import LossConfig
 from .losses import crop_loss
 from .refinement import Refinement, RefinementConfig

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..captures.capture import Capture
+from ..capture.capture import Capture
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..records.shot import HandPose

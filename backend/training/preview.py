@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ..captures.capture import Capture, CaptureView, Split
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture, CaptureView, Split
 from ..evaluation.contact_sheet import comparison_sheet, save_sheet
 from ..evaluation.evaluate import read_truth, rendered_pair
 from ..evaluation.metrics import psnr_db
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
-from ..nerf.avatar import Avatar
 from ..records.shot import Shot
-from ..rendering.renderer import Renderer
+from ..render.renderer import Renderer
 
 # The hardest split first; a capture without held-out views is previewed by its training views.
 _SPLITS: tuple[Split, ...] = ("test", "novel_pose", "novel_camera", "train")

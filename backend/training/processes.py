@@ -17,8 +17,8 @@ import torch.distributed as dist
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..nerf.backend import Precision
-from ..rendering.device import torch_device
+from ..compute.backend import Precision
+from ..render.device import torch_device
 
 Item = TypeVar("Item")
 

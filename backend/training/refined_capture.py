@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..captures.capture import Capture, save_capture_index
-from ..files.npz_file import npz_bytes
+from ..avatars.avatar import Avatar
+from ..capture.capture import Capture, save_capture_index
 from ..hand.model import HandModel
 from ..hand.model_file import ARM_KEY, load_hand_model
-from ..nerf.avatar import Avatar
-from ..runtime.atomic_file import replacing
+from ..system.atomic_file import replacing
+from ..system.npz_file import npz_bytes
 from .parts import Correction
 from .refinement import Refinement, RefinementConfig
 

@@ -23,14 +23,14 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from ..captures.capture import Capture, Split
+from ..capture.capture import Capture, Split
+from ..field.conditions import FrameConditions
+from ..field.rays import ray_origin
 from ..geometry.mesh import posed_mesh, vertex_normals
 from ..geometry.reprojection import reproject
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
 from ..hand.topology import Skinning, topology_of
-from ..nerf.conditions import FrameConditions
-from ..nerf.rays import ray_origin
 from ..records.shot import HandPose
 from ..records.side import Side
 from .views import TrainingView, TrainingViews

@@ -9,7 +9,7 @@ from statistics import fmean
 
 from tqdm import tqdm
 
-from ..nerf.avatar import Avatar
+from ..avatars.avatar import Avatar
 from .clock import Clock, Interval
 from .config import ReportConfig
 from .metric_writers import JsonLinesLog, MetricWriter, TensorBoardLog

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import nn
 
+from ..avatars.avatar import Avatar, AvatarConfig, new_avatar
 from ..avatars.file import load_avatar
-from ..captures.capture import Capture
+from ..capture.capture import Capture
+from ..compute.backend import Precision
+from ..field.field import PlaneField
 from ..hand.model import HandModel
-from ..nerf.avatar import Avatar, AvatarConfig, new_avatar
-from ..nerf.backend import Precision
-from ..nerf.field import PlaneField
 from ..records.errors import LiveHandError
 from ..records.light import Sky
 from .checkpoint import Progress

@@ -11,21 +11,21 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d
 
-from ..captures.capture import CaptureView
-from ..nerf.avatar import Avatar
-from ..nerf.backend import Precision, autocast, in_precision
-from ..nerf.clear_rays import without_strays
-from ..nerf.lighting import openness, reflectance
-from ..nerf.lit_field import LitField
-from ..nerf.lit_rays import features_among, skin_layers, split_points, surface_points
-from ..nerf.maps import image_of, low_resolution_maps
-from ..nerf.rays import HandInView
-from ..nerf.relighting import at_full_size, lit_image, relit, relit_rays
-from ..nerf.skin_detail import with_skin
-from ..nerf.sky_samples import SkySamples
-from ..nerf.superres import NoSuperRes
-from ..nerf.volume import Composite
+from ..avatars.avatar import Avatar
+from ..capture.capture import CaptureView
+from ..compute.backend import Precision, autocast, in_precision
+from ..field.rays import HandInView
+from ..field.relightable import LitField
+from ..field.volume import Composite
+from ..image.maps import image_of, low_resolution_maps
+from ..image.relighting import at_full_size, lit_image, relit, relit_rays
+from ..image.superres import NoSuperRes
+from ..light.lighting import openness, reflectance
+from ..light.sky_samples import SkySamples
 from ..records.errors import LiveHandError
+from ..render.lit_rays import features_among, skin_layers, split_points, surface_points
+from ..surface.clear_rays import without_strays
+from ..surface.skin_detail import with_skin
 from .clock import Clock
 from .config import TrainConfig
 from .lit_views import MixedLight, mixed

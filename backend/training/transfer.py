@@ -11,9 +11,9 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from ..field.encoding import FeaturePlane
+from ..field.field import PlaneField
 from ..hand.model import HandModel
-from ..nerf.encoding import FeaturePlane
-from ..nerf.field import PlaneField
 from ..records.errors import LiveHandError
 
 _SAMPLES = 1_000_000

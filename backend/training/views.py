@@ -14,20 +14,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..captures.capture import Capture, CaptureView
+from ..capture.capture import Capture, CaptureView
+from ..compute.backend import RenderBackend
+from ..field.conditions import FrameConditions
+from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors, ray_directions
+from ..field.sampler import SamplerConfig
 from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..geometry.uvh import SurfaceSamples
 from ..hand.lbs import SkinTensors, pose_hand
 from ..hand.model import HandModel
 from ..hand.posed_bones import bone_frames
 from ..hand.topology import Skinning, topology_of
-from ..nerf.backend import RenderBackend
-from ..nerf.conditions import FrameConditions
-from ..nerf.crop import Crop, crop_of
-from ..nerf.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors, ray_directions
-from ..nerf.sampler import SamplerConfig
+from ..image.crop import Crop, crop_of
 from ..records.errors import LiveHandError
-from ..rendering.backends import choose_backend
+from ..render.backends import choose_backend
 from .crop_store import CropStore
 
 

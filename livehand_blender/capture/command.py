@@ -9,13 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from ...backend.captures.capture import Split
-from ...backend.captures.person import PERSONS, Person, find_person
-from ...backend.captures.plan import CapturePlan
+from ...backend.capture.capture import Split
+from ...backend.capture.person import PERSONS, Person, find_person
+from ...backend.capture.plan import CapturePlan
 from ...backend.hand.model import HandModel
-from ...backend.hand.skin_version import SKIN_VERSION, skin_version
 from ...backend.records.errors import LiveHandError
-from ...backend.runtime.command import parse_size_px
+from ...backend.surface.skin_version import SKIN_VERSION, skin_version
+from ...backend.system.command import parse_size_px
 
 if TYPE_CHECKING:
     from .render import DressedHand

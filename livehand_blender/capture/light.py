@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.captures.dome import GROUND, LOBES, ZENITH, Lobe
+from ...backend.capture.dome import GROUND, LOBES, ZENITH, Lobe
 from .node_graph import NodeGraph, enable_nodes
 
 

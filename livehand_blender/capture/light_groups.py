@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.captures.exr import read_exr
+from ...backend.capture.exr import read_exr
 from ...backend.records.errors import LiveHandError
 
 _WHOLE = "whole"  # the file of the sum of all groups

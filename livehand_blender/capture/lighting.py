@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...backend.captures.lights import CaptureLight
+from ...backend.capture.lights import CaptureLight
 from ...backend.records.light import Lamp, Light, Sky
 from .node_graph import NodeGraph, enable_nodes
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.captures.capture import Capture, CaptureView
-from ...backend.captures.exr import read_exr, write_exr
-from ...backend.captures.varied_light import GROUPS
+from ...backend.capture.capture import Capture, CaptureView
+from ...backend.capture.exr import read_exr, write_exr
+from ...backend.capture.varied_light import GROUPS
 from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
 from ...backend.records.errors import LiveHandError

@@ -11,15 +11,15 @@ import bpy
 from tqdm import tqdm
 
 from ...backend.batch.frame_file import is_finished
-from ...backend.captures.capture import Capture, CaptureView, index_document, save_capture_index
-from ...backend.captures.person import Person
-from ...backend.captures.plan import CapturePlan
-from ...backend.hand.builtin.detailed_surface import detailed_surface
+from ...backend.capture.capture import Capture, CaptureView, index_document, save_capture_index
+from ...backend.capture.person import Person
+from ...backend.capture.plan import CapturePlan
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import HandPose
-from ...backend.runtime.atomic_file import replacing
+from ...backend.system.atomic_file import replacing
+from ...backend.teacher.detailed_surface import detailed_surface
 from ..scene.file_paths import output_path
 from .bake import bake_skin
 from .lit_image import LitImages, is_complete_picture

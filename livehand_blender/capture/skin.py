@@ -1,6 +1,6 @@
 """The skin of captures: a procedural Cycles material that is baked once; its folds and blanching follow the pose.
 
-Its inputs are vertex attributes: the masks of the detailed surface (`backend/hand/builtin/skin_masks.py`), `rest` (rest
+Its inputs are vertex attributes: the masks of the detailed surface (`backend/teacher/skin_masks.py`), `rest` (rest
 position, mm), `flex` (bend of the nearest joint, 1 = 65 degrees) and `crossing` (1 where parts of the hand run into
 each other). Colours are linear Rec.709.
 """
@@ -14,8 +14,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.captures.person import Person
-from ...backend.hand.skin_detail import DEEPENED_BY, DEEPENED_FROM, FLATTENED
+from ...backend.capture.person import Person
+from ...backend.surface.detail_maps_file import DEEPENED_BY, DEEPENED_FROM, FLATTENED
 from .node_graph import NodeGraph, Socket, enable_nodes
 
 MASKS = (

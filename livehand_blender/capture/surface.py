@@ -10,15 +10,15 @@ import numpy as np
 import torch
 from mathutils.bvhtree import BVHTree
 
-from ...backend.captures.person import Person
+from ...backend.capture.person import Person
 from ...backend.geometry.torch_rotation import axis_angle_to_matrix
-from ...backend.hand.builtin.dependencies import needs
-from ...backend.hand.builtin.detailed_surface import DetailedSurface
-from ...backend.hand.builtin.frames import template_to_build
 from ...backend.hand.lbs import SkinTensors, forearm_offsets, joint_transforms
 from ...backend.hand.model import HandModel
-from ...backend.hand.skin_detail import SkinBend
 from ...backend.records.shot import HandPose
+from ...backend.surface.detail_maps_file import SkinBend
+from ...backend.teacher.dependencies import needs
+from ...backend.teacher.detailed_surface import DetailedSurface
+from ...backend.teacher.frames import template_to_build
 from .skin import MASKS, UV_LAYER
 
 with needs("scipy"):

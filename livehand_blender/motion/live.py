@@ -16,7 +16,6 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...backend.motion.landmarks.online_fit import OnlineFit
-from ...backend.motion.landmarks.sighted_take import filmed_take
 from ...backend.motion.landmarks.take_file import unmirrored, unmirrored_hands
 from ...backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take
 from ...backend.motion.motion import motion_from_poses
@@ -24,6 +23,7 @@ from ...backend.motion.spaces import rest_wrists, transformed
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 from ...backend.tracking.live import CameraSource, LiveFrame, LiveTracker
+from ...backend.tracking.sighted_take import filmed_take
 from ...backend.tracking.takes import by_side
 from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl

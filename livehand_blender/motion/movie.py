@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...backend.files.regular_file import check_regular
 from ...backend.records.errors import LiveHandError
+from ...backend.system.regular_file import check_regular
 
 _AT_ONCE = 100  # frames on disk
 _QUALITY = 95

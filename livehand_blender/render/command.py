@@ -14,7 +14,7 @@ from ...backend.batch.folders import folders_of, writable_folder
 from ...backend.batch.frame_selection import ALL, parse_chunk, parse_frames
 from ...backend.batch.report import RunReport
 from ...backend.batch.workers import run_workers, stop_with_parent
-from ...backend.runtime.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
+from ...backend.system.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
 
 FORMATS = ("exr", "png")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.composition import SceneLayer
+from ...backend.render.composition import SceneLayer
+from ..light.solid import MESH_LIKE
 from ..rig.hand import hand_of_mesh
-from ..scene.solid import MESH_LIKE
 from .passes import ScenePasses
 
 _SEEN = {*MESH_LIKE, "CURVES", "POINTCLOUD", "VOLUME"}

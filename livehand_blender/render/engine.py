@@ -18,14 +18,14 @@ from typing import ClassVar, TypeVar
 import bpy
 import numpy as np
 
-from ...backend.avatars.session import Session
 from ...backend.records.errors import LiveHandError
 from ...backend.records.frame import Frame
-from ...backend.rendering.background import BackgroundWork, ShouldStop
-from ...backend.rendering.frame_queue import FrameQueue
-from ...backend.rendering.frame_task import ExposureFrames, FrameTask
-from ...backend.rendering.picture import Picture, compose_picture, surface_of
-from ..scene.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
+from ...backend.render.background import BackgroundWork, ShouldStop
+from ...backend.render.frame_queue import FrameQueue
+from ...backend.render.frame_task import ExposureFrames, FrameTask
+from ...backend.render.picture import Picture, compose_picture, surface_of
+from ...backend.render.session import Session
+from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
 from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_samples import one_sample
@@ -216,7 +216,7 @@ class LiveHandRender(CyclesEngine):
 
     def _render_hands(self, task: FrameTask) -> tuple[ExposureFrames, ...] | None:
         """Render the hands; returns None if the user has stopped the render."""
-        from ...backend.rendering.renderer import RenderStopped  # torch, which a renderer has imported already
+        from ...backend.render.renderer import RenderStopped  # torch, which a renderer has imported already
 
         session = self.required_session()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...backend.rendering.exposure import ExposureSample, Lens, Shutter, exposure_samples
+from ...backend.image.exposure import ExposureSample, Lens, Shutter, exposure_samples
 
 
 def read_exposure(scene: bpy.types.Scene, lens: Lens | None) -> tuple[ExposureSample, ...]:

@@ -9,17 +9,17 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ...backend.avatars.session import Session
+from ...backend.image.exposure import SHARP, Lens, camera_of_sample
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
-from ...backend.rendering.exposure import SHARP, Lens, camera_of_sample
-from ...backend.rendering.frame_task import FrameTask, HandInstance, HandTask
+from ...backend.render.frame_task import FrameTask, HandInstance, HandTask
+from ...backend.render.session import Session
+from ..hands.seen_hands import SeenHand, visible_hands
+from ..hands.shot import read_shot, seen_vertices
+from ..light.light import read_hand_lights
 from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
-from ..scene.light import read_hand_lights
-from ..scene.seen_hands import SeenHand, visible_hands
-from ..scene.shot import read_shot, seen_vertices
 from .cycles_scene import is_in_scene
 from .exposure import read_exposure, read_lens
 from .hands.hand_source import hand_source, load_for, read_device, read_grade

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import bpy
 
-from ...backend.avatars.session import Session
 from ...backend.batch.folders import not_written
 from ...backend.batch.frame_paths import FrameParts, FramePaths
 from ...backend.batch.interruption import Interruption
 from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.provenance import HandRecord, frame_record, save_record
 from ...backend.records.errors import LiveHandError
-from ...backend.rendering.frame_queue import FrameQueue
-from ...backend.rendering.frame_task import HandTask
-from ...backend.runtime.stdout import blender_silenced
+from ...backend.render.frame_queue import FrameQueue
+from ...backend.render.frame_task import HandTask
+from ...backend.render.session import Session
+from ...backend.system.stdout import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
 from ..scene.file_paths import operator_path, output_path
 from .output import OutputSettings

@@ -16,9 +16,9 @@ import numpy as np
 
 from ...backend.records.frame import Frame
 from ...backend.records.light import Light
-from ...backend.rendering.composition import SceneLayer
-from ...backend.rendering.frame_task import ExposureFrames, FrameTask, HandInstance, HandTask
-from ...backend.rendering.picture import compose_picture
+from ...backend.render.composition import SceneLayer
+from ...backend.render.frame_task import ExposureFrames, FrameTask, HandInstance, HandTask
+from ...backend.render.picture import compose_picture
 from .passes import ScenePasses
 
 _TINY = 1e-12

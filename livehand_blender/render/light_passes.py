@@ -25,11 +25,11 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
 from ...backend.records.surface_mesh import SurfaceMesh
-from ...backend.rendering.frame_task import FrameTask, HandTask
+from ...backend.render.frame_task import FrameTask, HandTask
+from ..hands.proxy import hide_from_scene, show_alone, use_albedo
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
-from ..scene.proxy import hide_from_scene, show_alone, use_albedo
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 
 from ...backend.records.frame import DEPTH_BACKGROUND, Frame
-from ...backend.rendering.cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
-from ...backend.rendering.picture import Picture
+from ...backend.render.cryptomatte import PAIRS_PER_LEVEL, crypto_ranks, merged_ranks
+from ...backend.render.picture import Picture
 
 ScenePasses = Mapping[str, np.ndarray]
 """Cycles' passes of a view layer by name, [H, W, C], top row first; empty if Cycles did not render."""

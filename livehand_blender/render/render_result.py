@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import bpy
 import numpy as np
 
-from ...backend.rendering.cryptomatte import crypto_metadata
-from ...backend.rendering.picture import Picture
+from ...backend.render.cryptomatte import crypto_metadata
+from ...backend.render.picture import Picture
 from .frame_setup import FrameSetup
 from .light_groups import pass_name
 from .passes import CRYPTOMATTE, ScenePasses, drawn_passes

@@ -20,7 +20,7 @@ from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.progress import EventHandler, Failed, FrameProgress, FrameState, ShotOpened, Warned
 from ...backend.batch.report import RunReport
 from ...backend.records.errors import LiveHandError
-from ...backend.runtime.stdout import blender_silenced
+from ...backend.system.stdout import blender_silenced
 from ..scene.camera import output_size_px
 from ..scene.images import unreadable_images
 from .engine import LiveHandRender

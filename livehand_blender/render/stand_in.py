@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 
 from ...backend.records.surface_mesh import SurfaceMesh
-from ..scene.light_linking import LinkRule
-from ..scene.proxy import SCENE_RAYS
+from ..hands.proxy import SCENE_RAYS
+from ..light.light_linking import LinkRule
 
 _NAME = "LiveHand Surface"
 

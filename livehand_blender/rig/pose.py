@@ -1,7 +1,7 @@
 """Pose bones <-> theta and transl, exactly.
 
 Frames: theta and transl are in armature space, which is the hand model's own frame. The armature object's matrix_world
-is not part of them: apply it to the vertices to get the hand in the world (as `scene.shot` does).
+is not part of them: apply it to the vertices to get the hand in the world (as `hands.shot` does).
 Per joint, R = B basis B^T with B the bone's rest orientation; transl = B_wrist location_wrist. In a hand with an arm,
 the forearm carries the hand (`carrier`): it has the rotation R_0 R_forearm, and the wrist the rest.
 

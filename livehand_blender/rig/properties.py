@@ -13,8 +13,9 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import retarget_properties, sliders
-from .retarget_properties import LIVEHAND_PG_other_rig
+from . import follow_properties as retarget_properties
+from . import sliders
+from .follow_properties import LIVEHAND_PG_other_rig
 
 # Every property can be changed on a hand that is linked from another file.
 _OVERRIDE = {"LIBRARY_OVERRIDABLE"}

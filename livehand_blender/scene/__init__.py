@@ -1,1 +1,1 @@
-"""Reads cameras, hands and settings of a Blender scene into the backend's records."""
+"""Reads cameras, colours, nodes and settings of a Blender scene."""

@@ -8,8 +8,8 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..retarget.character_file import read_joint_map
-from ..retarget.hand_from_mesh import hand_model_from_mesh
+from ..rigs.character_file import read_joint_map
+from ..rigs.hand_from_mesh import hand_model_from_mesh
 from .mixins import Tab, reports_errors
 
 _SIDES = (

@@ -18,12 +18,12 @@ from ...backend.motion.formats.own import write_motion
 from ...backend.motion.landmarks.picture_camera import PictureCamera
 from ...backend.motion.landmarks.take_file import TakeFile, doubt_of
 from ...backend.records.errors import LiveHandError
-from ...backend.retarget.rig_suffixes import RIG_SUFFIXES
+from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
-from ..retarget.bake import bake_file
-from ..retarget.importing import RigFile
 from ..rig.hand import RiggedHand
+from ..rigs.bake import bake_file
+from ..rigs.importing import RigFile
 from ..scene.camera import read_camera
 from . import motion_files
 from .mixins import FrameRange, HandTab, OnHand, reports_errors

@@ -2,8 +2,8 @@
 
 import bpy
 
+from ..light.studio import add_studio, has_studio, needs_lamps, remove_studio
 from ..rig.hand import active_hand
-from ..scene.studio import add_studio, has_studio, needs_lamps, remove_studio
 from .mixins import reports_errors
 
 

@@ -17,7 +17,7 @@ from ...backend.hand.model_file import load_default_hand
 from ...backend.motion.landmarks.take_file import FilmedTake, doubt_of, unmirrored
 from ...backend.motion.landmarks.take_fit import FilmCamera, TakeFit, fit_take
 from ...backend.records.side import Side
-from ...backend.runtime.dependencies import missing_requirements
+from ...backend.system.dependencies import missing_requirements
 from ...backend.tracking.weights import FETCH_COMMAND, has_networks
 from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
@@ -87,7 +87,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
                 self.report({"WARNING"}, f"Check the {side} hand: {doubt}")
 
     def _tracked(self, context: bpy.types.Context, path: Path) -> FilmedTake:
-        from ...backend.motion.landmarks.sighted_take import filmed_take
+        from ...backend.tracking.sighted_take import filmed_take
         from ...backend.tracking.takes import track_frames
         from ...backend.tracking.tracker import HandTracker
         from ...backend.tracking.video import VideoFrame, open_video

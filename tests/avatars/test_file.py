@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars import file as avatar_module
+from livehand.backend.avatars.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
 from livehand.backend.avatars.file import BAKED_VERSION, LIT_VERSION, load_avatar, read_header, save_avatar
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin, shipped_skins
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
-from livehand.backend.nerf.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Sky
 from safetensors.torch import load_file, save_file

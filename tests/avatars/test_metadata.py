@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.avatars.library import shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from safetensors.numpy import save_file
 

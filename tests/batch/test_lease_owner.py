@@ -5,7 +5,7 @@ import os
 import pytest
 from livehand.backend.batch import lease_owner
 from livehand.backend.batch.lease_owner import LeaseOwner, read_owner, signature
-from livehand.backend.runtime.process_identity import process_space
+from livehand.backend.system.process_identity import process_space
 
 
 def test_a_signature_names_this_process(tmp_path):

@@ -9,7 +9,7 @@ from collections import Counter
 import pytest
 from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.runtime.process_identity import process_space
+from livehand.backend.system.process_identity import process_space
 
 
 @pytest.fixture

@@ -123,7 +123,7 @@ def fake_renderer():
 @pytest.fixture
 def fake_session(registered, fake_renderer, monkeypatch):
     """The engine's session, with the fake renderer; its `made` lists the renderers it has asked for."""
-    from livehand.backend.avatars.session import Session
+    from livehand.backend.render.session import Session
     from livehand.livehand_blender.render.engine import LiveHandRender
 
     made = []

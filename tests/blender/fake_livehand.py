@@ -44,7 +44,7 @@ class FakeRenderer:
 
 def main():
     import livehand
-    from livehand.backend.avatars.session import Session
+    from livehand.backend.render.session import Session
     from livehand.livehand_blender.cli import program
     from livehand.livehand_blender.render.engine import LiveHandRender
 

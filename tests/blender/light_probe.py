@@ -2,7 +2,7 @@
 
 import bpy
 import numpy as np
-from livehand.livehand_blender.scene.light import read_light
+from livehand.livehand_blender.light.light import read_light
 from mathutils import Vector
 
 SIZE_PX = 8

@@ -20,7 +20,7 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, PARENTS
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
-from livehand.backend.retarget.source_skeleton import JointMap
+from livehand.backend.rigs.source_skeleton import JointMap
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 

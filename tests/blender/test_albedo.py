@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.livehand_blender.scene.albedo import BARE, UNKNOWN, albedo_of
+from livehand.livehand_blender.light.albedo import BARE, UNKNOWN, albedo_of
 
 COLOUR = (0.2, 0.5, 0.1)
 

@@ -16,7 +16,7 @@ import bpy
 import pytest
 from livehand.backend.batch.frame_file import is_finished
 from livehand.backend.batch.leases import FrameLeases
-from livehand.backend.runtime.process_identity import process_space
+from livehand.backend.system.process_identity import process_space
 from livehand.livehand_blender import cli
 
 FAKE_PROGRAM = Path(__file__).parent / "fake_livehand.py"

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.benchmark.motion import MotionFrame
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose
-from livehand.livehand_blender.benchmark import command
-from livehand.livehand_blender.benchmark.cycles import CyclesHand
+from livehand.backend.research.benchmark.motion import MotionFrame
 from livehand.livehand_blender.capture.scene import capture_scene
+from livehand.livehand_blender.research import command
+from livehand.livehand_blender.research.cycles import CyclesHand
 
 K = np.array([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]])
 FRAME = MotionFrame(

@@ -5,7 +5,7 @@ from functools import partial
 
 import bpy
 import pytest
-from livehand.backend.rendering.background import BackgroundWork
+from livehand.backend.render.background import BackgroundWork
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.rig.hand import find_hands
 

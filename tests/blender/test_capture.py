@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.captures.capture import load_capture
-from livehand.backend.captures.person import PERSONS, Person
-from livehand.backend.captures.plan import CapturePlan
+from livehand.backend.capture.capture import load_capture
+from livehand.backend.capture.person import PERSONS, Person
+from livehand.backend.capture.plan import CapturePlan
 from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rasterise import rasterise
-from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model import HandModel
 from livehand.backend.hand.model_file import load_default_hand, load_hand_model
-from livehand.backend.hand.skin_version import is_current_skin
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+from livehand.backend.surface.skin_version import is_current_skin
+from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin

@@ -10,10 +10,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import save_avatar
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.avatar import PRESETS, new_avatar
-from livehand.backend.runtime.command import parse_size_px
+from livehand.backend.system.command import parse_size_px
 from livehand.livehand_blender import cli
 from livehand.livehand_blender.render.command import parse_formats
 from PIL import Image
@@ -205,7 +205,7 @@ def test_bad_avatars_end_with_1_and_no_files(capsys, shot_path, avatar_path, tmp
 WITHOUT_BPY = """
 import sys
 sys.modules["bpy"] = None
-from livehand.backend.runtime.command import parse_size_px
+from livehand.backend.system.command import parse_size_px
 from livehand.livehand_blender import cli
 code = cli.main(sys.argv[1:])
 assert "torch" not in sys.modules
@@ -239,7 +239,7 @@ def test_blender_and_the_process_end_cleanly(shot_path, tmp_path):
 
 CHATTER = """
 import ctypes
-from livehand.backend.runtime.stdout import blender_silenced
+from livehand.backend.system.stdout import blender_silenced
 print("before")
 with blender_silenced():
     print("python")

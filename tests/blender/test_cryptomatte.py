@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.rendering.cryptomatte import crypto_hash, crypto_id, crypto_metadata, crypto_ranks
+from livehand.backend.render.cryptomatte import crypto_hash, crypto_id, crypto_metadata, crypto_ranks
 
 LAYER = "ViewLayer.CryptoObject"
 

@@ -2,8 +2,8 @@
 
 import bpy
 import numpy as np
+from livehand.livehand_blender.hands.proxy import hidden_from_camera
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
-from livehand.livehand_blender.scene.proxy import hidden_from_camera
 from PIL import Image
 
 

@@ -7,11 +7,11 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.livehand_blender.hands.seen_hands import visible_hands
+from livehand.livehand_blender.hands.shot import read_shot
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.seen_hands import visible_hands
-from livehand.livehand_blender.scene.shot import read_shot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAMES = range(1, 25)

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.rendering.exposure import SHARP
+from livehand.backend.image.exposure import SHARP
 from livehand.livehand_blender.render.exposure import read_exposure, read_lens
 from livehand.livehand_blender.rig.hand import find_hands
 

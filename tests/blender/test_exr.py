@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.captures.exr import read_exr, write_exr
+from livehand.backend.capture.exr import read_exr, write_exr
 from livehand.backend.records.errors import LiveHandError
 
 HEIGHT, WIDTH = 37, 21

@@ -18,18 +18,14 @@ WANTED_DATA = {
 }
 # What serves the pip package's commands only.
 LEFT_OUT = {
-    "backend/benchmark",
-    "backend/captures/masks",
+    "backend/capture/masks",
     "backend/commands",
     "backend/evaluation",
-    "backend/hand/builtin",
-    "backend/reenact",
+    "backend/research",
+    "backend/teacher",
     "backend/training",
-    "backend/baselines",
-    "backend/comparison",
-    "livehand_blender/benchmark",
     "livehand_blender/cli.py",
-    "livehand_blender/lookdev",
+    "livehand_blender/research",
 }
 WANTED_KINDS = {"", ".py", ".toml", ".md", ".npz", ".safetensors", ".blend", ".txt"}
 
@@ -81,7 +77,7 @@ def test_nothing_in_the_zip_trains_or_downloads(zip_path):
 def test_everything_that_blender_imports_is_in_the_zip(zip_path):
     """Also what is imported only when it is needed: the imports are read from the source, inside functions too."""
     imported = import_closure(PurePosixPath("__init__.py"), PurePosixPath("livehand_blender/registration.py"))
-    assert PurePosixPath("backend/rendering/renderer.py") in imported
+    assert PurePosixPath("backend/render/renderer.py") in imported
     assert sorted(imported - names_in(zip_path)) == []
 
 

@@ -4,15 +4,15 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.image.scene_depth import scene_depth
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import DEPTH_BACKGROUND
-from livehand.backend.rendering.scene_depth import scene_depth
+from livehand.livehand_blender.hands.seen_hands import visible_hands
+from livehand.livehand_blender.hands.shot import seen_vertices
+from livehand.livehand_blender.light.foreground import Foreground, clipped, foreground_triangles
+from livehand.livehand_blender.light.local_triangles import LocalTriangles
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.foreground import Foreground, clipped, foreground_triangles
-from livehand.livehand_blender.scene.local_triangles import LocalTriangles
-from livehand.livehand_blender.scene.seen_hands import visible_hands
-from livehand.livehand_blender.scene.shot import seen_vertices
 
 LOOKS_ALONG_Z = Camera(np.array([[40.0, 0, 20], [0, 40, 15], [0, 0, 1]]), np.eye(4), (40, 30))
 

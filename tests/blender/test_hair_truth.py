@@ -4,15 +4,15 @@ import bpy
 import numpy as np
 import pytest
 import torch
-from livehand.backend.captures.exr import read_exr
-from livehand.backend.captures.lights import CaptureLight
-from livehand.backend.nerf import hairs
-from livehand.backend.nerf.hairs import SEGMENTS, PosedHairs, seen_hairs, with_hairs
-from livehand.backend.nerf.lighting import LightFeatures
-from livehand.backend.nerf.mirrored_sky import MirroredSky
-from livehand.backend.nerf.rays import camera_tensors
+from livehand.backend.capture.exr import read_exr
+from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.field.rays import camera_tensors
+from livehand.backend.light.lighting import LightFeatures
+from livehand.backend.light.mirrored_sky import MirroredSky
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.light import Lamp, Light, rotation_facing
+from livehand.backend.surface import hairs
+from livehand.backend.surface.hairs import SEGMENTS, PosedHairs, seen_hairs, with_hairs
 from livehand.livehand_blender.capture.lighting import SceneLighting
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera

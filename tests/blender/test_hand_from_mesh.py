@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.captures.capture import load_capture
-from livehand.backend.captures.plan import CapturePlan
+from livehand.backend.capture.capture import load_capture
+from livehand.backend.capture.plan import CapturePlan
 from livehand.backend.commands.inspect import inspect
 from livehand.backend.evaluation.metrics import alpha_iou
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_quaternion
@@ -22,20 +22,20 @@ from livehand.backend.motion.formats.own import write_motion
 from livehand.backend.motion.motion import HandMotion
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.retarget.hand_from_mesh.hand_model import make_hand_model
+from livehand.backend.rigs.hand_from_mesh.hand_model import make_hand_model
 from livehand.livehand_blender.capture.own_surface import OwnSurface
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 from livehand.livehand_blender.cli import main
-from livehand.livehand_blender.retarget.follow import follow
-from livehand.livehand_blender.retarget.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
-from livehand.livehand_blender.retarget.pictures import find_pictures, is_missing
-from livehand.livehand_blender.retarget.rest_mesh import read_rest_mesh
-from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.retarget.source import SourceRig
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta, write_transl
+from livehand.livehand_blender.rigs.follow import follow
+from livehand.livehand_blender.rigs.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
+from livehand.livehand_blender.rigs.pictures import find_pictures, is_missing
+from livehand.livehand_blender.rigs.rest_mesh import read_rest_mesh
+from livehand.livehand_blender.rigs.skeleton import read_skeleton
+from livehand.livehand_blender.rigs.source import SourceRig
 from livehand.livehand_blender.scene.settings import use_livehand
 from mathutils import Matrix
 from PIL import Image

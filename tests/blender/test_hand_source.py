@@ -6,11 +6,11 @@ import bpy
 import pytest
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
 from livehand.backend.hand.model_file import BUILTIN_HANDS, builtin_hand_path, load_hand_model
-from livehand.backend.rendering.grade import Grade
+from livehand.backend.image.grade import Grade
+from livehand.livehand_blender.hands.seen_hands import visible_hands
 from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade, wear_avatar
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
-from livehand.livehand_blender.scene.seen_hands import visible_hands
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.rendering.arm_end import distance_from_end_m
-from livehand.backend.rendering.cryptomatte import crypto_id
+from livehand.backend.render.arm_end import distance_from_end_m
+from livehand.backend.render.cryptomatte import crypto_id
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from mathutils import Matrix

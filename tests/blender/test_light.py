@@ -162,7 +162,7 @@ def test_what_the_camera_alone_sees_is_not_light(patch, tmp_path):
 
 
 def test_a_world_is_rendered_once(patch, monkeypatch):
-    from livehand.livehand_blender.scene import world_map
+    from livehand.livehand_blender.light import world_map
 
     runs = []
     run = world_map.subprocess.run
@@ -194,7 +194,7 @@ def test_an_animated_world_is_read_at_its_frame(patch):
 
 
 def test_a_world_that_cannot_be_rendered_is_an_error_that_names_it(patch, monkeypatch):
-    from livehand.livehand_blender.scene import world_map
+    from livehand.livehand_blender.light import world_map
 
     tree = probe.add_world()
     gradient = tree.nodes.new("ShaderNodeTexGradient")

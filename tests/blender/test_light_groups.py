@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import save_avatar
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import Frame
 from livehand.backend.records.light import Lamp, Light, MeasuredLight
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.rendering.frame_task import FrameTask, HandTask
+from livehand.backend.render.frame_task import FrameTask, HandTask
 from livehand.livehand_blender.render.light_groups import grouped_frames, task_with_groups
 from livehand.livehand_blender.rig.hand import find_hands
 

@@ -7,11 +7,11 @@ import torch
 from livehand.backend.geometry.mesh import vertex_normals
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.surface_mesh import SurfaceMesh
+from livehand.livehand_blender.hands.proxy import use_albedo
 from livehand.livehand_blender.render.light_passes import binning, measured_light, samples_of
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import Region
-from livehand.livehand_blender.scene.proxy import use_albedo
 from mathutils import Vector
 
 SUN = Vector((0.3, -0.2, 1.0)).normalized()

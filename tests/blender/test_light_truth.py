@@ -4,21 +4,24 @@ import bpy
 import numpy as np
 import pytest
 import torch
-from livehand.backend.captures.dome import dome_sky
-from livehand.backend.captures.exr import read_exr
-from livehand.backend.captures.lights import CaptureLight
-from livehand.backend.captures.plan import CapturePlan
-from livehand.backend.captures.varied_light import box_triangles
-from livehand.backend.fast.backend import NumbaBackend
+from livehand.backend.capture.dome import dome_sky
+from livehand.backend.capture.exr import read_exr
+from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.capture.plan import CapturePlan
+from livehand.backend.capture.varied_light import box_triangles
+from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.field.rays import HandInView, camera_tensors, ray_directions, ray_origin
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.nerf.bounce import SkinPlaces
-from livehand.backend.nerf.light_samples import LightSamples
-from livehand.backend.nerf.lighting import SurfacePoints, diffuse_light
-from livehand.backend.nerf.lit_rays import (
+from livehand.backend.light.bounce import SkinPlaces
+from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.lighting import SurfacePoints, diffuse_light
+from livehand.backend.light.shadow_maps import Bounds
+from livehand.backend.records.light import Lamp, Light
+from livehand.backend.records.shot import Shot
+from livehand.backend.render.lit_rays import (
     NO_OCCLUDERS,
     features_among,
     light_shadows,
@@ -26,10 +29,7 @@ from livehand.backend.nerf.lit_rays import (
     surrounding_light,
     with_parts,
 )
-from livehand.backend.nerf.rays import HandInView, camera_tensors, ray_directions, ray_origin
-from livehand.backend.records.light import Lamp, Light
-from livehand.backend.records.shot import Shot
-from livehand.backend.rendering.surface_maps import surface_maps
+from livehand.backend.render.surface_maps import surface_maps
 from livehand.livehand_blender.capture.lighting import SceneLighting
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera

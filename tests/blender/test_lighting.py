@@ -6,10 +6,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.captures.capture import load_capture
-from livehand.backend.captures.lights import CaptureLight
-from livehand.backend.captures.plan import CapturePlan
-from livehand.backend.captures.varied_light import LightDrawing, box_triangles, light_groups
+from livehand.backend.capture.capture import load_capture
+from livehand.backend.capture.lights import CaptureLight
+from livehand.backend.capture.plan import CapturePlan
+from livehand.backend.capture.varied_light import LightDrawing, box_triangles, light_groups
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError

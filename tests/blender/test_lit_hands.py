@@ -105,7 +105,7 @@ def test_new_files_are_lit_by_their_scene(hand_scene, tmp_path):
 
 
 def test_old_files_keep_their_light(hand_scene, tmp_path, monkeypatch):
-    from livehand.livehand_blender.scene import old_files
+    from livehand.livehand_blender.hands import old_files
 
     monkeypatch.setattr(old_files, "_local_scenes", list)  # saved by a version that knows nothing of light
     path = tmp_path / "old.blend"
@@ -117,7 +117,7 @@ def test_old_files_keep_their_light(hand_scene, tmp_path, monkeypatch):
 
 
 def test_a_file_without_hands_is_not_old(tmp_path, monkeypatch):
-    from livehand.livehand_blender.scene import old_files
+    from livehand.livehand_blender.hands import old_files
 
     monkeypatch.setattr(old_files, "_local_scenes", list)
     path = tmp_path / "no_hand.blend"

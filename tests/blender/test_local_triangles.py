@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.livehand_blender.scene.local_triangles import LocalTriangles
-from livehand.livehand_blender.scene.seen_hands import Place
+from livehand.livehand_blender.hands.seen_hands import Place
+from livehand.livehand_blender.light.local_triangles import LocalTriangles
 
 
 def add_triangle(name, side_m=1.0):

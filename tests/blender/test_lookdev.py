@@ -6,15 +6,15 @@ from functools import partial
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.builtin.detailed_surface import detailed_surface
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.posed_bones import bone_frames
+from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.scene import capture_scene
 from livehand.livehand_blender.cli import main
-from livehand.livehand_blender.lookdev import sheets
-from livehand.livehand_blender.lookdev.views import CLOSE_UPS, WHOLE_HANDS, KeyLight, aim
+from livehand.tools.lookdev import sheets
+from livehand.tools.lookdev.views import CLOSE_UPS, WHOLE_HANDS, KeyLight, aim
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from livehand.backend.motion.landmarks.take_file import FilmedTake, write_take
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import TO_BLENDER
-from livehand.backend.retarget.rig_suffixes import RIG_SUFFIXES
+from livehand.backend.rigs.rig_suffixes import RIG_SUFFIXES
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_transl

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Lamp
+from livehand.livehand_blender.hands.seen_hands import Place
+from livehand.livehand_blender.hands.shot import world_vertices
+from livehand.livehand_blender.light import occluders
+from livehand.livehand_blender.light.light import read_light, read_scene_light
+from livehand.livehand_blender.light.reach import Reach, bounding_balls
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
-from livehand.livehand_blender.scene import occluders
-from livehand.livehand_blender.scene.light import read_light, read_scene_light
-from livehand.livehand_blender.scene.reach import Reach, bounding_balls
-from livehand.livehand_blender.scene.seen_hands import Place
-from livehand.livehand_blender.scene.shot import world_vertices
 
 
 @pytest.fixture

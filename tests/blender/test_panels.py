@@ -7,11 +7,12 @@ import blf
 import bpy
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.runtime import dependencies
+from livehand.backend.system import dependencies
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.sliders import SLIDERS
-from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker, retarget
+from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
+from livehand.livehand_blender.ui import rigs as retarget
 from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 
 UI = bpy.types.UILayout.bl_rna.functions

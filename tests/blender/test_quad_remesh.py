@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.hand.builtin.generate import dense_surface, projected_quads, shipped_quads, split_quads
-from livehand.livehand_blender.capture.quad_remesh import quad_remesh
+from livehand.tools.builtin_hand.generate import dense_surface, projected_quads, shipped_quads, split_quads
+from livehand.tools.builtin_hand.quad_remesh import quad_remesh
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from livehand.backend.avatars.session import Device
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.render.session import Device
 from livehand.livehand_blender.render.hands.renderer_loading import load_renderer_in_blender
 
 

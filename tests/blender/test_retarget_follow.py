@@ -8,15 +8,15 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.joint_guess import guess_joints
-from livehand.backend.retarget.shape_fit import rest_nodes
-from livehand.livehand_blender.retarget.bake import bake
-from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following
-from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.backend.rigs.joint_guess import guess_joints
+from livehand.backend.rigs.shape_fit import rest_nodes
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.rigs.bake import bake
+from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
+from livehand.livehand_blender.rigs.skeleton import read_skeleton
+from livehand.livehand_blender.rigs.source import SourceRig
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 

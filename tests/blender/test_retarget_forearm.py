@@ -8,13 +8,13 @@ import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import bone_name, forearm_name
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.joint_guess import guess_joints
-from livehand.livehand_blender.retarget.bake import bake
-from livehand.livehand_blender.retarget.follow import follow, is_following, stop_following
-from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
+from livehand.livehand_blender.rigs.bake import bake
+from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
+from livehand.livehand_blender.rigs.skeleton import read_skeleton
+from livehand.livehand_blender.rigs.source import SourceRig
 
 
 @pytest.fixture

@@ -11,14 +11,14 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import JOINT_NAMES, MIRROR_AXIS_ANGLE, PARENTS
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.retarget.shape_fit import rest_nodes
+from livehand.backend.rigs.shape_fit import rest_nodes
 from livehand.livehand_blender.cli import main
-from livehand.livehand_blender.retarget.importing import UNITS_M, import_rig, likely_unit
-from livehand.livehand_blender.retarget.rig_motion import read_upright
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.rigs.importing import UNITS_M, import_rig, likely_unit
+from livehand.livehand_blender.rigs.rig_motion import read_upright
 from livehand.livehand_blender.scene.data_blocks import all_data
 from mathutils import Matrix
 

@@ -4,14 +4,14 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.bones import bone_name
-from livehand.backend.retarget.doubts import rest_doubts
-from livehand.backend.retarget.joint_guess import guess_joints
-from livehand.backend.retarget.rest_alignment import align
-from livehand.livehand_blender.retarget.follow import follow
-from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.backend.rigs.doubts import rest_doubts
+from livehand.backend.rigs.joint_guess import guess_joints
+from livehand.backend.rigs.rest_alignment import align
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
+from livehand.livehand_blender.rigs.follow import follow
+from livehand.livehand_blender.rigs.skeleton import read_skeleton
+from livehand.livehand_blender.rigs.source import SourceRig
 
 NUMBERS = (2, 3, 5, 4, 1)  # of the fingers in MANO's order
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import bone_name, forearm_name
-from livehand.backend.retarget.doubts import rest_doubts
-from livehand.backend.retarget.joint_guess import guess_joints
-from livehand.backend.retarget.rest_alignment import align
-from livehand.livehand_blender.retarget.follow import follow
-from livehand.livehand_blender.retarget.skeleton import read_skeleton
-from livehand.livehand_blender.retarget.source import SourceRig
+from livehand.backend.rigs.doubts import rest_doubts
+from livehand.backend.rigs.joint_guess import guess_joints
+from livehand.backend.rigs.rest_alignment import align
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.rigs.follow import follow
+from livehand.livehand_blender.rigs.skeleton import read_skeleton
+from livehand.livehand_blender.rigs.source import SourceRig
 
 # The human metarig's arms and hands, and the rig generated from them; the face would take a minute. In a process of its
 # own, because Rigify cannot be enabled twice, and one in which it stays enabled hangs at exit.

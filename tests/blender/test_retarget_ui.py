@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model import JOINT_NAMES
-from livehand.livehand_blender.retarget.follow import is_following
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.pose import read_hand_pose
-from livehand.livehand_blender.ui.retarget import LIVEHAND_PT_other_rig, LIVEHAND_PT_other_rig_bones
+from livehand.livehand_blender.rigs.follow import is_following
+from livehand.livehand_blender.ui.rigs import LIVEHAND_PT_other_rig, LIVEHAND_PT_other_rig_bones
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.bones import FINGERS, bone_name, finger_joints
+from livehand.livehand_blender.hands.old_sliders import renew_sliders
 from livehand.livehand_blender.rig.controls import CONTROLS
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.rig.keyframes import key_hand
 from livehand.livehand_blender.rig.sliders import SLIDERS, slider_path
-from livehand.livehand_blender.scene.old_sliders import renew_sliders
 
 WITHOUT_LIVEHAND = """
 import json, sys

@@ -10,15 +10,15 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+from livehand.livehand_blender.hands.proxy import hidden_from_camera, use_albedo
+from livehand.livehand_blender.hands.seen_hands import visible_hands
+from livehand.livehand_blender.hands.shot import read_shot, seen_vertices
+from livehand.livehand_blender.light.light import read_hand_lights
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.frame_setup import read_frame_setup
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, all_hands, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
-from livehand.livehand_blender.scene.light import read_hand_lights
-from livehand.livehand_blender.scene.proxy import hidden_from_camera, use_albedo
-from livehand.livehand_blender.scene.seen_hands import visible_hands
-from livehand.livehand_blender.scene.shot import read_shot, seen_vertices
 from mathutils import Matrix
 
 VERTEX_COUNT = len(load_default_hand().v_template)
@@ -105,7 +105,7 @@ def test_the_renderer_draws_a_mirrored_hand_as_the_hand_that_it_looks_like(hand_
 
 
 def frame_task(scene):
-    from livehand.backend.rendering.frame_task import FrameTask
+    from livehand.backend.render.frame_task import FrameTask
     from livehand.livehand_blender.render.frame_setup import _load_hands, _read_hands
     from livehand.livehand_blender.scene.camera import read_camera
 

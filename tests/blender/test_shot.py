@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
+from livehand.livehand_blender.hands.seen_hands import visible_hands
+from livehand.livehand_blender.hands.shot import read_shot
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.seen_hands import visible_hands
-from livehand.livehand_blender.scene.shot import read_shot
 
 VERTEX_COUNT = len(load_default_hand().v_template)
 

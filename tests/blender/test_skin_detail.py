@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.backend.hand.skin_detail import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
-from livehand.livehand_blender.capture.skin_detail import (
+from livehand.backend.surface.detail_maps_file import ATLAS_MM, COARSEST_MM, FOLD_STEP, PIGMENT_STEP, RELIEF_STEP_MM
+from livehand.tools.builtin_hand.detail_maps import (
     COARSER,
     NAIL_RIM,
     coarse_part,

@@ -4,19 +4,19 @@ import bpy
 import numpy as np
 import pytest
 import torch
-from livehand.backend.baselines.mesh_wrapping import as_picture
-from livehand.backend.baselines.texture import dilated, draw_textured, texels_of
-from livehand.backend.captures.picture import linear_to_srgb
+from livehand.backend.capture.picture import linear_to_srgb
+from livehand.backend.field.rays import camera_tensors
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.geometry.uvh import interpolate
 from livehand.backend.hand.topology import topology_of
-from livehand.backend.nerf.rays import camera_tensors
 from livehand.backend.records.errors import LiveHandError
+from livehand.backend.research.baselines.mesh_wrapping import as_picture
+from livehand.backend.research.baselines.texture import dilated, draw_textured, texels_of
+from livehand.livehand_blender.hands.shot import world_vertices
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.rig.skin_texture import remove_texture, wear_texture, worn_texture
 from livehand.livehand_blender.scene.camera import read_camera
-from livehand.livehand_blender.scene.shot import world_vertices
 from PIL import Image
 
 

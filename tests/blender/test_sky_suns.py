@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from livehand.backend.records.light import Sky, sky_directions
-from livehand.livehand_blender.scene.sky_suns import CloseUp, take_out_suns
-from livehand.livehand_blender.scene.world import smaller_map
+from livehand.livehand_blender.light.sky_suns import CloseUp, take_out_suns
+from livehand.livehand_blender.light.world import smaller_map
 
 SIZE = (256, 512)
 ANGLE_RAD = np.deg2rad(9)

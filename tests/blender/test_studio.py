@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.capture.node_graph import enable_nodes
+from livehand.livehand_blender.light.studio import add_studio, has_studio, needs_lamps
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.scene.studio import add_studio, has_studio, needs_lamps
 from mathutils import Vector
 from PIL import Image
 

@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.avatars.session import Session
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import empty_frame
+from livehand.backend.render.session import Session
 from livehand.livehand_blender.render.viewport.image import ViewportRequest, viewport_image
 from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of

@@ -5,7 +5,7 @@ import pytest
 from livehand.backend.commands.doubt_plot import draw_doubt
 from livehand.backend.motion.landmarks.take_fit import TakeFit
 from livehand.backend.motion.motion import HandMotion
-from livehand.backend.runtime.figure import new_figure, save_figure
+from livehand.backend.system.figure import new_figure, save_figure
 
 
 def fit_of(doubt, is_keyed, start_s):

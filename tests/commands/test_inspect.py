@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import save_avatar
-from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.capture.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.commands.inspect import inspect
+from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
-from livehand.backend.hand.skin_version import SKIN_VERSION, skin_version
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.surface.skin_version import SKIN_VERSION, skin_version
+from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 
 

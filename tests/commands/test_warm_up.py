@@ -3,9 +3,9 @@
 import json
 
 from livehand.backend.commands import warm_up
-from livehand.backend.rendering import backends
-from livehand.backend.rendering.renderer import Renderer
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.render import backends
+from livehand.backend.render.renderer import Renderer
+from livehand.backend.system.command import run_commands
 
 COMMANDS = {"warm-up": warm_up.COMMAND}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.evaluation.cie_lab import lab, lightness
-from livehand.backend.rendering.srgb import srgb_to_linear
+from livehand.backend.image.srgb import srgb_to_linear
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from livehand.backend.evaluation.contrast_bands import (
     contrast_figures,
 )
 from livehand.backend.evaluation.seen_surface import SeenSurface
-from livehand.backend.rendering.srgb import linear_to_srgb
+from livehand.backend.image.srgb import linear_to_srgb
 
 MM_PER_PX = 0.25
 

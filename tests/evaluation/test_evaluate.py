@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.captures.capture import save_capture_index
-from livehand.backend.captures.exr import write_exr
-from livehand.backend.captures.lights import CaptureLight
+from livehand.backend.capture.capture import save_capture_index
+from livehand.backend.capture.exr import write_exr
+from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.evaluation.contact_sheet import (
     BACKGROUND,
     comparison_sheet,
@@ -23,17 +24,16 @@ from livehand.backend.evaluation.contact_sheet import (
 from livehand.backend.evaluation.distances import Distance
 from livehand.backend.evaluation.evaluate import encoded_on_black, evaluate_views, score_views, scored_views
 from livehand.backend.evaluation.summary import summary
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, posed_vertices
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import Frame
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
-from livehand.backend.rendering.renderer import Renderer
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.render.renderer import Renderer
+from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 

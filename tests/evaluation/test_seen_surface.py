@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.evaluation.seen_surface import seen_surface, vertex_openness
-from livehand.backend.nerf.rays import camera_tensors, ray_directions
+from livehand.backend.field.rays import camera_tensors, ray_directions
 from livehand.backend.records.camera import Camera, look_at
 
 K = np.array([[300.0, 0, 24], [0, 300, 20], [0, 0, 1]])

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 from livehand.backend.evaluation.contact_sheet import BACKGROUND
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
 from PIL import Image
 

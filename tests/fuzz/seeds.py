@@ -14,34 +14,34 @@ from unittest.mock import patch
 import numpy as np
 import torch
 from livehand.backend.avatars import file as avatar_files
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
-from livehand.backend.baselines.weights_file import load_network, save_method
 from livehand.backend.batch.frame_file import is_finished
 from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
 from livehand.backend.batch.lease_owner import read_owner, signature
-from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
-from livehand.backend.captures.exr import read_exr, write_exr
-from livehand.backend.captures.importers.interhand import read_cameras, read_fits, read_images
-from livehand.backend.captures.importers.transforms import read_pose_table
-from livehand.backend.captures.importers.transforms_capture import import_transforms
-from livehand.backend.captures.picture import read_mask, read_picture
-from livehand.backend.captures.split import FrameSplit, load_split, split_document
+from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.capture.exr import read_exr, write_exr
+from livehand.backend.capture.importers.interhand import read_cameras, read_fits, read_images
+from livehand.backend.capture.importers.transforms import read_pose_table
+from livehand.backend.capture.importers.transforms_capture import import_transforms
+from livehand.backend.capture.picture import read_mask, read_picture
+from livehand.backend.capture.split import FrameSplit, load_split, split_document
 from livehand.backend.commands.inspect import inspect
 from livehand.backend.commands.render_motion import parse_picture_camera
-from livehand.backend.comparison.grid import load_pictures, save_pictures
+from livehand.backend.field.field import FieldConfig
 from livehand.backend.hand.model_file import builtin_hand_path, load_default_hand, load_hand_model, load_hands_mean
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.motion.files.import_options import ImportOptions, motion_and_warning
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.motion.files.summary import file_summary
 from livehand.backend.motion.landmarks import landmark_file
 from livehand.backend.motion.landmarks.fit import side_errors
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.superres import SuperResConfig
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.runtime.command import parse_size_px
+from livehand.backend.research.baselines.weights_file import load_network, save_method
+from livehand.backend.research.comparison.grid import load_pictures, save_pictures
+from livehand.backend.system.command import parse_size_px
 from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint
 from livehand.livehand_blender.render.command import parse_formats
 from mutation import changed_array, mutated_bytes, mutated_json, mutated_npz

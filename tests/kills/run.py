@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from livehand.backend.captures.capture import Capture, CaptureView, save_capture_index
+from livehand.backend.capture.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose

@@ -14,10 +14,10 @@ def main():
 
 
 def _training():
-    from livehand.backend.nerf import avatar
-    from livehand.backend.nerf.field import FieldConfig
-    from livehand.backend.nerf.sampler import SamplerConfig
-    from livehand.backend.nerf.superres import SuperResConfig
+    from livehand.backend.avatars import avatar
+    from livehand.backend.field.field import FieldConfig
+    from livehand.backend.field.sampler import SamplerConfig
+    from livehand.backend.image.superres import SuperResConfig
     from livehand.backend.training import command
     from livehand.backend.training.config import TrainConfig
 
@@ -34,14 +34,14 @@ def _training():
 
 
 def _comparison():
-    from livehand.backend.comparison import rows
+    from livehand.backend.research.comparison import rows
 
     methods = [replace(method, resolution=64) if hasattr(method, "resolution") else method for method in rows.METHODS]
     yield patch.object(rows, "METHODS", methods)
 
 
 def _capture():
-    from livehand.backend.hand.builtin import detailed_surface
+    from livehand.backend.teacher import detailed_surface
     from livehand.livehand_blender.capture import bake, render
 
     yield patch.object(render, "detailed_surface", partial(detailed_surface.detailed_surface, levels=1))

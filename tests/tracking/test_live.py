@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.runtime.camera_device import camera_device
+from livehand.backend.system.camera_device import camera_device
 from livehand.backend.tracking.live import CameraSource, LiveTracker
 
 pytestmark = pytest.mark.usefixtures("networks")

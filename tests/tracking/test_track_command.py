@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from livehand.backend.captures.capture import load_capture
-from livehand.backend.captures.check import check_capture
+from livehand.backend.capture.capture import load_capture
+from livehand.backend.capture.check import check_capture
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.livehand_blender.cli import main

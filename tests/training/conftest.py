@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from livehand.backend.nerf.avatar import AvatarConfig, new_avatar
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.training.config import ReportConfig
 from livehand.backend.training.processes import ComputeSetup
 from livehand.backend.training.setup import TrainingSetup

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.colour_calibration import LEARNING_RATE, ColourCalibration, training_cameras
 

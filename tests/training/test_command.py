@@ -5,11 +5,11 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from livehand.backend.avatars.avatar import PRESETS
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.captures.capture import index_document
-from livehand.backend.hand.skin_version import SKIN_VERSION, skin_version
-from livehand.backend.nerf.avatar import PRESETS
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.capture.capture import index_document
+from livehand.backend.surface.skin_version import SKIN_VERSION, skin_version
+from livehand.backend.system.command import run_commands
 from livehand.backend.training.command import PRESET_NAMES
 from livehand.livehand_blender.cli import COMMANDS
 

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend.captures.capture import Capture, save_capture_index
-from livehand.backend.captures.exr import write_exr
-from livehand.backend.captures.lights import CaptureLight
+from livehand.backend.avatars.avatar import new_avatar
+from livehand.backend.capture.capture import Capture, save_capture_index
+from livehand.backend.capture.exr import write_exr
+from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.evaluation.summary import summary
-from livehand.backend.geometry.shadow_maps import Bounds
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.nerf.avatar import new_avatar
-from livehand.backend.nerf.light_samples import LightSamples
-from livehand.backend.nerf.lighting import COEFFICIENTS
-from livehand.backend.nerf.sky_samples import SKY_DIRECTIONS
+from livehand.backend.light.light_samples import LightSamples
+from livehand.backend.light.lighting import COEFFICIENTS
+from livehand.backend.light.shadow_maps import Bounds
+from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.training import step
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.lit_views import LitTrainingViews, SeenSkin, exposure_of, group_weights, mixed

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.evaluation.perceptual.vgg import PerceptualLoss
-from livehand.backend.nerf.avatar import new_avatar
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.training.checkpoint import TrainState, checkpoint_path, load_checkpoint

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from livehand.backend.nerf.avatar import new_avatar
-from livehand.backend.nerf.field import FieldConfig
+from livehand.backend.avatars.avatar import new_avatar
+from livehand.backend.field.field import FieldConfig
 from livehand.backend.training.checkpoint import checkpoint_path
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train

@@ -9,7 +9,7 @@ import torch
 import torch.distributed as dist
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.runtime.command import run_commands
+from livehand.backend.system.command import run_commands
 from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import Training, train

@@ -7,16 +7,16 @@ from math import degrees, sqrt
 import numpy as np
 import pytest
 import torch
+from livehand.backend.avatars.avatar import PRESETS, new_avatar
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.captures.capture import Capture, CaptureView, load_capture, save_capture_index
+from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.evaluation.evaluate import encoded_on_black
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.model_file import load_hand_model
-from livehand.backend.nerf.avatar import PRESETS, new_avatar
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.training.config import LossConfig
 from livehand.backend.training.losses import crop_loss
 from livehand.backend.training.pose_fit import PoseFitConfig, fit_poses

@@ -9,7 +9,7 @@ import torch
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.rendering.renderer import Renderer
+from livehand.backend.render.renderer import Renderer
 from livehand.backend.training.clock import Clock, Interval
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train

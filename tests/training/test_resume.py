@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from livehand.backend.avatars.avatar import AvatarConfig
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.nerf.avatar import AvatarConfig
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.sampler import SamplerConfig
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.sampler import SamplerConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training import loop
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
@@ -38,7 +38,7 @@ KILLED = """
 import json, os, signal, sys
 from pathlib import Path
 import torch
-from livehand.backend.captures.capture import load_capture
+from livehand.backend.capture.capture import load_capture
 from livehand.backend.training import checkpoint
 sys.path.insert(0, sys.argv[1])
 from livehand.backend.hand.model_file import load_default_hand

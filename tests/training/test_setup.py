@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 import torch
+from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.avatars.file import load_avatar, save_avatar
-from livehand.backend.nerf.avatar import new_avatar
-from livehand.backend.nerf.superres import SuperResConfig
+from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.loop import train

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.avatar import new_avatar
+from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig

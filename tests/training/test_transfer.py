@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.field import FieldConfig
-from livehand.backend.nerf.lit_field import LitField
+from livehand.backend.field.field import FieldConfig
+from livehand.backend.field.relightable import LitField
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.training import transfer
 from livehand.backend.training.transfer import transfer_planes

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from livehand.backend.nerf.rays import HandInView
+from livehand.backend.field.rays import HandInView
 from livehand.backend.training.views import TrainingViews, _packed, _unpacked
 
 

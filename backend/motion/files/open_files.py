@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...files.regular_file import is_folder
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
+from ...system.regular_file import is_folder
 from ..document import SUFFIXES, load_document
 from ..formats import arctic, body, dexycb, freihand, hamer, ho3d, own, raw
 from ..formats.format import Format

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...captures.importers.interhand import NeuralAnnotFit, read_fits
-from ...captures.importers.json_stream import member_names
+from ...capture.importers.interhand import NeuralAnnotFit, read_fits
+from ...capture.importers.json_stream import member_names
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
 from ..pose_file import PoseFile, RawHand, pose_file, raw_hand

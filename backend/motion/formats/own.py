@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...files.npz_file import npz_bytes
 from ...records.errors import LiveHandError
 from ...records.side import SIDES, Side
-from ...runtime.atomic_file import replacing
+from ...system.atomic_file import replacing
+from ...system.npz_file import npz_bytes
 from ..document import Document
 from ..motion import HandMotion
 from ..pose_file import PoseFile, pose_file, raw_hand

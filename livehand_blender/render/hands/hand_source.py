@@ -11,11 +11,11 @@ from pathlib import Path
 import bpy
 
 from ....backend.avatars.library import shipped_avatar_path, shipped_skin
-from ....backend.avatars.session import Device, Session
 from ....backend.hand.model_file import builtin_hand_path, builtin_name
+from ....backend.image.grade import Grade
 from ....backend.records.errors import LiveHandError
-from ....backend.rendering.frame_task import HandRenderer
-from ....backend.rendering.grade import Grade
+from ....backend.render.frame_task import HandRenderer
+from ....backend.render.session import Device, Session
 
 
 @dataclass(frozen=True)

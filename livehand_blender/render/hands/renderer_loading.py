@@ -6,11 +6,11 @@ from pathlib import Path
 
 import bpy
 
-from ....backend.avatars.session import Device, load_renderer
 from ....backend.hand.model import HandModel
 from ....backend.records.errors import LiveHandError
-from ....backend.rendering.frame_task import HandRenderer
-from ....backend.runtime.dependencies import install_command, missing_requirements
+from ....backend.render.frame_task import HandRenderer
+from ....backend.render.session import Device, load_renderer
+from ....backend.system.dependencies import install_command, missing_requirements
 
 
 def load_renderer_in_blender(avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:

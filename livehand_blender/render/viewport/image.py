@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....backend.avatars.session import Session
+from ....backend.image.grade import graded
 from ....backend.records.camera import Camera
 from ....backend.records.frame import Frame
-from ....backend.rendering.composition import joined, visible_parts
-from ....backend.rendering.grade import graded
-from ....backend.runtime.thread_limits import thread_limit
-from ...scene.foreground import foreground_triangles
-from ...scene.solid import Solid
+from ....backend.render.composition import joined, visible_parts
+from ....backend.render.session import Session
+from ....backend.system.thread_limits import thread_limit
+from ...light.foreground import foreground_triangles
+from ...light.solid import Solid
 from .viewport_hand import ViewportHand
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
@@ -70,7 +70,7 @@ class ViewportRequest:
         if not frames:
             return None
         graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
-        from ....backend.rendering.scene_depth import scene_depth  # torch, which a renderer has imported already
+        from ....backend.image.scene_depth import scene_depth  # torch, which a renderer has imported already
 
         triangles = foreground_triangles(self.foreground, camera, [hand.vertices for hand in self.hands])
         depth = scene_depth(triangles, camera) if len(triangles) else None

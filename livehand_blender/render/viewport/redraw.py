@@ -6,7 +6,7 @@ import weakref
 
 import bpy
 
-from ....backend.rendering.preview_scheduler import PreviewScheduler
+from ....backend.render.preview_scheduler import PreviewScheduler
 
 _INTERVAL_S = 0.01
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ....backend.avatars.session import Session
-from ....backend.rendering.preview_scheduler import PreviewScheduler
+from ....backend.render.preview_scheduler import PreviewScheduler
+from ....backend.render.session import Session
 from .redraw import RedrawTimer
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ....backend.avatars.session import Session
+from ....backend.render.session import Session
 from .image import ViewportImage, ViewportRequest
 
 

@@ -7,11 +7,11 @@ import logging
 import bpy
 
 from ....backend.records.errors import LiveHandError
-from ....backend.rendering.frame_task import is_equal
-from ....backend.rendering.preview_scheduler import StepOutcome
+from ....backend.render.frame_task import is_equal
+from ....backend.render.preview_scheduler import StepOutcome
+from ...light.foreground import Foreground
+from ...light.local_triangles import LocalTriangles
 from ...scene.colour import rec709_to_working_space
-from ...scene.foreground import Foreground
-from ...scene.local_triangles import LocalTriangles
 from .draw import ImageTexture, draw_message
 from .image import ViewportRequest
 from .pace import Pace

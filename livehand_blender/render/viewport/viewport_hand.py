@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ....backend.avatars.session import Device, Session
+from ....backend.image.grade import Grade
 from ....backend.records.camera import Camera
 from ....backend.records.shot import HandPose, Shot
-from ....backend.rendering.frame_task import HandTask
-from ....backend.rendering.grade import Grade
-from ...scene.light import SceneLight, read_hand_lights
-from ...scene.local_triangles import LocalTriangles
-from ...scene.seen_hands import Place, SeenHand, visible_hands
-from ...scene.shot import seen_hair, seen_pose, seen_vertices, seen_wrist_fade_m
+from ....backend.render.frame_task import HandTask
+from ....backend.render.session import Device, Session
+from ...hands.seen_hands import Place, SeenHand, visible_hands
+from ...hands.shot import seen_hair, seen_pose, seen_vertices, seen_wrist_fade_m
+from ...light.light import SceneLight, read_hand_lights
+from ...light.local_triangles import LocalTriangles
 from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 

@@ -1,0 +1,109 @@
+"""The people whose hands synthetic captures show, as numbers: a table, and a reader of JSON files with such numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ..records.errors import LiveHandError
+from ..system.json_file import read_json
+
+_BETAS = 10
+_RANGES = {
+    "melanin": (0.0, 1.2),
+    "blood": (0.0, 2.0),
+    "veins_mm": (0.0, 1.0),
+    "folds": (0.0, 2.0),
+    "freckles": (0.0, 3.0),
+    "beta": (-3.0, 3.0),
+    "nail_polish": (0.0, 1.0),
+}
+_LENGTHS = {"beta": _BETAS, "nail_polish": 3}
+
+
+@dataclass(frozen=True)
+class Person:
+    """A person's skin and shape.
+
+    Attributes:
+        melanin: pigment of the skin, 0 light to 1 deep.
+        blood: how red the skin is; 1 is usual.
+        veins_mm: height of the veins on the back of the hand.
+        folds: depth of folds and creases; 1 is a young adult's, more is older.
+        freckles: strength of freckles and spots; 1 is usual.
+        beta: [10] shape coefficients.
+        nail_polish: linear Rec.709, or None.
+    """
+
+    melanin: float = 0.0
+    blood: float = 1.0
+    veins_mm: float = 0.25
+    folds: float = 1.0
+    freckles: float = 1.0
+    beta: tuple[float, ...] = (0.0,) * _BETAS
+    nail_polish: tuple[float, float, float] | None = None
+
+    def facts(self) -> dict:
+        """Its numbers, as a JSON file holds them."""
+        return asdict(self)
+
+
+PERSONS = {
+    "light": Person(),
+    # A woman.
+    "middle": Person(
+        melanin=0.42, veins_mm=0.15, freckles=0.3, beta=(-0.8, -1.0, 0.6, -0.8, -0.5, 0.0, 0.0, 0.5, -0.8, -0.5)
+    ),
+    # An old man.
+    "deep": Person(melanin=1.0, veins_mm=0.45, folds=1.42, beta=(0.4, 0.3, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 0.0, -0.6)),
+    "old": Person(
+        melanin=0.08,
+        blood=1.15,
+        veins_mm=0.6,
+        folds=1.6,
+        freckles=2.2,
+        beta=(0.0, -0.6, 0.0, 0.0, -0.9, 0.0, 0.0, 0.0, 0.0, -1.2),
+    ),
+}
+
+
+def find_person(name_or_path: str) -> Person:
+    """A person of the table, or of a JSON file with the attributes' names as keys.
+
+    Raises:
+        LiveHandError: neither is there, or the file has unknown keys or numbers out of range.
+    """
+    if name_or_path in PERSONS:
+        return PERSONS[name_or_path]
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise LiveHandError(f"the person must be one of {', '.join(PERSONS)} or a JSON file, got {name_or_path!r}")
+    return _person_of(read_json(path), path)
+
+
+def _person_of(document: object, path: Path) -> Person:
+    known = [field.name for field in fields(Person)]
+    if not isinstance(document, dict) or not set(document) <= set(known):
+        raise LiveHandError(f"{path} must be a JSON object with keys of {', '.join(known)}")
+    numbers: dict[str, Any] = {name: _value(name, value, path) for name, value in document.items()}
+    return Person(**numbers)
+
+
+def _value(name: str, value: object, path: Path) -> float | tuple[float, ...] | None:
+    if name == "nail_polish" and value is None:
+        return None
+    if name not in _LENGTHS:
+        return _number(name, value, path)
+    if not (isinstance(value, list) and len(value) == _LENGTHS[name]):
+        raise LiveHandError(f"{path}: {name} must be a list of {_LENGTHS[name]} numbers, got {value!r}")
+    return tuple(_number(name, one, path) for one in value)
+
+
+def _number(name: str, value: object, path: Path) -> float:
+    smallest, largest = _RANGES[name]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        if math.isfinite(value) and smallest <= value <= largest:
+            return float(value)
+    raise LiveHandError(f"{path}: {name} must be a number between {smallest} and {largest}, got {value!r}")

@@ -1,0 +1,92 @@
+"""The shots of a filmed motion, in a world whose origin is the middle of the path: there the studio's light is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...hand.lbs import posed_vertices
+from ...hand.model import HandModel
+from ...motion.landmarks.take_fit import FilmCamera, TakeFit
+from ...motion.motion import HandMotion
+from ...motion.resampling import sampled_at
+from ...motion.spaces import rest_wrists, to_blender, transformed
+from ...records.camera import Camera
+from ...records.shot import HandPose, Shot
+from ...render.studio_light import studio_light
+
+
+@dataclass(frozen=True)
+class FilmedShots:
+    """A fitted take before its camera.
+
+    Attributes:
+        motion: in Blender's world.
+        camera: of the film.
+        model: the hand, of the motion's side.
+        fit: what the motion comes from.
+    """
+
+    motion: HandMotion
+    camera: Camera
+    model: HandModel
+    fit: TakeFit
+
+    @classmethod
+    def of(cls, fit: TakeFit, film: FilmCamera, model: HandModel) -> FilmedShots:
+        """The shots of a fit in its camera's axes."""
+        model = model.for_side(fit.motion.side)
+        wrists = rest_wrists(model, fit.motion.beta)
+        to_world = to_blender("opencv")
+        to_world[:3, 3] = -to_world[:3, :3] @ (wrists + fit.motion.transl).mean(0)
+        motion = transformed(fit.motion, to_world, wrists)
+        width, height = film.size_px
+        K = np.array([[film.focal_px, 0, width / 2], [0, film.focal_px, height / 2], [0, 0, 1.0]])
+        return cls(motion, Camera(K, to_world, film.size_px), model, fit)
+
+    def index_at(self, time_s: float) -> int | None:
+        """The motion's frame at a time of the film; None where the hand has no keys."""
+        index = round((time_s - self.fit.start_s) * (self.fit.motion.fps or 30.0))
+        return index if 0 <= index < len(self.motion) and self.fit.is_keyed[index] else None
+
+    def pose(self, index: int | float) -> HandPose:
+        """The pose of one frame, or between two."""
+        if index == int(index):
+            return self.motion.pose(int(index))
+        return sampled_at(self.motion, np.array([index])).pose(0)
+
+    def shot(self, index: int | float, scale: float = 1.0) -> Shot:
+        """One frame, or an instant between two, at a share of the film's resolution."""
+        pose = self.pose(index)
+        camera = self.camera if scale == 1 else self.camera.scaled(scale)
+        return Shot(pose, posed_vertices(self.model, pose), camera, studio_light())
+
+    def arm_reach(self, shot: Shot) -> tuple[np.ndarray, float]:
+        """The direction of the forearm [3] in the world, and how far along it the surface reaches, m."""
+        wrist = shot.vertices[np.argsort(self._along_arm)[-_STUMP:]].mean(0)
+        palm = shot.vertices[np.abs(self._along_arm - np.median(self._along_arm)) < _BAND_M].mean(0)
+        along = (wrist - palm) / np.linalg.norm(wrist - palm)
+        return along, float((shot.vertices @ along).max())
+
+    def before_the_cut(self, shot: Shot) -> np.ndarray:
+        """[H, W] 1 on the hand's side of the wrist's cut in the picture, 0 on the arm's, soft between them."""
+        along, reach_m = self.arm_reach(shot)
+        middle = shot.vertices.mean(0)
+        cut = middle + along * (reach_m - middle @ along)
+        (start, end), _ = shot.camera.project(np.stack([middle, cut]))
+        length = max(float(np.linalg.norm(end - start)), 1.0)
+        x, y = (end - start) / length
+        width, height = shot.camera.size_px
+        rows, columns = np.arange(height)[:, None] + 0.5, np.arange(width)[None] + 0.5
+        beyond = ((columns - end[0]) * x + (rows - end[1]) * y) / (_SOFT * length)
+        return np.clip(-beyond, 0, 1).astype(np.float32)
+
+    @property
+    def _along_arm(self) -> np.ndarray:
+        """[V] m; the template's fingers point to -X, or to +X on a left hand."""
+        return self.model.v_template[:, 0] * (1 if self.model.side == "right" else -1)
+
+
+_STUMP, _BAND_M = 40, 0.005
+_SOFT = 0.2  # of the distance from the hand's middle to its cut

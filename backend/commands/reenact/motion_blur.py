@@ -1,0 +1,57 @@
+"""The blur of a hand that moves while the shutter is open: the mean of a few renders of the fitted motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil
+
+import numpy as np
+
+from ...hand.lbs import posed_vertices
+from ...image.exposure import Shutter, exposure_samples
+from ...records.frame import Frame
+from ...records.shot import Shot
+from ...render.composition import mean_frame
+from .filmed_shots import FilmedShots
+from .overlay import faded, wrist_fade
+
+_SHARP_PX = 1.5  # path during the exposure, below which a frame is sharp
+_STEP_PX = 3.0  # between two renders
+_MOST_SAMPLES = 8
+_FASTEST_SHARE = 95  # percentile of the vertices' paths: a fingertip may be all that moves
+
+
+def exposed(
+    shots: FilmedShots, index: int, render: Callable[[Shot], Frame], shutter_frames: float
+) -> tuple[Frame, np.ndarray]:
+    """A frame that fades at the wrist's cut, and its alpha [H, W] before that.
+
+    Args:
+        shots: the motion and its camera.
+        index: of the motion's frame, in the middle of the exposure.
+        render: the avatar's renderer.
+        shutter_frames: how long the shutter is open; 0: a sharp frame.
+    """
+    count = sample_count(path_px(shots, index, shutter_frames)) if shutter_frames > 0 else 1
+    shutter = Shutter(-shutter_frames / 2, shutter_frames)
+    samples = exposure_samples(count, shutter, None) if count > 1 else exposure_samples(1, None, None)
+    frames, sharp = [], []
+    for sample in samples:
+        shot = shots.shot(index + sample.offset_frames)
+        sharp.append(render(shot))
+        frames.append(faded(sharp[-1], wrist_fade(sharp[-1], shot.camera, *shots.arm_reach(shot))))
+    return mean_frame(frames), np.mean([frame.alpha for frame in sharp], 0)
+
+
+def path_px(shots: FilmedShots, index: int, shutter_frames: float) -> float:
+    """How far the faster vertices move in the picture while the shutter is open."""
+    places = []
+    for offset in (-shutter_frames / 2, shutter_frames / 2):
+        pose = shots.pose(index + offset)
+        places.append(shots.camera.project(posed_vertices(shots.model, pose))[0])
+    return float(np.percentile(np.linalg.norm(places[1] - places[0], axis=-1), _FASTEST_SHARE))
+
+
+def sample_count(moved_px: float) -> int:
+    """Renders for a path; one if it is short."""
+    return 1 if moved_px < _SHARP_PX else min(max(2, ceil(moved_px / _STEP_PX) + 1), _MOST_SAMPLES)

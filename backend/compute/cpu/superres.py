@@ -1,0 +1,159 @@
+"""Super-resolution where the hand is: the networks' convolutions over one run of pixels a row.
+
+What lies farther than two pixels from the hand is taken for a picture of nothing, in every layer. In reduced precision
+all layers but the first multiply int8: values of a layer are rounded to 256 steps between their least and largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from ...image.superres import ResidualSuperRes
+from ..backend import Precision, in_precision
+from ..kernels.convolution import (
+    CHANNELS,
+    LAST_CHANNELS,
+    SLOPE,
+    SPARE,
+    convolve_hidden,
+    convolve_last,
+    fill_around,
+    find_runs,
+    load_maps,
+    quantise,
+)
+from ..kernels.vectors import has_int8_products, has_vectors
+from .packing import PackedWeights
+from .threads import in_parallel, on_all_threads
+
+_STEPS = np.float32(255)
+_LEAST_SPAN = 1e-6
+
+
+def superres(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
+    """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
+    if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and has_vectors():
+        return RowSuperRes.of(network, is_int8=precision == "bf16" and has_int8_products())
+    return on_all_threads(in_precision(network, device, precision))
+
+
+@dataclass(frozen=True)
+class PackedLayer:
+    """A convolution of 3 x 3 pixels.
+
+    Attributes:
+        weights: of 9 taps.
+        bias: [64].
+        of_nothing: [C] the input far from any hand.
+        is_residual: whether the input is added.
+    """
+
+    weights: PackedWeights
+    bias: np.ndarray
+    of_nothing: np.ndarray
+    is_residual: bool
+
+    @classmethod
+    def of(cls, weight: Tensor, bias: Tensor, of_nothing: Tensor, is_residual: bool, is_int8: bool) -> PackedLayer:
+        """A layer of at most 64 outputs."""
+        biases = torch.zeros(CHANNELS)
+        biases[: len(bias)] = bias
+        return cls(PackedWeights.of(weight, is_int8), biases.numpy(), of_nothing.numpy(), is_residual)
+
+
+@dataclass(frozen=True)
+class RowSuperRes:
+    """`network`, as a function of maps [1, C, h, w]."""
+
+    network: ResidualSuperRes
+    layers: tuple[PackedLayer, ...]
+
+    @classmethod
+    def of(cls, network: ResidualSuperRes, is_int8: bool) -> RowSuperRes:
+        """The network with its weights packed."""
+        layers, nothing = [], torch.zeros(network.head.in_channels)
+        for layer in (network.head, *network.body):
+            assert isinstance(layer, nn.Conv2d)
+            is_first = layer is network.head
+            weight, bias = _parameters(layer)
+            layers.append(PackedLayer.of(weight, bias, nothing, not is_first, is_int8 and not is_first))
+            answer = torch.nn.functional.leaky_relu(weight.sum((2, 3)) @ nothing + bias, SLOPE)
+            nothing = answer if is_first else answer + nothing
+        assert network.tail.out_channels <= LAST_CHANNELS
+        channels = network.tail.out_channels // 4
+        order = torch.arange(4 * channels).reshape(channels, 4).T.flatten()  # the four pixels one after the other
+        weight, bias = (values.detach().float().cpu()[order] for values in network.even_tail())
+        layers.append(PackedLayer.of(weight, bias, nothing, False, is_int8))
+        return cls(network, tuple(layers))
+
+    def __call__(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
+        """As the network; beside the hand its residual is zero."""
+        maps = maps.float()
+        return self.network.added(maps, self.residual(maps))
+
+    def residual(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
+        """As `ResidualSuperRes.residual`."""
+        planes = maps[0].numpy()
+        height, width = planes.shape[1:]
+        runs, bounds = np.zeros((height, 2), np.int64), np.empty((height, 2), np.float32)
+        find_runs(planes[-1], runs)
+        *hidden, last = self.layers
+        image = _image(height, width, len(planes))
+        _in_rows(partial(load_maps, planes, runs), height, image)
+        for layer in hidden:
+            source, answer = _source(layer, image, runs, bounds), _image(height, width, CHANNELS)
+            rows = partial(convolve_hidden, *source, image, layer.is_residual, runs)
+            _in_rows(lambda first, last, out, rows=rows: rows(first, last, bounds, out), height, answer)
+            image = answer
+        out = torch.zeros(2 * height, 2 * width, self.network.tail.out_channels // 4)
+        _in_rows(partial(convolve_last, *_source(last, image, runs, bounds), runs), height, out.numpy())
+        return out.permute(2, 0, 1)[None]
+
+
+class Source(NamedTuple):
+    """What a convolution multiplies and adds: an image, and weights, factors and bias for its numbers."""
+
+    image: np.ndarray
+    weights: np.ndarray
+    factors: np.ndarray
+    bias: np.ndarray
+
+
+def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.ndarray) -> Source:
+    """The source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
+    rows = len(runs) + 2
+    words, factors, sums = layer.weights
+    if words.dtype == np.float32:
+        _in_rows(partial(fill_around, runs, layer.of_nothing, np.float32(0)), rows, image)
+        return Source(image, words, factors, layer.bias)
+    least = min(bounds[:, 0].min(), layer.of_nothing.min(), 0.0)
+    scale = np.float32(max(bounds[:, 1].max(), layer.of_nothing.max(), least + _LEAST_SPAN) - least) / _STEPS
+    zero = np.rint(-least / scale).astype(np.float32)
+    rounded = np.empty(image.shape, np.uint8)
+    _in_rows(partial(quantise, image, scale, zero, runs), len(runs), rounded)
+    of_nothing = np.rint(layer.of_nothing / scale + zero).clip(0, _STEPS).astype(np.uint8)
+    _in_rows(partial(fill_around, runs, of_nothing, np.uint8(zero)), rows, rounded)
+    factors = factors * scale
+    return Source(rounded, words, factors, layer.bias - factors * zero * sums)
+
+
+def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.ndarray) -> None:
+    in_parallel(lambda first, last: kernel(first, last, out), rows)
+
+
+def _image(height: int, width: int, channels: int) -> np.ndarray:
+    """Not filled."""
+    return np.empty((height + 2, width + 2 + SPARE, channels), np.float32)
+
+
+def _parameters(layer: nn.Conv2d) -> tuple[Tensor, Tensor]:
+    assert layer.bias is not None  # the networks' convolutions all have one
+    return layer.weight.detach().float().cpu(), layer.bias.detach().float().cpu()

@@ -1,0 +1,135 @@
+"""Camera rays as tensors: their origins and directions and, once traced, where their samples lie over the skin.
+
+Along a ray, `t` is depth in metres along the optical axis (ray directions have depth 1).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from ..geometry.mesh import PosedMesh, Topology
+from ..geometry.uvh import SurfaceSamples
+from ..light.fineness import WHOLE, Fineness
+from ..records.camera import Camera
+from .volume import Composite
+
+
+class CameraTensors(NamedTuple):
+    """A camera as tensors: K [3, 3] px, world2cam [4, 4], (width, height) px."""
+
+    K: Tensor
+    world2cam: Tensor
+    size_px: tuple[int, int]
+
+    @property
+    def focal_px(self) -> Tensor:
+        """[] focal length, px: the geometric mean of both axes."""
+        return (self.K[0, 0] * self.K[1, 1]).abs().sqrt()
+
+    @property
+    def every_pixel(self) -> Int[Tensor, " P"]:
+        """Of the image, row by row."""
+        width, height = self.size_px
+        return torch.arange(width * height, device=self.K.device)
+
+
+class HandInView(NamedTuple):
+    """A posed hand and the (low-resolution) camera that sees it.
+
+    Attributes:
+        mesh: the mesh.
+        topology: of the mesh.
+        camera: sees it.
+        known_depth: [H * W] depth of its known surface at the pixels' centres, m, infinite where there is none; None:
+            none is known.
+        fineness: of the light on it.
+    """
+
+    mesh: PosedMesh
+    topology: Topology
+    camera: CameraTensors
+    known_depth: Tensor | None = None
+    fineness: Fineness = WHOLE
+
+
+class SurfaceRays(NamedTuple):
+    """R rays as in `RaySamples`, with their N samples projected onto the surface."""
+
+    pixel: Tensor
+    directions: Tensor
+    t: Tensor
+    dt: Tensor
+    is_stopped: Tensor
+    samples: SurfaceSamples
+
+
+class RenderedRays(NamedTuple):
+    """R low-resolution rays of N samples, rendered.
+
+    Attributes:
+        pixel: [R] row * width + column, in the crop.
+        composite: of each ray.
+        t: [R, N] depth of each sample, m.
+        dt: [R] depth step of the samples, m.
+    """
+
+    pixel: Tensor
+    composite: Composite
+    t: Tensor
+    dt: Tensor
+
+
+def camera_tensors(camera: Camera, device: torch.device | str) -> CameraTensors:
+    """The camera as tensors.
+
+    The rigid matrix is inverted by hand: numpy's inverse wakes a BLAS thread that then spins for 100 ms on a core that
+    the frame needs.
+    """
+    rotation, centre = camera.cam2world[:3, :3], camera.cam2world[:3, 3]
+    world2cam = np.eye(4)
+    world2cam[:3, :3], world2cam[:3, 3] = rotation.T, -(rotation.T * centre).sum(1)
+    return CameraTensors(
+        K=torch.as_tensor(camera.K, dtype=torch.float32, device=device),
+        world2cam=torch.as_tensor(world2cam, dtype=torch.float32, device=device),
+        size_px=camera.size_px,
+    )
+
+
+def project(camera: CameraTensors, points: Float[Tensor, "*n 3"]) -> tuple[Float[Tensor, "*n 2"], Float[Tensor, "*n"]]:
+    """World points -> (px, depth m)."""
+    in_camera = points @ camera.world2cam[:3, :3].T + camera.world2cam[:3, 3]
+    homogeneous = in_camera @ camera.K.T
+    return homogeneous[..., :2] / homogeneous[..., 2:], in_camera[..., 2]
+
+
+def ray_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
+    """World directions of depth 1 through pixel centres."""
+    across, down, ahead = torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3]
+    width = camera.size_px[0]
+    row = torch.div(pixel, width, rounding_mode="floor")
+    x, y = (place.to(camera.K.dtype)[:, None] + 0.5 for place in (pixel - width * row, row))
+    return x * across + (y * down + ahead)
+
+
+def view_directions(camera: CameraTensors, pixel: Tensor) -> Float[Tensor, "R 3"]:
+    """The same of length 1."""
+    return normalize(ray_directions(camera, pixel), dim=-1)
+
+
+def ray_origin(camera: CameraTensors) -> Float[Tensor, 3]:
+    """The camera's centre, world, m."""
+    return -camera.world2cam[:3, :3].T @ camera.world2cam[:3, 3]
+
+
+def split_rays(rays: SurfaceRays, size: int) -> list[SurfaceRays]:
+    """The same rays in chunks of `size` rays; at least one chunk, even if there are no rays."""
+    per_ray = rays.t.shape[1]
+    by_ray = zip(*(values.split(size) for values in rays[:5]), strict=True)
+    by_sample = zip(*(values.split(size * per_ray) for values in rays.samples), strict=True)
+    return [SurfaceRays(*r, samples=SurfaceSamples(*s)) for r, s in zip(by_ray, by_sample, strict=True)]

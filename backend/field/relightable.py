@@ -1,0 +1,108 @@
+"""A relightable field of planes: it returns coefficients that any light multiplies (`light.lighting`), and no colours.
+
+URHand (Chen et al. 2024) is linear in the light in the same way; its features come from the mesh, these from the rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import normalize, softplus
+
+from ..light.lighting import COEFFICIENTS, LIT_FEATURES, Openness
+from .at_least import at_least
+from .field import FieldConfig, PlaneField, mean_features
+from .volume import Composite
+
+# Coefficients before training, as arguments of softplus: ambient, deep scattered, less deep scattered and diffuse light
+# (RGB each), and gloss. Red light goes deepest.
+_START = (-2.0, -2.0, -2.0, -1.5, -3.5, -4.5, -2.0, -1.5, -2.0, -1.5, -1.5, -1.5, 0.0, 0.0)
+# The least of these arguments: of the coefficient next to nothing is left, of softplus' slope enough to come back.
+_LEAST = -8.0
+
+
+class LitField(PlaneField):
+    """A field of planes whose decoder returns coefficients and features.
+
+    The decoder sees no direction of the world: only angles between normals, view and the open side of the skin. So a
+    hand looks the same however it is turned together with its light.
+    """
+
+    ANGLES = 7
+
+    def __init__(self, config: FieldConfig):
+        super().__init__(config, light_channels=0)
+        first = nn.Linear(self.near_channels + self.ANGLES, config.width)
+        self.trunk = nn.ModuleList([first, nn.Linear(config.width, config.width)])
+        self.channels = nn.Linear(config.width, COEFFICIENTS + LIT_FEATURES)
+        if not config.pose:
+            self._leave_out_pose(first)
+        with torch.no_grad():
+            self.channels.bias[:COEFFICIENTS] = torch.tensor(_START)
+
+    def light_code(self, visibility: Float[Tensor, "V K"]) -> Float[Tensor, "V 0"]:
+        """Empty: shadows come with the light."""
+        return visibility[:, :0]
+
+    def shaded(
+        self, gathered: Composite, view: Float[Tensor, "R 3"], decoder: Callable[[Tensor], Tensor] | None = None
+    ) -> Composite:
+        """The gathered features as they are: `decode` needs to know how open the skin lies."""
+        return gathered
+
+    def decode(
+        self,
+        gathered: Composite,
+        view: Float[Tensor, "R 3"],
+        open_to: Openness,
+        decoder: Callable[[Tensor], Tensor] | None = None,
+        inputs: LitInputs | None = None,
+    ) -> Composite:
+        """Coefficients (not negative) and features [R, 14 + 16] of rays, premultiplied.
+
+        Args:
+            gathered: as `forward` returns it.
+            view: unit directions, world.
+            open_to: of the points that the rays meet, for their normals.
+            decoder: as `decoded`, which stands for None.
+            inputs: as `decoder_inputs`, which stands for None.
+        """
+        raw = (decoder or self.decoded)((inputs or LitField.decoder_inputs)(self, gathered, view, open_to)).float()
+        channels = torch.cat([softplus(at_least(raw[:, :COEFFICIENTS], _LEAST)), raw[:, COEFFICIENTS:]], -1)
+        return gathered._replace(channels=channels * gathered.alpha[:, None])
+
+    def decoder_inputs(self, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness) -> Tensor:
+        """What the decoder is given of rays: mean features near the skin, and angles."""
+        mean = mean_features(gathered)
+        normal, relief_normal = (normalize(values, dim=-1) for values in self.normals(mean))
+        return torch.cat([mean[:, : self.near_channels], _angles(normal, relief_normal, view, open_to)], -1)
+
+    def normals(self, mean: Float[Tensor, "R K"]) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
+        """The mesh's normal and the relief normal among gathered features, not of unit length."""
+        at = self.near_channels
+        return mean[:, at : at + 3], mean[:, self.normal_slice]
+
+
+LitInputs = Callable[[LitField, Composite, Tensor, Openness], Tensor]
+"""`LitField.decoder_inputs`, or what equals it."""
+
+
+def _angles(
+    normal: Float[Tensor, "R 3"], relief_normal: Float[Tensor, "R 3"], view: Float[Tensor, "R 3"], open_to: Openness
+) -> Float[Tensor, "R 7"]:
+    facing, relief_facing = -(normal * view).sum(-1), -(relief_normal * view).sum(-1)
+    return torch.stack(
+        [
+            facing,
+            relief_facing,
+            (1 - relief_facing.clamp(0, 1)) ** 5,
+            (normal * relief_normal).sum(-1),
+            open_to.share,
+            (open_to.towards * relief_normal).sum(-1),
+            -(open_to.towards * view).sum(-1),
+        ],
+        -1,
+    )

@@ -1,0 +1,80 @@
+"""From rays to the image: low-resolution maps, and their super-resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..field.rays import RenderedRays
+from ..field.volume import Composite
+from ..records.depth_profile import DepthProfile
+from .crop import MARGIN_PX, Crop
+
+
+def depth_profile(rays: RenderedRays, crop: Crop, size_px: tuple[int, int]) -> DepthProfile:
+    """The profile of rays at half the image's size."""
+    in_crop, (width, height) = np.full(crop.height * crop.width, -1, np.int32), size_px
+    in_crop[rays.pixel.cpu().numpy()] = np.arange(len(rays.pixel), dtype=np.int32)
+    row = np.full(((height + 1) // 2, (width + 1) // 2), -1, np.int32)
+    crop.paste_low_resolution(in_crop.reshape(crop.height, crop.width), row)
+    row = row.repeat(2, 0).repeat(2, 1)[:height, :width]
+    arrays = (values.float().cpu().numpy() for values in (rays.t, rays.dt, rays.composite.weights))
+    return DepthProfile(row, *arrays, ray_px=2)
+
+
+def ray_of_pixel(pixel: Int[Tensor, " R"], count: int) -> Int[Tensor, " P"]:
+    """Which ray each of the `count` pixels of an image has, -1 for none."""
+    return torch.full((count,), -1, device=pixel.device).index_put(
+        (pixel,), torch.arange(len(pixel), device=pixel.device)
+    )
+
+
+def image_of(
+    superres: Callable[[Tensor], Tensor], low: Composite, pixel: Tensor, size_px: tuple[int, int], scale: int
+) -> tuple[Float[Tensor, "4 H W"], Float[Tensor, "H W"]]:
+    """Super-resolved RGBA, not clamped, and depth (infinite where no ray meets the hand).
+
+    Args:
+        superres: the network.
+        low: the rays.
+        pixel: of the rays, in an image of `size_px`.
+        size_px: of the rays' image.
+        scale: of the result to it (`SuperResConfig.scale`).
+    """
+    maps, depth = low_resolution_maps(low, pixel, size_px)
+    if scale == 1:
+        return superres(maps[None])[0], depth
+    return enlarge_maps(superres, maps), depth.repeat_interleave(2, 0).repeat_interleave(2, 1)
+
+
+def enlarge_maps(
+    superres: Callable[[Tensor], Tensor], maps: Float[Tensor, "C h w"], pixels_per_band: int = 1 << 17
+) -> Float[Tensor, "D H W"]:
+    """Super-resolved RGBA; large maps in bands that overlap by the network's reach, so that no seam is visible."""
+    height, width = maps.shape[1:]
+    rows = max(1, pixels_per_band // width)
+    bands = []
+    for first in range(0, height, rows):
+        last = min(first + rows, height)
+        top, bottom = max(first - MARGIN_PX, 0), min(last + MARGIN_PX, height)
+        band = maps[None, :, top:bottom].contiguous(memory_format=torch.channels_last)
+        bands.append(superres(band)[0, :, 2 * (first - top) : 2 * (last - top)])
+    if len(bands) == 1:
+        return bands[0]
+    return torch.cat([band.permute(1, 2, 0) for band in bands]).permute(2, 0, 1)  # pixel by pixel, as bands lie
+
+
+def low_resolution_maps(
+    low: Composite, pixel: Tensor, size_px: tuple[int, int]
+) -> tuple[Float[Tensor, "C h w"], Float[Tensor, "h w"]]:
+    """Rays scattered into maps [colour 3, features 29, alpha 1], zero where there is no ray; and depth."""
+    width, height = size_px
+    values = torch.cat([low.channels, low.alpha[:, None].to(low.channels.dtype)], -1)
+    maps = values.new_zeros(width * height, values.shape[1]).index_put_((pixel,), values)
+    depth = torch.where(low.alpha > 0, low.depth, torch.full_like(low.depth, torch.inf))
+    depth = low.depth.new_full((width * height,), torch.inf).index_put((pixel,), depth)
+    return maps.T.reshape(-1, height, width), depth.reshape(height, width)

@@ -1,1 +1,0 @@
-"""The method in plain torch, one part a module: rays, sampler, field, volume rendering, super-resolution."""

@@ -1,0 +1,54 @@
+"""Chooses the backend that computes the costly stages on a device."""
+
+from __future__ import annotations
+
+import logging
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import torch
+
+from ..compute.backend import RenderBackend
+from ..compute.reference import ReferenceBackend
+
+LOGGER = logging.getLogger(__name__)
+
+
+def choose_backend(device: torch.device) -> RenderBackend:
+    """Numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
+    if not has_numba():
+        return ReferenceBackend()
+    from ..compute.cpu.backend import NumbaBackend
+    from ..compute.cpu.shadows_beside_gpu import GpuBackend
+
+    return NumbaBackend() if device.type == "cpu" else GpuBackend()
+
+
+@cache
+def has_numba() -> bool:
+    """Whether numba can be imported. It refuses a numpy newer than it knows; torch alone still renders then."""
+    try:
+        import_module("numba")
+    except ModuleNotFoundError:
+        return False
+    except Exception as error:  # whatever is broken in numba, torch can still render
+        LOGGER.warning("numba is installed but fails (%s); rendering continues without it, many times slower", error)
+        return False
+    return True
+
+
+def kernel_cache() -> Path | None:
+    """The folder that keeps compiled kernels; None: no folder takes them."""
+    from ..compute.kernels.compiled import kernel_folder
+
+    return kernel_folder()
+
+
+def has_int8_kernels() -> bool:
+    """Whether networks in reduced precision multiply int8 on this processor."""
+    if not has_numba():
+        return False
+    from ..compute.kernels.vectors import has_int8_products
+
+    return has_int8_products()

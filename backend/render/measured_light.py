@@ -1,0 +1,89 @@
+"""Light that a path tracer measured on the bare hand, at the rays of a frame."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, grid_sample
+
+from ..image.crop import Crop
+from ..image.surface_means import RayPlaces, SurfaceMeans, surface_means
+from ..records.light import MeasuredLight
+
+# Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller hardly shows the
+# hand, as for rays that pass beside the bare mesh, through the shell.
+_SIDES = (3, 9, 27)
+_STRIDES = (1, 2, 4)  # of the passes of `without_noise`, in rays
+# Of a square; what the path tracer's few samples tell of less is chance.
+_LEAST_COVERED = 0.2
+_LEAST_KNOWN = 1e-3  # of the weights about a ray
+_TINY = 1e-6
+
+
+def measured_at(
+    measured: MeasuredLight, crop: Crop, pixel: Tensor, size_px: tuple[int, int]
+) -> tuple[Float[Tensor, "R 3"], Float[Tensor, "R 3"]]:
+    """Direct and indirect light at rays, each a mean over the hand's measured pixels around it, for they are noisy.
+
+    Args:
+        measured: of the whole image.
+        crop: of the image, in whose low resolution the rays lie.
+        pixel: of the rays, in the crop.
+        size_px: of the whole image.
+    """
+    colours = np.concatenate([measured.direct, measured.indirect], -1) * measured.alpha[..., None]
+    maps = np.concatenate([colours, measured.alpha[..., None]], -1).astype(np.float32)
+    image = torch.as_tensor(maps, device=pixel.device).permute(2, 0, 1)[None]
+    x = 2 * (pixel % crop.width + crop.x0) + 1
+    y = 2 * (torch.div(pixel, crop.width, rounding_mode="floor") + crop.y0) + 1
+    # From 0..size to -1..1, where the borders of the image lie.
+    place = torch.stack([x * (2 / size_px[0]) - 1, y * (2 / size_px[1]) - 1], -1)[None, None].float()
+    found = image.mean((2, 3)).expand(len(pixel), -1)  # of the whole hand, where it is nowhere near
+    for side in reversed(_SIDES):
+        smooth = avg_pool2d(image, side, stride=1, padding=side // 2)
+        values = grid_sample(smooth, place, padding_mode="border", align_corners=False)[0, :, 0].T
+        found = torch.where(values[:, 6:] > _LEAST_COVERED, values, found)
+    straight = found[:, :6] / found[:, 6:].clamp(min=_TINY)
+    return straight[:, :3], straight[:, 3:]
+
+
+class AtRays(NamedTuple):
+    """Which rays may be given what was measured at their pixels.
+
+    Attributes:
+        shows: [R] whether the surface on which it was measured is there the one that a ray meets.
+        places: of the rays.
+        means: over them.
+    """
+
+    shows: Tensor
+    places: RayPlaces
+    means: SurfaceMeans = surface_means
+
+    def filled(self, values: Float[Tensor, "R C"]) -> Float[Tensor, "R C"]:
+        """Their values; at the other rays, means of those nearby on the same surface, if there are any.
+
+        A mesh ends beside the surface that is seen: along outlines, light of the palm was that of the finger before.
+        """
+        shows = self.shows[:, None].to(values)
+        known = torch.cat([values * shows, shows], 1)
+        for stride in _STRIDES:
+            known = self.means(known, self.places, stride)
+        share = known[:, -1:]
+        return torch.where(self.shows[:, None] | (share < _LEAST_KNOWN), values, known[:, :-1] / share.clamp(min=_TINY))
+
+
+def without_noise(
+    values: Float[Tensor, "R 3"], places: RayPlaces, means: SurfaceMeans = surface_means
+) -> Float[Tensor, "R 3"]:
+    """Means of what varies slowly over the skin, as light that other surfaces reflect, over rays on the same surface.
+
+    Three passes over 3 x 3 rays, each twice as far apart.
+    """
+    for stride in _STRIDES:
+        values = means(values, places, stride)
+    return values

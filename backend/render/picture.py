@@ -1,0 +1,101 @@
+"""The picture of a view layer, from each hand's own frames: occlusion, the mean over the exposure, the scene around."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..image.grade import graded
+from ..records.frame import Frame, empty_frame
+from .composition import SceneLayer, joined, mean_frame, over, visible_parts
+from .frame_task import ExposureFrames, FrameTask, HandInstance
+
+_SOLID_ALPHA = 0.5
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a view layer's passes are made of, in the scene's working space.
+
+    Attributes:
+        combined: the hands in their scene, or on transparent ground.
+        hands: the hands, hidden by each other but not by the scene, on transparent ground.
+        visible_alpha: [H, W] how much of each pixel is hand.
+        coverage: mesh name -> [H, W] how much of each pixel is that hand.
+        surface: name -> map of the nearest hand's mesh, as `SurfaceMaps` has them; None if no pass needs them.
+    """
+
+    combined: Frame
+    hands: Frame
+    visible_alpha: np.ndarray
+    coverage: Mapping[str, np.ndarray]
+    surface: Mapping[str, np.ndarray] | None
+
+    @property
+    def is_hand(self) -> np.ndarray:
+        """[H, W] where passes that cannot be mixed show the hand."""
+        return self.visible_alpha >= _SOLID_ALPHA
+
+
+def compose_picture(
+    hands: Sequence[HandInstance],
+    samples: Sequence[ExposureFrames],
+    size_px: tuple[int, int],
+    convert: Callable[[Frame], Frame],
+    around: SceneLayer | None,
+    surface: Mapping[str, np.ndarray] | None,
+) -> Picture:
+    """Compose the rendered frames.
+
+    Args:
+        hands: in the order of each sample's frames.
+        samples: the frames of every exposure sample; none if there is no hand.
+        size_px: of the picture.
+        convert: changes a frame into the scene's colours.
+        around: the scene around the hands, in the working space; None if there is none.
+        surface: the maps of `surface_of`, if a pass needs them.
+    """
+    converted = [
+        [convert(graded(frame, hand.grade)) for frame, hand in zip(sample, hands, strict=True)] for sample in samples
+    ]
+    alone = [visible_parts(frames) for frames in converted]
+    shown = alone if around is None else [visible_parts(frames, around.depth) for frames in converted]
+    visible = _mean(shown, size_px)
+    return Picture(
+        combined=visible if around is None else over(visible, around),
+        hands=visible if around is None else _mean(alone, size_px),
+        visible_alpha=visible.alpha,
+        coverage=_coverage(hands, shown),
+        surface=surface,
+    )
+
+
+def _coverage(hands: Sequence[HandInstance], samples: Sequence[Sequence[Frame]]) -> dict[str, np.ndarray]:
+    """Instances of one mesh count together."""
+    coverage: dict[str, np.ndarray] = {}
+    for hand, parts in zip(hands, zip(*samples, strict=True), strict=True):
+        alpha = np.mean([part.alpha for part in parts], axis=0)
+        coverage[hand.mesh_name] = (
+            np.minimum(coverage[hand.mesh_name] + alpha, 1) if hand.mesh_name in coverage else alpha
+        )
+    return coverage
+
+
+def surface_of(task: FrameTask, motion: Sequence[np.ndarray] | None = None) -> Mapping[str, np.ndarray] | None:
+    """The surface maps at the sample nearest to the frame itself (a mean of normals or positions means nothing).
+
+    None if the task has no hand. `motion` [V, 4] px is that of each hand's vertices, as `SurfaceMaps` has it.
+    """
+    if not task.samples or not task.samples[0]:
+        return None
+    from .surface_maps import nearest_maps, surface_maps  # torch, which may be missing until a hand is rendered
+
+    hands = zip(task.samples[0], motion or [None] * len(task.samples[0]), strict=True)
+    return vars(nearest_maps([surface_maps(hand.shot, hand.renderer.hand, of_hand) for hand, of_hand in hands]))
+
+
+def _mean(samples: Sequence[Sequence[Frame]], size_px: tuple[int, int]) -> Frame:
+    """The mean over the exposure of the joined parts; empty without a sample."""
+    return mean_frame([joined(parts) for parts in samples]) if samples else empty_frame(size_px)

@@ -1,1 +1,0 @@
-"""What every command of the program shares: how it runs, prints and fails, its threads and its output."""

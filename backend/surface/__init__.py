@@ -1,0 +1,1 @@
+"""The avatar's surface: detail mesh, detail maps, edges, hole filling and hair."""

@@ -1,0 +1,93 @@
+"""Which frames of a film of a turning hand become a capture: sharp, little doubted, and spread over its poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry.rotation import axis_angle_to_matrix
+from ...motion.motion import HandMotion
+from ...records.errors import LiveHandError
+
+MOST_CHOSEN, LEAST_CHOSEN = 120, 20
+_KEPT_SHARE = 0.8  # of the frames, by doubt and blur
+_LEAST_APART_RAD = np.deg2rad(2.5)
+_MOST_APART_RAD = 2.0
+_HALVINGS = 20
+_COARSE_PX = 4
+_LEAST_STEP = 1e-6
+_HELD_OUT_AT, _HELD_OUT_SHARE = (0.25, 0.75), 0.1  # middles of the stretches; their part of all frames
+
+
+def chosen_frames(motion: HandMotion, doubt: np.ndarray, blur: np.ndarray) -> np.ndarray:
+    """Increasing indices of frames that lie apart in pose; of those that lie together, the best.
+
+    Args:
+        motion: of the T frames.
+        doubt: [T] of the fit.
+        blur: [T] of the picture, as `blur_of` has it.
+
+    Raises:
+        LiveHandError: there are too few.
+    """
+    badness = doubt / max(float(np.median(doubt)), 1e-9) + blur / max(float(np.median(blur)), 1e-9)
+    best = np.argsort(badness, kind="stable")[: max(1, round(_KEPT_SHARE * len(motion)))]
+    places = _places(motion)[best]
+    kept = _apart(places, _LEAST_APART_RAD)
+    if len(kept) < LEAST_CHOSEN:
+        raise LiveHandError(
+            f"a capture needs a hand that turns: at least {LEAST_CHOSEN} sharp frames of poses that differ, "
+            f"got {len(kept)}; turn the hand slowly before the camera, for half a minute"
+        )
+    near, far = _LEAST_APART_RAD, _MOST_APART_RAD
+    for _ in range(_HALVINGS if len(kept) > MOST_CHOSEN else 0):
+        middle = (near + far) / 2
+        some = _apart(places, middle)
+        if len(some) > MOST_CHOSEN:
+            near = middle
+        else:
+            far, kept = middle, some
+    return np.sort(best[kept])
+
+
+def held_out(count: int) -> np.ndarray:
+    """[count] whether a chosen frame, in order of time, is held out: two stretches of the turn."""
+    length = max(1, round(_HELD_OUT_SHARE * count / len(_HELD_OUT_AT)))
+    is_out = np.zeros(count, bool)
+    for share in _HELD_OUT_AT:
+        first = round(share * count - length / 2)
+        is_out[first : first + length] = True
+    return is_out
+
+
+def blur_of(picture: np.ndarray) -> float:
+    """How blurred uint8 [H, W, 3] is, 0..1: its change over four pixels against four times that over one.
+
+    The blurrier of the two directions counts, for a hand that moves is blurred in one.
+    """
+    grey = picture.astype(np.float32).mean(-1)
+    blurs = []
+    for axis in range(2):
+        across = np.moveaxis(grey, axis, 0)
+        if len(across) <= _COARSE_PX:
+            continue
+        coarse = float(np.abs(across[_COARSE_PX:] - across[:-_COARSE_PX]).mean())
+        blurs.append(coarse / max(_COARSE_PX * float(np.abs(np.diff(across, axis=0)).mean()), _LEAST_STEP))
+    return min(1.0, max(blurs, default=1.0))
+
+
+def _places(motion: HandMotion) -> np.ndarray:
+    """[T, 54] in which the distance of two frames is the hand's turn and the fingers' mean turn, rad, nearly."""
+    count = len(motion)
+    root = axis_angle_to_matrix(motion.theta[:, 0]).reshape(count, 9) / np.sqrt(2)
+    return np.concatenate([root, motion.theta[:, 1:].reshape(count, 45) / np.sqrt(15)], 1)
+
+
+def _apart(places: np.ndarray, distance: float) -> np.ndarray:
+    """Indices of places that are at least so far from all that were taken before them."""
+    taken: list[int] = []
+    nearest = np.full(len(places), np.inf)
+    for index in range(len(places)):
+        if nearest[index] >= distance:
+            taken.append(index)
+            nearest = np.minimum(nearest, np.linalg.norm(places - places[index], axis=1))
+    return np.array(taken)

@@ -1,0 +1,135 @@
+"""Reads the light of a Blender scene as the backend's `Light`: lamps, world and what stands in their way.
+
+A frame's lamps, world and objects are read once for all its hands; then each hand gets what falls on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ...backend.records.light import Lamp, Light, Sky
+from ..hands.seen_hands import Place, SeenHand
+from ..hands.shot import seen_vertices
+from .lamps import read_lamps
+from .local_triangles import LocalTriangles
+from .occluders import Occluders, occluders_of, read_solids
+from .reach import AROUND_M, SUN_M, Reach, middle_of
+from .solid import Solid
+from .world import WorldLight, read_world
+
+
+@dataclass(frozen=True)
+class SceneLight:
+    """The light on one hand; plain values, which may leave Blender's thread.
+
+    Attributes:
+        lamps: that light the hand.
+        world: what it shines may have to be rendered first; None: nothing.
+        solids: objects that may shadow a hand of the frame, or shed light on it.
+        reach: where those stand that shadow this one.
+        hand: its place.
+        exposure: factor of Cycles' film.
+        is_final: whether it is for a frame that is kept.
+    """
+
+    lamps: tuple[Lamp, ...]
+    world: WorldLight | None
+    solids: tuple[Solid, ...]
+    reach: Reach
+    hand: Place
+    exposure: float
+    is_final: bool
+
+    @cached_property
+    def occluders(self) -> Occluders:
+        """The triangles that may shadow the hand or shed light on it."""
+        return occluders_of(self.solids, self.reach, self.hand)
+
+    def light(self) -> Light:
+        """The record. A world of nodes is rendered at the first call, which takes seconds.
+
+        Raises:
+            LiveHandError: the world cannot be rendered.
+        """
+        sky, suns = self.world.read() if self.world else (None, ())
+        lamps = tuple(replace(lamp, rgb=lamp.rgb * self.exposure) for lamp in (*self.lamps, *suns))
+        sky = sky and Sky(sky.radiance * self.exposure, sky.group)
+        return Light(lamps, sky, *self.occluders, penumbra="fine" if self.is_final else "coarse")
+
+
+def read_hand_lights(
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[SeenHand], is_final: bool, local: LocalTriangles | None = None
+) -> dict[str, SceneLight]:
+    """Name of each hand -> the light on it; none if the scene says that hands keep their capture's.
+
+    Args:
+        depsgraph: of the frame.
+        hands: of the frame.
+        is_final: as in `read_scene_light`, which also tells what is raised.
+        local: triangles that were read before; None: none were.
+    """
+    if depsgraph.scene.livehand.light != "SCENE":
+        return {}
+    lights = read_scene_light(
+        depsgraph, {hand.place: seen_vertices(hand, depsgraph) for hand in hands}, is_final, local
+    )
+    return {hand.name: lights[hand.place] for hand in hands}
+
+
+def read_scene_light(
+    depsgraph: bpy.types.Depsgraph,
+    hands: Mapping[Place, np.ndarray],
+    is_final: bool,
+    local: LocalTriangles | None = None,
+) -> dict[Place, SceneLight]:
+    """The light on each hand of an evaluated frame.
+
+    Args:
+        depsgraph: of the frame.
+        hands: place of a hand's mesh object -> its vertices [V, 3] in the world, m.
+        is_final: whether the frame is kept: its soft shadows are fine, and the render of the world is waited for, by
+            which objects before its suns are found.
+        local: triangles that were read before; None: none were.
+
+    Raises:
+        LiveHandError: the world cannot be rendered, or not be prepared for it.
+    """
+    linked, world = read_lamps(depsgraph), read_world(depsgraph)
+    if world and is_final:
+        world.read()
+    suns, around_m = _reach_of_world(world)
+    lamps = {
+        place: tuple(filter(None, (one.for_mesh(place.name, middle_of(vertices)) for one in linked)))
+        for place, vertices in hands.items()
+    }
+    reaches = {place: Reach.of(vertices, (*lamps[place], *suns), around_m) for place, vertices in hands.items()}
+    solids = read_solids(depsgraph, reaches, local or LocalTriangles()) if reaches else ()
+    exposure = _film_exposure(depsgraph.scene_eval)
+    return {one: SceneLight(lamps[one], world, solids, reaches[one], one, exposure, is_final) for one in hands}
+
+
+def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
+    """The suns of the world, and how far from the hand objects shadow it from the sky or shed light on it, m."""
+    if world is None:
+        return (), AROUND_M
+    suns = world.known_suns
+    return ((), SUN_M) if suns is None else (suns, AROUND_M)
+
+
+def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndarray) -> Light:
+    """The light on one hand, by the full name of its mesh object and its vertices [V, 3] in the world, m.
+
+    Raises:
+        LiveHandError: the world cannot be read.
+    """
+    return read_scene_light(depsgraph, {Place(mesh_name): vertices}, is_final=True)[Place(mesh_name)].light()
+
+
+def _film_exposure(scene: bpy.types.Scene) -> float:
+    settings = getattr(scene, "cycles", None)  # absent if Cycles is switched off
+    return settings.film_exposure if settings else 1.0

@@ -1,0 +1,104 @@
+"""The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change.
+
+Materials are asked once between two calls of `forget_unasked`: they change without a word about the objects that wear
+them, and a meadow of instances wears a few.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ..hands.seen_hands import Place
+from .albedo import albedo_of
+from .solid import Solid
+
+_Key = tuple[int, int]
+"""An original object, which outlives its evaluations, and evaluated data: it may make instances of several."""
+
+
+class _Read(NamedTuple):
+    """What was read of an object: data blocks that it depends on, triangles [T, 3, 3] and their material slots [T]."""
+
+    sources: frozenset[int]
+    triangles: np.ndarray
+    slot: np.ndarray
+
+
+class LocalTriangles:
+    """The triangles of one depsgraph's objects; a render has one for its frame, a view for as long as it lives."""
+
+    def __init__(self):
+        self._kept: dict[_Key, _Read] = {}
+        self._asked: set[_Key] = set()
+        self._solids: dict[Place, Solid] = {}
+        self._albedos: dict[int, np.ndarray] = {}
+
+    def of(self, thing: bpy.types.Object) -> np.ndarray:
+        """[T, 3, 3] of an evaluated object or of an instance's, in its own space."""
+        return self._read(thing).triangles
+
+    def _read(self, thing: bpy.types.Object) -> _Read:
+        original = thing.original
+        key = original.as_pointer(), thing.data.as_pointer()
+        self._asked.add(key)
+        if key not in self._kept:
+            sources = frozenset(one.as_pointer() for one in (original, original.data) if one is not None)
+            self._kept[key] = _Read(sources, *_triangles(thing))
+        return self._kept[key]
+
+    def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
+        """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
+        _, local, slot = self._read(thing)
+        known, albedo = self._solids.get(place), self._palette(thing)[slot]
+        if (
+            known is None
+            or known.local is not local
+            or not np.array_equal(known.matrix, matrix)
+            or not np.array_equal(known.albedo, albedo)
+        ):
+            known = self._solids[place] = Solid(place, local, matrix, albedo)
+        return known
+
+    def forget_changed(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Drop what the depsgraph's last updates have changed; a motion as a whole changes nothing."""
+        changed = {update.id.original.as_pointer() for update in depsgraph.updates if update.is_updated_geometry}
+        self._kept = {key: one for key, one in self._kept.items() if not one.sources & changed}
+
+    def forget_unasked(self) -> None:
+        """Drop what nobody has asked for since the last call."""
+        self._kept = {key: one for key, one in self._kept.items() if key in self._asked}
+        locals_kept = {id(one.triangles) for one in self._kept.values()}
+        self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
+        self._asked.clear()
+        self._albedos.clear()
+
+    def _palette(self, thing: bpy.types.Object) -> np.ndarray:
+        """[S, 3] albedo of an object's material slots; one at least."""
+        return np.array([self._albedo(slot.material) for slot in thing.material_slots] or [self._albedo(None)])
+
+    def _albedo(self, material: bpy.types.Material | None) -> np.ndarray:
+        key = 0 if material is None else material.as_pointer()
+        if key not in self._albedos:
+            self._albedos[key] = albedo_of(material)
+        return self._albedos[key]
+
+
+def _triangles(thing: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles [T, 3, 3] and their material slots [T], of those that the object has."""
+    mesh = thing.to_mesh()
+    if mesh is None:  # a curve without an extent
+        return np.zeros((0, 3, 3)), np.zeros(0, int)
+    try:
+        mesh.calc_loop_triangles()
+        vertices = np.empty(3 * len(mesh.vertices), np.float32)
+        mesh.vertices.foreach_get("co", vertices)
+        corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
+        mesh.loop_triangles.foreach_get("vertices", corners)
+        slot = np.empty(len(mesh.loop_triangles), np.int32)
+        mesh.loop_triangles.foreach_get("material_index", slot)
+    finally:
+        thing.to_mesh_clear()
+    return vertices.reshape(-1, 3)[corners.reshape(-1, 3)], slot.clip(0, max(len(thing.material_slots) - 1, 0))

@@ -1,0 +1,89 @@
+"""Reads the triangles of the scene's objects that may shadow a hand or shed light on it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ..hands.seen_hands import Place
+from .local_triangles import LocalTriangles
+from .reach import Reach, bounding_balls
+from .solid import MESH_LIKE, Solid
+
+LOGGER = logging.getLogger(__name__)
+
+_MAX_TRIANGLES = 50_000
+
+
+def read_solids(
+    depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reach], local: LocalTriangles
+) -> tuple[Solid, ...]:
+    """The objects within any hand's reach that cast shadows, instances and other hands included."""
+    near = _near_instances(depsgraph, reaches)
+    return tuple(
+        local.solid(Place.of(instance), instance.object, near[number])
+        for number, instance in enumerate(depsgraph.object_instances)
+        if number in near
+    )
+
+
+def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reach]) -> dict[int, np.ndarray]:
+    """Number of each instance that casts shadows and whose bounding box touches a reach -> its matrix [4, 4].
+
+    All boxes are tested at once: a meadow has a hundred thousand instances. A hand does not count for itself.
+    """
+    boxes: dict[int, np.ndarray] = {}
+    numbers, matrices, corners = [], [], []
+    (only,) = reaches if len(reaches) == 1 else (None,)
+    for number, instance in enumerate(depsgraph.object_instances):
+        thing = instance.object
+        if thing.type in MESH_LIKE and instance.show_self and thing.visible_shadow and not _is_at(only, instance):
+            key = thing.data.as_pointer()
+            if key not in boxes:
+                boxes[key] = np.array(thing.bound_box)
+            numbers.append(number)
+            matrices.append(instance.matrix_world.copy())
+            corners.append(boxes[key])
+    if not numbers:
+        return {}
+    matrix = np.array(matrices, np.float64)  # [I, 4, 4]
+    corner = np.array(corners) @ matrix[:, :3, :3].transpose(0, 2, 1) + matrix[:, None, :3, 3]  # [I, 8, 3]
+    centres = corner.mean(1)
+    radii = np.linalg.norm(corner - centres[:, None], axis=-1).max(1)
+    touched = np.any([reach.touches(centres, radii) for reach in reaches.values()], axis=0)
+    return {numbers[k]: matrix[k] for k in np.flatnonzero(touched)}
+
+
+def _is_at(place: Place | None, instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Whether an instance is the one at a place; the name is asked first, because it is quick."""
+    return place is not None and instance.object.original.name_full == place.name and Place.of(instance) == place
+
+
+class Occluders(NamedTuple):
+    """Triangles [T, 3, 3], world, m, and their albedo [T, 3]."""
+
+    triangles: np.ndarray
+    albedo: np.ndarray
+
+
+def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> Occluders:
+    """The triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
+
+    Needs no bpy.
+    """
+    near = [(one, reach.touches(*one.balls)) for one in solids if one.place != hand]
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(one.triangles[which] for one, which in near)])
+    albedo = np.concatenate([np.zeros((0, 3)), *(one.albedo[which] for one, which in near)])
+    if len(triangles) <= _MAX_TRIANGLES:
+        return Occluders(triangles, albedo)
+    LOGGER.warning(
+        "%d triangles may shadow '%s': the nearest %d do, the others do not", len(triangles), hand.name, _MAX_TRIANGLES
+    )
+    centres, radii = bounding_balls(triangles)
+    distance_m = np.linalg.norm(centres - reach.start, axis=1) - radii
+    kept = np.sort(np.argpartition(distance_m, _MAX_TRIANGLES)[:_MAX_TRIANGLES])
+    return Occluders(triangles[kept], albedo[kept])

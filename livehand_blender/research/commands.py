@@ -1,0 +1,6 @@
+"""The commands of `livehand` for research."""
+
+from ...backend.research.comparison.command import COMMAND as COMPARE
+from .command import COMMAND as BENCHMARK
+
+COMMANDS = (COMPARE, BENCHMARK)

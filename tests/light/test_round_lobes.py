@@ -1,0 +1,110 @@
+"""Pairs of round lobes against the lobes they stand for: how much they reflect, from where, and how wide they are."""
+
+from math import pi
+
+import numpy as np
+import pytest
+import torch
+from livehand.backend.light.gloss import glossy
+from livehand.backend.light.round_lobes import (
+    AHEAD,
+    COSINES,
+    LEAST_ROUGHNESS,
+    ROUGHNESSES,
+    SHARE,
+    UP,
+    WIDTH,
+    WIDTHS,
+    lobes_at,
+    round_lobes,
+    round_weight,
+)
+
+DIRECTIONS = 200000
+TABLE = torch.as_tensor(round_lobes())
+CASES = [(alpha, cosine) for alpha in (0.09, 0.3025, 0.6) for cosine in (0.1, 0.3, 0.6, 0.95)]
+
+
+def everywhere():
+    """Directions of equal solid angle (Fibonacci)."""
+    index = torch.arange(DIRECTIONS, dtype=torch.float64)
+    z, angle = 1 - 2 * (index + 0.5) / DIRECTIONS, index * pi * (3 - 5**0.5)
+    across = (1 - z * z).sqrt()
+    return torch.stack([across * angle.cos(), across * angle.sin(), z], -1).float()
+
+
+def lobe(alpha, cosine):
+    """[N] what a lobe reflects of each direction's light of 1; the eye's plane is x, z."""
+    view = torch.tensor([(1 - cosine**2) ** 0.5, 0, -cosine])
+    up, squared = torch.tensor([0.0, 0, 1]), torch.tensor(alpha**2)
+    return glossy(up, everywhere(), view, torch.zeros(()), broad_squared=squared)[:, 1] * 4 / DIRECTIONS
+
+
+def pair(alpha, cosine):
+    return lobes_at(torch.tensor([cosine]), torch.tensor([alpha**2]), TABLE)[0]
+
+
+def rounds(alpha, cosine):
+    """[N] the same of its pair of round lobes."""
+    towards, light = everywhere(), torch.zeros(DIRECTIONS)
+    for one in pair(alpha, cosine):
+        along = towards @ torch.tensor([one[AHEAD], 0, one[UP]])
+        narrow = min(int(one[WIDTH]), len(WIDTHS) - 2)
+        for place, share in ((narrow, 1 - one[WIDTH] + narrow), (narrow + 1, one[WIDTH] - narrow)):
+            weight = round_weight(along, WIDTHS[place])
+            light += one[SHARE] * share * weight / weight.sum()
+    return light
+
+
+@pytest.mark.parametrize(("alpha", "cosine"), CASES)
+def test_they_reflect_as_much_of_even_light(alpha, cosine):
+    assert float(pair(alpha, cosine)[:, SHARE].sum()) == pytest.approx(float(lobe(alpha, cosine).sum()), rel=0.02)
+
+
+@pytest.mark.parametrize(("alpha", "cosine"), CASES)
+def test_their_light_comes_from_where_the_lobes_does(alpha, cosine):
+    """The mean direction, and how far from it along the plane and across."""
+    theirs, ours = (
+        (light := one / one.sum(), light @ everywhere()) for one in (lobe(alpha, cosine), rounds(alpha, cosine))
+    )
+    middle = theirs[1] / theirs[1].norm()
+    assert float(ours[1] @ middle / ours[1].norm()) > np.cos(0.12)
+    upward = torch.stack([-middle[2], torch.zeros(()), middle[0]])
+    for axis in (upward, torch.tensor([0.0, 1, 0])):
+        expected, found = (float(light @ (everywhere() @ axis) ** 2) for light, _ in (theirs, ours))
+        assert found**0.5 == pytest.approx(expected**0.5, rel=0.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("alpha", "cosine"), CASES)
+def test_smooth_light_is_reflected_as_by_the_lobe(alpha, cosine):
+    """From lamps of some width all around; the mirrored view alone would be off by half, seen from the side."""
+    generator = torch.Generator().manual_seed(1)
+    lamps = torch.nn.functional.normalize(torch.randn(100, 3, generator=generator), dim=-1)
+    light = torch.exp(6 * (lamps @ everywhere().T - 1))
+    exact, found = (light @ one for one in (lobe(alpha, cosine), rounds(alpha, cosine)))
+    assert float((found - exact).norm() / exact.norm()) < 0.12
+
+
+def test_a_lobe_seen_straight_on_is_round():
+    for rough in range(ROUGHNESSES):
+        first, second = TABLE[rough, 0]
+        torch.testing.assert_close(first, second, rtol=0.02, atol=0.02)
+        torch.testing.assert_close(first[[AHEAD, UP]], torch.tensor([0.0, 1]), rtol=0, atol=0.02)
+
+
+def test_between_its_places_the_table_is_mixed():
+    step = (1 - LEAST_ROUGHNESS) / (ROUGHNESSES - 1)
+    rough = LEAST_ROUGHNESS + step * torch.tensor([0.0, 2, 2.5, ROUGHNESSES - 1, ROUGHNESSES + 5])
+    column = torch.tensor([0.0, 10.5, 10, COSINES - 1, 2 * COSINES])
+    found = lobes_at(1 - (column / (COSINES - 1)) ** 2, rough**4, TABLE)
+    expected = torch.stack(
+        [
+            TABLE[0, 0],
+            (TABLE[2, 10] + TABLE[2, 11]) / 2,
+            (TABLE[2, 10] + TABLE[3, 10]) / 2,
+            TABLE[-1, -1],
+            TABLE[-1, -1],
+        ]
+    )
+    torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-3)
+    assert TABLE.isfinite().all()

@@ -1,0 +1,1 @@
+"""Generates the built-in hand and the files of its surface that ship."""
