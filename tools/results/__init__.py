@@ -1,1 +1,1 @@
-"""The pages of docs/results: their figures are collected from LiveHand's own commands, and their tables written from them."""
+"""The tables of docs/results: figures are collected from LiveHand's own commands, and tables written from them."""

@@ -77,7 +77,9 @@ def run(arguments: list[str]) -> dict[str, Any]:
 
 def source(what: str) -> dict[str, str]:
     """Return what a document says of where it is from."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return {"what": what, "date": datetime.now(UTC).date().isoformat(), "commit": commit.stdout.strip()}
 
 

@@ -18,7 +18,7 @@ SPLITS = {
     "test": "pose, camera and light",
 }
 BANDS = {"l_1_2": "1 to 2 mm", "l_2_4": "2 to 4 mm", "l_4_8": "4 to 8 mm", "l_8_16": "8 to 16 mm"}
-LIGHTS = {"soft": "soft", "key": "key", "rim": "rim", "block": "walls"}
+LIGHTS = {"soft": "soft", "key": "key", "rim": "rim", "block": "beside walls"}
 NOTHING = ""
 
 
@@ -29,7 +29,7 @@ def markdown(head: Row, rows: Sequence[Row]) -> list[str]:
 
 def line(cells: Row) -> str:
     """Return one line of a Markdown table, from the text of its cells."""
-    return f"| {' | '.join(cells)} |".replace("|  |", "| |")
+    return " ".join(["|", *(f"{cell} |" if cell else "|" for cell in cells)])
 
 
 def origin(source: Mapping[str, str]) -> list[str]:
@@ -146,32 +146,45 @@ def contrast(avatars: Document) -> list[str]:
     """Return how much of the truth's contrast (L* in bands of size on the skin) the avatars show."""
     of = avatars["people"]
     rows = [
-        [label, *(f"{share_of_truth(one, band):.0%}".replace("%", " %") for one in of.values())]
-        for band, label in BANDS.items()
+        [label, *(f"{100 * share_of_truth(one, band):.0f} %" for one in of.values())] for band, label in BANDS.items()
     ]
     return markdown(["band", *of], rows)
 
 
 def summary(views: Document, avatars: Document, benchmark: Document) -> list[str]:
     """Return the README's four rows, of the light avatar, linked to the pages that say what they mean."""
-    light, of = avatars["people"]["light"], benchmark["result"]["sizes"][REFERENCE]
-    rows_of = {row[0]: row[1] for row in views["tables"]["psnr"]["rows"]}
-    db = ", ".join(f"{rows_of[kind].split(' ')[0]} {label}" for kind, label in LIGHTS.items())
-    shares = [share_of_truth(light, band) for band in BANDS]
-    against = [f"{times(of['ratio_paper'].get('bf16'))} as fast as the paper's renderer"]
-    against += [f"{times(of['ratio_cycles']['64']['bf16'])} as fast as Cycles"] if "64" in of["ratio_cycles"] else []
     quality, speed = "docs/results/quality.md", "docs/results/speed.md"
+    of, cores = benchmark["result"]["sizes"][REFERENCE], benchmark["result"]["machine"]["cores"]
+    frame = [of["frame_ms"]["default_bf16"]["median"], 1000 * of["core_s"]["default_bf16"]["median"]]
     rows = [
-        [f"[PSNR]({quality}) on whole hands, dB, by light", db],
-        [f"[contrast]({quality}#contrast) of Cycles' skin at 1 to 16 mm", f"{min(shares):.0%} to {max(shares):.0%}"],
+        [f"[PSNR]({quality}#by-light) on whole hands, by light", light_figures(views)],
+        [f"[contrast]({quality}#contrast) of the skin at 1 to 16 mm", contrast_range(avatars["people"]["light"])],
         [
-            f"[a frame]({speed}#frames) of {REFERENCE} on {benchmark['result']['machine']['cores']} cores",
-            f"{digits(of['frame_ms']['default_bf16']['median'])} ms, "
-            f"{digits(1000 * of['core_s']['default_bf16']['median'])} core-ms",
+            f"[a frame]({speed}#frames) of {REFERENCE} on {cores} cores",
+            f"{digits(frame[0])} ms ({digits(frame[1])} core-ms)",
         ],
-        [f"[that frame]({speed}#frames) beside others", ", ".join(against)],
+        [f"[faster]({speed}#frames) than others", ", ".join(advantages(of))],
     ]
-    return markdown(["the light avatar", "against path-traced pictures"], rows)
+    return markdown(["the light avatar, against path-traced pictures", NOTHING], rows)
+
+
+def light_figures(views: Document) -> str:
+    """Return the light avatar's PSNR on whole hands in each kind of light."""
+    psnr = {row[0]: row[1].split(" ")[0] for row in views["tables"]["psnr"]["rows"]}
+    first, *others = (f"{psnr[kind]} {label}" for kind, label in LIGHTS.items())
+    return ", ".join([first.replace(" ", " dB ", 1), *others])
+
+
+def contrast_range(avatar: Document) -> str:
+    """Return the least and the greatest share of the truth's contrast over the bands."""
+    shares = [share_of_truth(avatar, band) for band in BANDS]
+    return f"{100 * min(shares):.0f} to {100 * max(shares):.0f} % of the truth's"
+
+
+def advantages(of: Document) -> list[str]:
+    """Return how many times faster a frame in reduced precision is than each renderer that was measured beside it."""
+    found = {"the paper's renderer": of["ratio_paper"], "Cycles": of["ratio_cycles"].get("64", {})}
+    return [f"{times(ratio['bf16'])} {name}" for name, ratio in found.items() if "bf16" in ratio]
 
 
 def mean_of(avatar: Document, figure: str) -> float:

@@ -1,8 +1,8 @@
 """Write the tables of docs/results and of the README from docs/results/data: `python -m livehand.tools.results.write`.
 
-A table stands between two comments, `<!-- table: NAME -->` and `<!-- end -->`, and what is between them is replaced. NAME is
-one of `TABLES`, or `FILE.TABLE` for figures that were measured once and are kept in `data/FILE.json`. With `--check`
-nothing is changed, and the exit code is 1 where a page and the data disagree.
+A table stands between two comments, `<!-- table: NAME -->` and `<!-- end -->`, and what is between them is replaced.
+NAME is one of `TABLES`, or `FILE.TABLE` for figures that were measured once and are kept in `data/FILE.json`. With
+`--check` nothing is changed, and the exit code is 1 where a page and the data disagree.
 """
 
 from __future__ import annotations
