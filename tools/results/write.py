@@ -73,14 +73,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--root", type=Path, default=ROOT, help="the repository (default: this one)")
     args = parser.parse_args(arguments)
     documents = read_documents(args.root / DATA)
-    stale = []
-    for page in (args.root / name for name in PAGES):
-        before = page.read_text(encoding="utf-8")
-        after = rewrite(before, documents)
-        if after != before:
-            stale.append(page.name)
-            if not args.check:
-                page.write_text(after, encoding="utf-8")
+    before = {page: (args.root / page).read_text(encoding="utf-8") for page in PAGES}
+    after = {page: rewrite(text, documents) for page, text in before.items()}
+    stale = [page for page in PAGES if after[page] != before[page]]
+    for page in [] if args.check else stale:
+        (args.root / page).write_text(after[page], encoding="utf-8")
     sys.stdout.write(f"{'out of date' if args.check else 'written'}: {', '.join(stale) or 'nothing'}\n")
     return 1 if args.check and stale else 0
 

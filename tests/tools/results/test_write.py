@@ -71,7 +71,7 @@ def test_a_figure_that_a_hand_edits_is_found_and_written_again(tree, capsys):
     page.write_text(right.replace("| 36.0 (2) |", "| 46.0 (2) |", 1), encoding="utf-8")
     assert page.read_text(encoding="utf-8") != right
     assert main(["--check", "--root", str(tree)]) == 1
-    assert capsys.readouterr().out == "out of date: quality.md\n"
+    assert capsys.readouterr().out == "out of date: docs/results/quality.md\n"
     assert main(["--root", str(tree)]) == 0
     assert page.read_text(encoding="utf-8") == right
 
