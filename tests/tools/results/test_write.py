@@ -1,10 +1,12 @@
 """Tables are written between their markers, again and again to the same text; the pages agree with their data."""
 
+import hashlib
 import json
 import re
 import shutil
 
 import pytest
+from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.tools.results.write import DATA, PAGES, ROOT, main, read_documents, rewrite
 
 SOURCE = {"what": "a run", "date": "2026-11-28", "commit": "abc1234"}
@@ -20,6 +22,7 @@ WRITTEN = """# Page
 <!-- end -->
 after
 """
+MOST_WORDS = 1500  # tables included
 # A number with a unit of a result; commands and tables aside, such figures come from the data alone.
 FIGURE = re.compile(r"\d[\d.,]*\s?(?:%|(?:dB|ms|core-ms|core-s|MB|GB|TFLOP/s|times)\b)")
 
@@ -87,6 +90,18 @@ def test_new_data_makes_the_pages_stale(tree):
 @pytest.mark.parametrize("name", PAGES)
 def test_no_figure_is_typed_by_hand(name):
     assert FIGURE.findall(by_hand(ROOT / name)) == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_short(name):
+    words = [word for word in (ROOT / name).read_text(encoding="utf-8").split() if re.search(r"\w", word)]
+    assert len(words) <= MOST_WORDS
+
+
+def test_the_headers_are_those_of_the_avatars_that_ship():
+    people = read_documents(ROOT / DATA)["avatars"]["people"]
+    shipped = {skin: hashlib.sha256(shipped_avatar_path(skin).read_bytes()).hexdigest() for skin in SKINS}
+    assert {skin: one["sha256"] for skin, one in people.items()} == shipped, "run `make results`"
 
 
 def test_every_document_says_where_it_is_from():
