@@ -24,7 +24,7 @@ KILLS ?= 200
 # A Blender program for `make test-gui`, with torch in its Python.
 BLENDER ?= blender
 
-.PHONY: demo test test-fast fuzz kills test-cuda test-gui test-matrix check docs zip clean
+.PHONY: demo test test-fast fuzz kills test-cuda test-gui test-matrix check results benchmark docs zip clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/livehand render examples/wave.blend -o $(OUT) --format exr,png $(if $(AVATAR),--avatar $(AVATAR))
@@ -69,6 +69,17 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/pyright --pythonpath $(VENV_PYTHON)
+
+# The tables of docs/results and README, from docs/results/data. The avatars' figures are read from their headers first.
+results: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m livehand.tools.results.collect avatars
+	$(VENV_PYTHON) -m livehand.tools.results.write
+
+# The benchmark of docs/results/speed.md, on this machine, and its tables; a quarter of an hour.
+BENCHMARK ?= --frames 16 --budget 20 --cycles-frames 3 --sizes 167x256,334x512,1080p --paper-sizes 334x512
+benchmark: $(VENV)/dev.stamp
+	$(VENV_PYTHON) -m livehand.tools.results.collect benchmark $(BENCHMARK)
+	$(VENV_PYTHON) -m livehand.tools.results.write
 
 # The pages of docs/ as a site, in out/site; a warning is an error.
 docs: $(VENV)/docs.stamp

@@ -1,0 +1,1 @@
+"""The tables of docs/results: figures are collected from LiveHand's own commands, and tables written from them."""

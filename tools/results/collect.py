@@ -1,0 +1,87 @@
+"""Collect figures from LiveHand's own commands into docs/results/data.
+
+    python -m livehand.tools.results.collect avatars                     # headers of the avatars that ship; seconds
+    python -m livehand.tools.results.collect benchmark [OPTIONS]         # `livehand benchmark`; minutes
+
+OPTIONS are those of `livehand benchmark`. Each file says by which command it was made, when, and at which commit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ...backend.avatars.library import SKINS, shipped_avatar_path
+from .tables import SPLITS
+from .write import DATA, ROOT
+
+
+def main() -> int:
+    """Run the commands of one kind of figures and write their file; return the exit code."""
+    parser = argparse.ArgumentParser(description="collect figures from LiveHand's own commands")
+    parser.add_argument("what", choices=("avatars", "benchmark"))
+    args, options = parser.parse_known_args()
+    document = collect_avatars() if args.what == "avatars" else collect_benchmark(options)
+    path = ROOT / DATA / f"{args.what}.json"
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    sys.stdout.write(f"written: {path.relative_to(ROOT)}\n")
+    return 0
+
+
+def collect_avatars() -> dict[str, Any]:
+    """Inspect the avatars that ship."""
+    paths = {skin: shipped_avatar_path(skin) for skin in SKINS}
+    people = {skin: describe(run(["inspect", str(path)]), path) for skin, path in paths.items()}
+    return {"source": source("`livehand inspect` of the avatars that ship"), "people": people}
+
+
+def describe(header: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Return what the pages use of an avatar's header (`livehand inspect --json`), and its file's size and SHA-256."""
+    provenance = header["provenance"]
+    splits = {name: figures for name, figures in header["metrics"].items() if name in SPLITS}
+    return {
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "bytes": path.stat().st_size,
+        "person": provenance["capture"]["plan"]["person"],
+        "licence": provenance["licence"],
+        "trainings": trainings_of(provenance),
+        "metrics": splits,
+    }
+
+
+def trainings_of(provenance: Mapping[str, Any]) -> int:
+    """Return how many trainings an avatar went through, each of which began with the weights of the one before."""
+    before = provenance.get("fine_tuned_from")
+    return 1 + (trainings_of(before["provenance"]) if before else 0)
+
+
+def collect_benchmark(options: list[str]) -> dict[str, Any]:
+    """Run the benchmark."""
+    result = run(["benchmark", *options])
+    return {"source": source(f"`{' '.join(['livehand benchmark', *options])}`"), "result": result}
+
+
+def run(arguments: list[str]) -> dict[str, Any]:
+    """Run a command of LiveHand and return the JSON of its last line; its messages are shown."""
+    command = [sys.executable, "-m", "livehand.livehand_blender.cli", *arguments, "--json"]
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def source(what: str) -> dict[str, str]:
+    """Return what a document says of where it is from."""
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return {"what": what, "date": datetime.now(UTC).date().isoformat(), "commit": commit.stdout.strip()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
