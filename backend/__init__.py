@@ -1,1 +1,1 @@
-"""The renderer: torch and numpy, never bpy. Words, units and frames: docs/conventions.md."""
+"""The renderer: torch and numpy, never bpy. Words, units and frames: docs/dev/conventions.md."""

@@ -8,7 +8,7 @@ A capture is a folder with
 - images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or scene-linear OpenEXR with premultiplied alpha;
   or images without alpha and for each a mask, a grey image of the same size that is white on the hand.
 
-docs/capture.md documents the format for users.
+docs/make/captures.md documents the format for users.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""All metrics of one view, keyed by their column in scores.csv; docs/evaluation.md defines them."""
+"""All metrics of one view, keyed by their column in scores.csv; docs/make/evaluation.md defines them."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 A hand has 16 bones that an animator rotates, named after MANO's joints (`index1.R`), five fingertip targets
 (`IK-index.R`), and 32 hidden helpers: a deforming bone per joint (`DEF-index1.R`), a root (`MCH-root.R`), and a bone
 for the finger controls per finger joint (`MCH-index1.R`). A model with an arm also has `forearm.R`, which carries the
-wrist, and `DEF-forearm.R`. docs/rig.md gives the reasons. In a bone's rest frame, Y is
+wrist, and `DEF-forearm.R`. docs/dev/rig.md gives the reasons. In a bone's rest frame, Y is
 along the bone, X is the flexion axis (a positive angle closes the hand) and Z points towards the palm.
 """
 

@@ -1,4 +1,4 @@
-// Flamenco 3 job type: one shot in chunks, each a task. Put it into the Manager's `scripts` folder; see docs/farms.md.
+// Flamenco 3 job type: one shot in chunks, each a task. Put it into the Manager's `scripts` folder; see docs/use/farms.md.
 
 const JOB_TYPE = {
     label: "LiveHand",

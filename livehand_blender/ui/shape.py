@@ -10,7 +10,7 @@ from ...backend.hand.measurements import check_has_shapes, fit_beta
 from ..rig.hand import RiggedHand
 from .mixins import OnHand, reports_errors
 
-# Of the built-in hand, as measured (docs/hand.md). The coefficients of other models have no names.
+# Of the built-in hand, as measured (docs/use/look.md). The coefficients of other models have no names.
 _NAMES = (
     "Size",
     "Thickness",

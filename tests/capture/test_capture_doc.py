@@ -1,4 +1,4 @@
-"""The script in docs/capture.md runs, and writes the capture that it says."""
+"""The script in docs/make/captures.md runs, and writes the capture that it says."""
 
 import re
 import shutil
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from livehand.backend.capture.capture import load_capture
 
-PAGE = Path(__file__).parents[2] / "docs/capture.md"
+PAGE = Path(__file__).parents[2] / "docs/make/captures.md"
 
 
 def test_the_pages_script_writes_a_capture(painted_capture, tmp_path, monkeypatch):

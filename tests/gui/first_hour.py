@@ -1,4 +1,4 @@
-"""A story: docs/walkthrough.md step by step with mouse and keys; each step has a screenshot and is checked.
+"""A story: docs/use/walkthrough.md step by step with mouse and keys; each step has a screenshot and is checked.
 
 Positions of buttons are those of Blender 4.3 in a window of 1280 x 800.
 """

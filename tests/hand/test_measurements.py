@@ -4,7 +4,7 @@ from livehand.backend.hand.measurements import fit_beta, length_and_breadth_m
 
 
 def test_the_mean_hand_measures_as_documented(hand):
-    """docs/hand.md: about 187 mm with straight fingers, 77 mm at the knuckles."""
+    """docs/dev/hand.md: about 187 mm with straight fingers, 77 mm at the knuckles."""
     length_m, breadth_m = length_and_breadth_m(hand, np.zeros(10))
     assert length_m == pytest.approx(0.187, abs=0.002)
     assert breadth_m == pytest.approx(0.077, abs=0.003)
