@@ -9,7 +9,7 @@ from user import click, drag, over_view, place_of, press, region_of, write
 SLOT_PX = 77.4  # distance between previews in the asset shelf
 FIRST_SLOT = (36, 40)
 # Positions of buttons in the LiveHand tab, relative to the corner of its region.
-AVATAR, ADD_LIBRARY = (160, 95), (130, 315)
+AVATAR, ADD_LIBRARY = (160, 95), (130, 340)
 DEEP = (268, 244)  # in the pop-up of the button Avatar
 WAVE = ((1, -15), (13, 30), (25, -30), (37, 30), (48, -30))  # frame, and rotation of the wrist in degrees
 
