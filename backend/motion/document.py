@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..records.errors import LiveHandError
-from ..system.json_file import MOST_BYTES as MOST_JSON_BYTES
-from ..system.json_file import parse_json, read_json
-from ..system.npz_file import MOST_BYTES, read_npy_header, read_npz
+from ..system.json_file import MOST_JSON_BYTES, parse_json, read_json
+from ..system.npz_file import MOST_NPZ_BYTES, read_npy_header, read_npz
 from ..system.regular_file import MIB, is_file, read_regular
 from .plain_pickle import read_plain_pickle
 
@@ -86,7 +85,7 @@ def load_document(path: Path) -> Document:
 
 
 def _read_npy(path: Path) -> Any:
-    raw = read_regular(path, MOST_BYTES)
+    raw = read_regular(path, MOST_NPZ_BYTES)
     file = io.BytesIO(raw)
     shape, dtype = read_npy_header(file)
     if dtype.hasobject:
@@ -97,7 +96,7 @@ def _read_npy(path: Path) -> Any:
 
 
 def _read_pickle(path: Path) -> Any:
-    return read_plain_pickle(read_regular(path, MOST_BYTES))
+    return read_plain_pickle(read_regular(path, MOST_NPZ_BYTES))
 
 
 def _read_json_lines(path: Path) -> list[Any]:

@@ -12,14 +12,14 @@ import numpy as np
 from ..records.errors import LiveHandError
 from .regular_file import MIB, read_regular
 
-MOST_BYTES = 128 * MIB
+MOST_JSON_BYTES = 128 * MIB
 _DEEPEST = 60
 _LONGEST_INTEGER = 18  # digits that a whole number of 64 bits always holds
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
 _OTHERS = bytes(set(range(256)) - set(b"[]{}"))
 
 
-def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Any:
+def read_json(path: Path, most_bytes: int = MOST_JSON_BYTES) -> Any:
     """The document of a JSON file; whole numbers of more than 18 digits are read as floats.
 
     Raises:

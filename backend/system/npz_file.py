@@ -16,13 +16,13 @@ import numpy as np
 from ..records.errors import LiveHandError
 from .regular_file import MIB, read_regular
 
-MOST_BYTES = 512 * MIB
+MOST_NPZ_BYTES = 512 * MIB
 """Of the arrays of one file; half of it for the file itself would do, were it not for files that are not packed."""
 _MOST_ARRAYS = 4096
 _LONGEST_HEADER_BYTES = 1 << 16
 
 
-def read_npz(path: Path, most_bytes: int = MOST_BYTES) -> dict[str, np.ndarray]:
+def read_npz(path: Path, most_bytes: int = MOST_NPZ_BYTES) -> dict[str, np.ndarray]:
     """The arrays of a `.npz` by name.
 
     Raises:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-MOST_BYTES = 1024 * MIB
+MOST_PICTURE_BYTES = 1024 * MIB
 MOST_PIXELS = 1 << 27
 """As many as 16384 x 8192."""
 
@@ -34,7 +34,7 @@ def opened_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[P
     from PIL import Image
 
     try:
-        check_regular(path, MOST_BYTES)
+        check_regular(path, MOST_PICTURE_BYTES)
     except LiveHandError as error:
         raise LiveHandError(f"{path} must be a readable image ({error})") from error
     try:

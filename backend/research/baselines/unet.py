@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, max_pool2d, pad
+from torch.nn.functional import max_pool2d, pad
 
 LEVELS = 5
 _STRIDE = 2 ** (LEVELS - 1)
@@ -41,7 +41,7 @@ class UNet(nn.Module):
             hidden = block(max_pool2d(hidden, 2) if level else hidden)
             skips.append(hidden)
         for up, join, skip in zip(self.up, self.join, skips[-2::-1], strict=True):
-            larger = interpolate(hidden, scale_factor=2, mode="bilinear", align_corners=False)
+            larger = nn.functional.interpolate(hidden, scale_factor=2, mode="bilinear", align_corners=False)
             hidden = join(torch.cat([up(larger), skip], 1))
         return self.last(hidden).sigmoid()[:, :, :height, :width]
 
