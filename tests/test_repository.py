@@ -70,3 +70,7 @@ def test_a_malformed_line_is_an_error(repository):
 def test_the_pre_commit_hook_runs_the_check():
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     assert "entry: .venv/bin/python tools/assets_lock.py" in hooks
+
+
+def test_the_readme_fits_a_screen_or_two():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 70

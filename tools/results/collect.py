@@ -69,10 +69,22 @@ def collect_benchmark(options: list[str]) -> dict[str, Any]:
 
 
 def run(arguments: list[str]) -> dict[str, Any]:
-    """Run a command of LiveHand and return the JSON of its last line; its messages are shown."""
+    """Run a command of LiveHand, show its messages, and return the JSON of its last line.
+
+    Raises:
+        CalledProcessError: the command failed; its message has been shown.
+    """
     command = [sys.executable, "-m", "livehand.livehand_blender.cli", *arguments, "--json"]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    last = "{}"
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        for text in process.stdout or ():
+            if not text.startswith("{"):
+                sys.stdout.write(text)
+                sys.stdout.flush()
+            last = text
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return json.loads(last)
 
 
 def source(what: str) -> dict[str, str]:

@@ -1,0 +1,48 @@
+"""What is kept of an avatar's header, and the JSON of a command's last line."""
+
+import hashlib
+import subprocess
+
+import pytest
+from livehand.backend.avatars.library import shipped_avatar_path
+from livehand.tools.results.collect import describe, run, trainings_of
+
+PERSON = {"melanin": 0.42, "beta": [0.0, -1.0]}
+
+
+def header(before=None):
+    provenance = {"licence": "GPL-3.0-or-later", "capture": {"plan": {"person": PERSON}}}
+    metrics = {"test": {"images": 5, "psnr_hand": 34.0}, "test key": {"images": 1, "psnr_hand": 35.0}}
+    return {
+        "metrics": metrics,
+        "provenance": provenance | ({"fine_tuned_from": {"provenance": before}} if before else {}),
+    }
+
+
+def test_a_header_is_kept_without_its_kinds_of_light_and_its_ancestors(tmp_path):
+    path = tmp_path / "a.safetensors"
+    path.write_bytes(b"abc")
+    assert describe(header(header()["provenance"]), path) == {
+        "sha256": hashlib.sha256(b"abc").hexdigest(),
+        "bytes": 3,
+        "person": PERSON,
+        "licence": "GPL-3.0-or-later",
+        "trainings": 2,
+        "metrics": {"test": {"images": 5, "psnr_hand": 34.0}},
+    }
+
+
+def test_trainings_are_counted_along_the_line_of_weights():
+    first = header()["provenance"]
+    assert trainings_of(first) == 1
+    assert trainings_of(header(header(first)["provenance"])["provenance"]) == 3
+
+
+def test_a_command_gives_its_last_lines_json():
+    assert run(["inspect", str(shipped_avatar_path("light"))])["name"] == "light"
+
+
+def test_a_command_that_fails_is_an_error(tmp_path, capfd):
+    with pytest.raises(subprocess.CalledProcessError):
+        run(["inspect", str(tmp_path / "none.safetensors")])
+    assert "none.safetensors" in capfd.readouterr().err
