@@ -68,6 +68,7 @@ SKY = Light(sky=Sky(np.full((4, 8, 3), 0.3)))
 SUN = Light((Lamp("sun", np.array([3.0, 3, 3]), rotation=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])),))  # along +Y
 SLAB = np.array([[[-1.0, -0.3, -1], [1, -0.3, -1], [0, -0.3, 2]]])
 EXIT_STATUS = pytest.StashKey[int]()
+FASTER = [NumbaBackend]  # a new backend joins here, and every stage is tested with it
 
 
 class PosedHand(NamedTuple):
@@ -215,10 +216,16 @@ def _nearest_of_all(points, triangles):
     return face, least.clamp(min=0).sqrt()
 
 
-@pytest.fixture(params=[ReferenceBackend, NumbaBackend], ids=["reference", "numba"])
+@pytest.fixture(params=[ReferenceBackend, *FASTER], ids=lambda backend: backend.__name__)
 def backend(request):
-    """Both backends on the CPU, one after the other."""
+    """Every backend on the CPU, one after the other: a stage has one test for all."""
     return request.param()
+
+
+@pytest.fixture(params=FASTER, ids=lambda backend: backend.__name__)
+def backend_pair(request):
+    """(A faster backend, the reference): for stages whose values are known from the reference alone."""
+    return request.param(), ReferenceBackend()
 
 
 @pytest.fixture(scope="session")

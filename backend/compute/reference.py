@@ -2,79 +2,148 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..field.conditions import FrameConditions
 from ..field.field import MlpField, PlaneField
-from ..field.rays import HandInView, RenderedRays, SurfaceRays, split_rays
+from ..field.rays import CameraTensors, HandInView, RenderedRays, SurfaceRays, split_rays, view_directions
 from ..field.relightable import LitField
 from ..field.sampler import SamplerConfig, first_hit
 from ..field.shade import shade
 from ..field.trace import trace
 from ..field.volume import Composite
 from ..geometry.local_rotation import local_rotations
-from ..geometry.mesh import posed_mesh
+from ..geometry.mesh import PosedMesh, Topology, posed_mesh
 from ..hand.lbs import skin_motion
-from ..image.relighting import lit_image, relit
+from ..image.relighting import (
+    LitImage,
+    SkinDepth,
+    lit_image,
+    normals_at_steps,
+    relit,
+    shares_of_rays,
+    smooth_enlarged_rays,
+)
 from ..image.surface_means import surface_means
 from ..light.bounce import SkinPlaces, bounced
-from ..light.lighting import Openness, light_features, openness
-from ..light.shadow_maps import point_shadows
+from ..light.lighting import Openness, SurfacePoints, light_features, openness
+from ..light.shadow_maps import Bounds, LightViews, PointShadows, look_up_reference, point_shadows
 from ..light.surrounding_light import near_light
-from ..light.visibility import visibility_transfer
+from ..light.visibility import lit_share_reference, visibility_transfer
+from ..records.render_hooks import RenderHooks
 from ..surface.fine_mesh import fine_mesh, seen_surface
 from ..surface.part_edges import blended
 from ..surface.ray_hits import ray_hits
 from ..surface.skin_detail import detailed_image
-from .backend import Precision, RayRenderer, RenderBackend, RenderHooks, autocast, decoder_in_precision, in_precision
+from .precision import Precision, autocast, decoder_in_precision, in_precision
+
+RayRenderer = Callable[[HandInView, FrameConditions, RenderHooks], RenderedRays]
+"""Renders the low-resolution rays of one field, without gradients; what `RenderHooks.before_chunk` raises ends it."""
 
 
 class ReferenceBackend:
-    """The stages as `geometry` and `field` define them."""
+    """The stages of a frame as `geometry`, `hand`, `light`, `field`, `image` and `surface` define them.
+
+    This is the type of every backend: others inherit from it and override, with the same signatures, what they compute
+    faster. Gradients are promised of `shade` alone.
+
+    Attributes:
+        frames_at_once: of a sequence, in threads that share the processor, where one by one would take longer.
+    """
 
     frames_at_once = 1
 
     skin_motion = staticmethod(skin_motion)
     posed_mesh = staticmethod(posed_mesh)
     local_rotations = staticmethod(local_rotations)
-    visibility = staticmethod(visibility_transfer)
-    point_shadows = staticmethod(point_shadows)
+
     first_hit = staticmethod(first_hit)
+    trace = staticmethod(trace)
+    decoder = staticmethod(decoder_in_precision)
+
+    lit_share = staticmethod(lit_share_reference)
+    look_up = staticmethod(look_up_reference)
     openness = staticmethod(openness)
     light_features = staticmethod(light_features)
     skin_places = staticmethod(SkinPlaces.of)
     bounced = staticmethod(bounced)
     near_light = staticmethod(near_light)
-    surface_means = staticmethod(surface_means)
-    decoder = staticmethod(decoder_in_precision)
+
     superres = staticmethod(in_precision)
-    lit_image = staticmethod(lit_image)
+    smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
+    shares_of_rays = staticmethod(shares_of_rays)
+    normals_at_steps = staticmethod(normals_at_steps)
+    view_directions = staticmethod(view_directions)
+    surface_means = staticmethod(surface_means)
+    relit = staticmethod(relit)
+
     fine_mesh = staticmethod(fine_mesh)
     seen_surface = staticmethod(seen_surface)
     ray_hits = staticmethod(ray_hits)
     detailed_image = staticmethod(detailed_image)
-    relit = staticmethod(relit)
     blended = staticmethod(blended)
-    trace = staticmethod(trace)
-    shade = staticmethod(shade)
 
-    def threads_of_frame(self, pixels: int) -> AbstractContextManager[None]:
-        """As the protocol: torch does everything, on all its threads."""
+    @staticmethod
+    def threads_of_frame(pixels: int) -> AbstractContextManager[None]:
+        """A context for the rendering of a frame of this many pixels, in which threads are shared as suits it."""
         return nullcontext()
 
+    def visibility(self, mesh: PosedMesh, topology: Topology) -> Float[Tensor, "V K"]:
+        """As `light.visibility.visibility_transfer`, by `lit_share`."""
+        return visibility_transfer(mesh, topology, self.lit_share)
+
+    def point_shadows(
+        self,
+        mesh: PosedMesh,
+        faces: Int[Tensor, "F 3"],
+        occluders: Float[Tensor, "T 3 3"],
+        views: LightViews,
+        points: Float[Tensor, "P 3"],
+        map_px: int,
+        bounds: Bounds | None = None,
+    ) -> PointShadows:
+        """As `light.shadow_maps.point_shadows`, by `look_up`."""
+        return point_shadows(mesh, faces, occluders, views, points, map_px, bounds, self.look_up)
+
+    @staticmethod
+    def shade(
+        field: MlpField | PlaneField,
+        rays: SurfaceRays,
+        hand: HandInView,
+        conditions: FrameConditions,
+        shell_m: float,
+    ) -> Composite:
+        """As `field.shade.shade`, with gradients to the weights and, if required, to the geometry."""
+        return shade(field, rays, hand, conditions, shell_m)
+
+    @staticmethod
     def decoder_inputs(
-        self, field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+        field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
     ) -> Float[Tensor, "R C"]:
-        """As the protocol."""
+        """As `LitField.decoder_inputs`."""
         return field.decoder_inputs(gathered, view, open_to)
 
+    def lit_image(
+        self,
+        superres: Callable[[Tensor], Tensor],
+        low: Composite,
+        points: SurfacePoints,
+        pixel: Int[Tensor, " R"],
+        camera: CameraTensors,
+        skin: SkinDepth,
+    ) -> LitImage:
+        """As `image.relighting.lit_image`, by `smooth_enlarged_rays` and what follows it above."""
+        parts = self.smooth_enlarged_rays, self.shares_of_rays, self.normals_at_steps, self.view_directions
+        return lit_image(superres, low, points, pixel, camera, skin, *parts)
+
     def ray_renderer(self, field: MlpField | PlaneField, config: SamplerConfig, precision: Precision) -> RayRenderer:
-        """As the protocol."""
+        """A renderer of this field; weights must not change while it is used, nor a decoder's or super-resolution's."""
         return ChunkedRayRenderer(self, field, config, precision)
 
 
@@ -82,7 +151,7 @@ class ReferenceBackend:
 class ChunkedRayRenderer:
     """Traces all rays with a backend, then shades them in chunks of `samples_per_chunk`, which bounds memory."""
 
-    backend: RenderBackend
+    backend: ReferenceBackend
     field: MlpField | PlaneField
     config: SamplerConfig
     precision: Precision = "fp32"

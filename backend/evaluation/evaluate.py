@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, CaptureView, Split
-from ..compute.backend import Precision
+from ..compute.precision import Precision
 from ..hand.lbs import posed_vertices
 from ..hand.model import HandModel
 from ..image.decode import straight_srgb

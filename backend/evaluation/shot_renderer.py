@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from ..compute.backend import OnStage
 from ..hand.model import HandModel
 from ..records.frame import Frame
+from ..records.render_hooks import OnStage
 from ..records.shot import Shot
 
 

@@ -118,7 +118,7 @@ class FrameConditions(NamedTuple):
             skinning: of the hand.
             topology: of the mesh.
             mesh: the pose.
-            visibility: as `RenderBackend.visibility` gives it.
+            visibility: as `ReferenceBackend.visibility` gives it.
             rotations_of: as `local_rotations`, whose gradients are the mesh's.
         """
         rotation = rotations_of(mesh.vertices, mesh.normals, topology.frames).flatten(1)

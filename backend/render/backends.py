@@ -9,20 +9,19 @@ from pathlib import Path
 
 import torch
 
-from ..compute.backend import RenderBackend
+from ..compute.cuda import CudaBackend
 from ..compute.reference import ReferenceBackend
 
 LOGGER = logging.getLogger(__name__)
 
 
-def choose_backend(device: torch.device) -> RenderBackend:
+def choose_backend(device: torch.device) -> ReferenceBackend:
     """Numba on the CPU, if it is installed and works; elsewhere torch, with shadow maps by numba if it can."""
     if not has_numba():
         return ReferenceBackend()
     from ..compute.cpu.backend import NumbaBackend
-    from ..compute.cpu.shadows_beside_gpu import GpuBackend
 
-    return NumbaBackend() if device.type == "cpu" else GpuBackend()
+    return NumbaBackend() if device.type == "cpu" else CudaBackend(NumbaBackend())
 
 
 @cache

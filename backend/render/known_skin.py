@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from ..avatars.avatar import Avatar
-from ..compute.backend import RenderBackend
+from ..compute.reference import ReferenceBackend
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
 from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
@@ -48,7 +48,7 @@ class KnownSkin:
         pose: HandPose,
         mesh: PosedMesh,
         frames: LocalFrames,
-        backend: RenderBackend,
+        backend: ReferenceBackend,
     ) -> FineMesh:
         """The surface over a posed mesh.
 

@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..compute.backend import Decoder, OnStage, RenderBackend
+from ..compute.precision import Decoder
+from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView, RenderedRays, project, ray_directions
 from ..field.relightable import LitField
 from ..image.crop import Crop
@@ -33,6 +34,7 @@ from ..light.sky_samples import SkySamples
 from ..records.depth_profile import DepthProfile
 from ..records.frame import Frame
 from ..records.light import Light, MeasuredLight
+from ..records.render_hooks import OnStage
 from ..records.shot import Shot
 from ..surface.clear_rays import completed, filled, without_strays
 from ..surface.detail_maps import DetailMaps
@@ -135,7 +137,7 @@ class LitHand:
         _, depth = project(self.hand.camera, self.points.position)
         return shows_alone(shown, depth, self.pixel, self.hand.camera.size_px)
 
-    def features(self, backend: RenderBackend, light: Light) -> LightFeatures:
+    def features(self, backend: ReferenceBackend, light: Light) -> LightFeatures:
         """What a light does at the points."""
         samples, position = LightSamples.of(light, self.bounds), self.points.position
         occluders = occluding_triangles(light, position.device)
@@ -169,14 +171,14 @@ class LitHand:
         rough = self.surface.lamp_skin(self.hand.topology.faces)
         return LampSkins(rough, rough)
 
-    def colours(self, backend: RenderBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
+    def colours(self, backend: ReferenceBackend, features: LightFeatures) -> Float[Tensor, "3 H W"]:
         """Scene-linear colours of the crop's skin, premultiplied by alpha."""
         colours = backend.relit(self.image, features, self.pixel, self.hand.camera.size_px)
         if self.edges is None:
             return colours
         return backend.blended(colours, self.image.alpha, self.image.depth, self.edges)
 
-    def frame(self, backend: RenderBackend, light: Light) -> Frame:
+    def frame(self, backend: ReferenceBackend, light: Light) -> Frame:
         """The hand in a light."""
         features, alpha, depth = self.features(backend, light), self.image.alpha, self.image.depth
         colours = self.colours(backend, features)
@@ -193,7 +195,7 @@ def render_lit_hand(
     rays: RenderedRays,
     field: LitField,
     superres: Callable[[Tensor], Tensor],
-    backend: RenderBackend,
+    backend: ReferenceBackend,
     decoder: Decoder,
     albedo: Float[Tensor, "V 3"],
     known: PosedSkin | None,

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import max_pool2d, normalize
 
-from ..compute.backend import RenderBackend
+from ..compute.reference import ReferenceBackend
 from ..field.field import mean_features
 from ..field.rays import HandInView, RenderedRays, ray_origin
 from ..field.relightable import LitField
@@ -157,7 +157,7 @@ def shows_alone(
     return (far - depth <= shown.edge_m) & (depth - near <= shown.edge_m) & far.isfinite()
 
 
-def skin_layers(backend: RenderBackend, hand: HandInView) -> SkinLayers:
+def skin_layers(backend: ReferenceBackend, hand: HandInView) -> SkinLayers:
     """The skin that the rays of all pixels may meet."""
     vertices, normals, scale = hand.mesh
     outer = hand.mesh._replace(vertices=vertices + _STANDS_OUT_M * scale * normals)
@@ -195,7 +195,7 @@ def ray_positions(
 
 
 def sky_shadows(
-    backend: RenderBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
+    backend: ReferenceBackend, hand: HandInView, occluders: Float[Tensor, "T 3 3"], position: Float[Tensor, "R 3"]
 ) -> PointShadows:
     """The shadows of the sky's cells at points and then at the probes, whatever light comes from there."""
     views, of_cell = ShadowedSky.of(hand.fineness.sky_directions, position.device)
@@ -208,7 +208,7 @@ def sky_shadows(
 def with_parts(
     of_cells: PointShadows,
     sky: SkySamples,
-    backend: RenderBackend,
+    backend: ReferenceBackend,
     hand: HandInView,
     occluders: Float[Tensor, "T 3 3"],
     position: Float[Tensor, "R 3"],
@@ -223,7 +223,7 @@ def with_parts(
 
 
 def _shadows_from_afar(
-    backend: RenderBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
+    backend: ReferenceBackend, hand: HandInView, occluders: Tensor, position: Tensor, views: LightViews
 ) -> PointShadows:
     vertices = hand.mesh.vertices
     points = torch.cat([position, vertices[probe_vertices(len(vertices), hand.fineness.probes)]])
@@ -275,7 +275,7 @@ class HitSurface(NamedTuple):
 
 
 def light_shadows(
-    backend: RenderBackend,
+    backend: ReferenceBackend,
     hand: HandInView,
     light: LightSamples,
     occluders: Float[Tensor, "T 3 3"],
@@ -327,7 +327,7 @@ def light_shadows(
 
 
 def surrounding_light(
-    backend: RenderBackend,
+    backend: ReferenceBackend,
     hand: HandInView,
     samples: LightSamples,
     light: Light,
@@ -362,7 +362,7 @@ def features_among(
     shadows: LightShadows,
     open_sky: PointShadows,
     points: SurfacePoints,
-    backend: RenderBackend,
+    backend: ReferenceBackend,
 ) -> LightFeatures:
     """What a light does at points, and what stands around with it: on them, and on the skin that sheds light on them.
 

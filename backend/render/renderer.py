@@ -1,8 +1,8 @@
 """Pose, camera and mesh in; a photoreal frame out: the main path of the product.
 
 Shot -> posed mesh -> rasterised shell -> samples in (u, v, h) -> field -> volume rendering -> low-resolution maps ->
-super-resolution -> frame. A `RenderBackend` computes the stages from the shell to volume rendering; training uses the
-same backend and the same maps.
+super-resolution -> frame. A `ReferenceBackend` computes the stages from the shell to volume rendering; training uses
+the same backend and the same maps.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import torch
 from torch import Tensor, nn
 
 from ..avatars.avatar import Avatar
-from ..compute.backend import Decoder, OnStage, Precision, RayRenderer, RenderBackend, RenderHooks, Stage
+from ..compute.precision import Decoder, Precision
+from ..compute.reference import RayRenderer, ReferenceBackend
 from ..field.conditions import FrameConditions
 from ..field.field import MlpField, PlaneField
 from ..field.rays import HandInView, RenderedRays, camera_tensors
@@ -36,6 +37,7 @@ from ..light.fineness import MOVING, WHOLE
 from ..records.errors import LiveHandError
 from ..records.frame import Frame, empty_frame
 from ..records.light import Light, Sky
+from ..records.render_hooks import OnStage, RenderHooks, Stage
 from ..records.shot import HandPose, Shot
 from ..records.side import Side
 from ..records.surface_mesh import SurfaceMesh
@@ -91,7 +93,7 @@ class Renderer:
     hand: HandModel
     device: str = "auto"
     precision: Precision = "fp32"
-    backend: RenderBackend | None = None
+    backend: ReferenceBackend | None = None
     has_rough_light: bool = False
     has_skin_detail: bool = True
 
@@ -225,7 +227,7 @@ class Renderer:
         return rendering_device(self.device)
 
     @cached_property
-    def _backend(self) -> RenderBackend:
+    def _backend(self) -> ReferenceBackend:
         return self.backend or choose_backend(self.torch_device)
 
     @cached_property

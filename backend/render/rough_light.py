@@ -17,7 +17,7 @@ from torch.nn.functional import avg_pool2d
 
 from ..avatars.avatar import Avatar
 from ..capture.dome import dome_sky
-from ..compute.backend import RenderBackend
+from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView, ray_directions, ray_origin
 from ..hand.model import HandModel
 from ..image.crop import Crop
@@ -48,7 +48,7 @@ def baked_light(avatar: Avatar) -> Light | None:
 
 
 def roughly_relit(
-    frame: Frame, shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: RenderBackend, own: Light
+    frame: Frame, shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: ReferenceBackend, own: Light
 ) -> Frame:
     """A baked avatar's frame in the shot's light.
 
@@ -69,7 +69,7 @@ def roughly_relit(
 
 
 def _quotient(
-    shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: RenderBackend, lights: tuple[Light, Light]
+    shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: ReferenceBackend, lights: tuple[Light, Light]
 ) -> Float[Tensor, "3 H W"]:
     """The first light over the second, on the crop at full size."""
     pixel, points = _mesh_points(shot, hand, crop, model, backend)
@@ -84,7 +84,7 @@ def _quotient(
 
 
 def _mesh_points(
-    shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: RenderBackend
+    shot: Shot, hand: HandInView, crop: Crop, model: HandModel, backend: ReferenceBackend
 ) -> tuple[Tensor, SurfacePoints]:
     """The pixels of the low-resolution crop that show the mesh, and where their rays meet it."""
     hit = backend.first_hit(hand)
@@ -98,7 +98,7 @@ def _mesh_points(
     return pixel, SurfacePoints(position, normal[pixel], normal[pixel], view, places)
 
 
-def _received(light: Light, hand: HandInView, backend: RenderBackend, points: SurfacePoints) -> Float[Tensor, "R 3"]:
+def _received(light: Light, hand: HandInView, backend: ReferenceBackend, points: SurfacePoints) -> Float[Tensor, "R 3"]:
     """Diffuse light at points, softened as skin softens it, with some that the hand reflects on itself."""
     samples, position = LightSamples.of(light, Bounds.of(hand.mesh)), points.position
     occluders = occluding_triangles(light, position.device)

@@ -17,7 +17,7 @@ import torch.distributed as dist
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..compute.backend import Precision
+from ..compute.precision import Precision
 from ..render.device import torch_device
 
 Item = TypeVar("Item")

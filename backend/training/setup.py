@@ -14,7 +14,7 @@ from torch import nn
 from ..avatars.avatar import Avatar, AvatarConfig, new_avatar
 from ..avatars.file import load_avatar
 from ..capture.capture import Capture
-from ..compute.backend import Precision
+from ..compute.precision import Precision
 from ..field.field import PlaneField
 from ..hand.model import HandModel
 from ..records.errors import LiveHandError

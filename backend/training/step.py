@@ -13,7 +13,7 @@ from torch.nn.functional import avg_pool2d
 
 from ..avatars.avatar import Avatar
 from ..capture.capture import CaptureView
-from ..compute.backend import Precision, autocast, in_precision
+from ..compute.precision import Precision, autocast, in_precision
 from ..field.rays import HandInView
 from ..field.relightable import LitField
 from ..field.volume import Composite

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..capture.capture import Capture, CaptureView
-from ..compute.backend import RenderBackend
+from ..compute.reference import ReferenceBackend
 from ..field.conditions import FrameConditions
 from ..field.rays import CameraTensors, HandInView, SurfaceRays, camera_tensors, ray_directions
 from ..field.sampler import SamplerConfig
@@ -99,7 +99,7 @@ class TrainingViews:
         return topology_of(self.hand, self.device)
 
     @cached_property
-    def backend(self) -> RenderBackend:
+    def backend(self) -> ReferenceBackend:
         """Traces and shades the views' rays."""
         return choose_backend(self.device)
 

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from livehand.backend.compute.cpu.gradients import read_plane
 from livehand.backend.field.encoding import FeaturePlane, positional_encoding
 from scipy.ndimage import map_coordinates
 
@@ -41,12 +42,11 @@ def by_torch(plane, uv, height):
     return plane(uv, height, torch.ones(len(uv)))
 
 
-def as_the_field_does(plane, uv, height):
-    """By the kernels where they are installed."""
-    return plane(uv, height, torch.ones_like(height))
+def by_kernels(plane, uv, height):
+    return read_plane(plane, uv, height, torch.ones(len(uv), dtype=uv.dtype))
 
 
-@pytest.fixture(params=[by_torch, as_the_field_does])
+@pytest.fixture(params=[by_torch, by_kernels])
 def read(request):
     return request.param
 

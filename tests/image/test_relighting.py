@@ -5,9 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.compute.cpu.backend import NumbaBackend
 from livehand.backend.compute.reference import ReferenceBackend
-from livehand.backend.field.rays import camera_tensors, ray_directions
+from livehand.backend.field.rays import CameraTensors, camera_tensors, ray_directions
 from livehand.backend.field.volume import Composite
 from livehand.backend.image.relighting import (
     EnlargedRays,
@@ -15,6 +14,7 @@ from livehand.backend.image.relighting import (
     SkinDepth,
     covered_pixels,
     detailed,
+    enlarged_rays,
     lit_image,
     neighbours,
     normals_at_steps,
@@ -133,7 +133,7 @@ def test_light_does_not_bleed_from_where_there_is_no_ray(backend):
 
 
 @pytest.mark.parametrize("lamps", [0, 1, 4])
-def test_both_backends_agree_on_any_rays(lamps):
+def test_both_backends_agree_on_any_rays(backend_pair, lamps):
     generator = torch.Generator().manual_seed(lamps)
     pixel = torch.randperm(len(ALL), generator=generator)[:30].sort().values
     camera, low, points = some_rays(pixel)
@@ -163,19 +163,16 @@ def test_both_backends_agree_on_any_rays(lamps):
     coefficients[::5, GLOSS] = 0
     assert (coefficients[:, GLOSS] == 0).any(0).all()
     image = image._replace(normal=bent, skin=skin, coefficients=coefficients)
-    ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in (NumbaBackend(), ReferenceBackend()))
+    ours, theirs = (backend.relit(image, features, pixel, SIZE) for backend in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-4, rtol=1e-3)
     assert ours.abs().max() > 0.1
 
 
-def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty():
+def test_both_backends_enlarge_rays_alike_and_leave_the_rest_empty(backend_pair):
     pixel = torch.tensor([12, 13, 21, 22])
     camera, low, points = some_rays(pixel)
     noise = torch.rand(1, 12, 2 * SIZE[1], 2 * SIZE[0], generator=torch.Generator().manual_seed(2))
-    ours, theirs = (
-        backend.lit_image(lambda _: noise, low, points, pixel, camera, BESIDE)
-        for backend in (NumbaBackend(), ReferenceBackend())
-    )
+    ours, theirs = (backend.lit_image(lambda _: noise, low, points, pixel, camera, BESIDE) for backend in backend_pair)
     for one, other in zip(ours, theirs, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
     outside = torch.ones(4 * len(ALL), dtype=torch.bool)
@@ -271,3 +268,76 @@ def test_detail_that_takes_all_of_a_coefficient_can_be_unlearnt():
     assert found.detach().abs().max() == 0
     (-found.sum()).backward()
     assert (detail.grad[DIFFUSE.start - SMOOTH : DIFFUSE.stop - SMOOTH] == -1).all()
+
+
+UNEVEN_PX = (13, 9)
+CAMERA = CameraTensors(torch.tensor([[20.0, 0, 6.5], [0, 20, 4.5], [0, 0, 1]]), torch.eye(4), UNEVEN_PX)
+
+
+def test_shares_are_the_references_at_steps_of_depth_borders_and_where_nothing_is(backend_pair):
+    random = torch.Generator().manual_seed(4)
+    pixel = torch.rand(9 * 13, generator=random).lt(0.7).nonzero()[:, 0]
+    pixel = torch.cat([pixel, torch.tensor([0, 12, 104, 116])]).unique()  # the corners too
+    depth = torch.where(torch.rand(len(pixel), generator=random) < 0.5, 0.5, 0.52)
+    position = depth[:, None] * ray_directions(CAMERA, pixel)
+    at = covered_pixels(pixel, UNEVEN_PX)
+    skin = torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52)
+    skin += 0.004 * torch.rand(len(skin), generator=random)
+    skin[torch.rand(len(skin), generator=random) < 0.3] = torch.inf
+    where = position, pixel, CAMERA, at, SkinDepth(skin, torch.tensor(0.003))
+    ours, theirs = (each.shares_of_rays(*where) for each in backend_pair)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+    torch.testing.assert_close(ours.sum(1), torch.ones(len(at)))
+    assert ((theirs > 0.1) & (theirs < 0.3)).any()
+
+
+def test_enlarged_rays_are_the_references_with_holes_and_at_borders(backend_pair):
+    random = torch.Generator().manual_seed(5)
+    covered = torch.rand(4 * 9 * 13, generator=random).lt(0.6).nonzero()[:, 0]
+    covered = covered[(covered // 26 < 3) | (covered // 26 > 4)]  # rows without any
+    covered = torch.cat([covered, torch.tensor([0, 25, 4 * 9 * 13 - 26, 4 * 9 * 13 - 1])]).unique()
+    maps = torch.rand(34, 9, 13, generator=random)
+    maps[-1] = 1.2 * torch.rand(9, 13, generator=random) - 0.1
+    detail = torch.rand(12, 18, 26, generator=random) - 0.5
+    world2cam = torch.linalg.qr(torch.randn(4, 4, generator=random))[0]
+    where = maps, detail, covered, world2cam
+    (ours, theirs), rough = (each.smooth_enlarged_rays(*where) for each in backend_pair), enlarged_rays(*where)
+    torch.testing.assert_close(ours.coefficients, theirs.coefficients, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(ours.normal, theirs.normal, atol=1e-4, rtol=0)
+    torch.testing.assert_close(ours.alpha, theirs.alpha)
+    assert (theirs.coefficients - rough.coefficients).abs().max() > 0.1
+    assert (theirs.alpha < 0).any()
+
+
+def test_enlarged_rays_do_not_depend_on_where_rows_are_split(monkeypatch, backend):
+    random = torch.Generator().manual_seed(9)
+    where = torch.rand(34, 40, 13, generator=random), torch.rand(12, 80, 26, generator=random)
+    covered = torch.rand(80 * 26, generator=random).lt(0.7).nonzero()[:, 0]
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 1)
+    whole = backend.smooth_enlarged_rays(*where, covered, torch.eye(4))
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
+    parts = backend.smooth_enlarged_rays(*where, covered, torch.eye(4))
+    assert all(torch.equal(a, b) for a, b in zip(whole, parts, strict=True))
+
+
+def test_normals_at_steps_are_the_references_with_holes_and_at_borders(backend_pair):
+    random = torch.Generator().manual_seed(6)
+    pixel = torch.rand(9 * 13, generator=random).lt(0.7).nonzero()[:, 0]
+    pixel = torch.cat([pixel, torch.tensor([0, 12, 104, 116])]).unique()
+    at = covered_pixels(pixel, UNEVEN_PX)
+    depth = torch.where(torch.rand(len(pixel), generator=random) < 0.5, 0.5, 0.52)
+    position = depth[:, None] * ray_directions(CAMERA, pixel)
+    skin = SkinDepth(torch.where(torch.rand(4 * 9 * 13, generator=random) < 0.5, 0.5, 0.52), torch.tensor(0.003))
+    rays = RaysAround(pixel, at, shares_of_rays(position, pixel, CAMERA, at, skin), UNEVEN_PX)
+    normal, of_rays = (normalize(torch.randn(len(x), 3, generator=random), dim=-1) for x in (at, pixel))
+    ours, theirs = (each.normals_at_steps(normal, of_rays, rays) for each in backend_pair)
+    torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=0)
+    assert ((ours - normal).abs().amax(1) > 0.5).sum() > 10
+
+
+def test_views_are_the_references_in_a_turned_camera(backend_pair):
+    turned = torch.eye(4)
+    turned[:3, :3] = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(3)))[0]
+    camera, pixel = CAMERA._replace(world2cam=turned), torch.tensor([0, 5, 12, 13, 60, 116])
+    ours, theirs = (each.view_directions(camera, pixel) for each in backend_pair)
+    torch.testing.assert_close(ours, theirs, atol=1e-6, rtol=0)

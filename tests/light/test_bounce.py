@@ -4,18 +4,16 @@ from math import pi
 
 import pytest
 import torch
-from livehand.backend.compute.cpu.lighting import bounced as bounced_by_kernel
 from livehand.backend.light.bounce import MOST_PROBES, Probes, SkinPlaces, bounced_on_skin, probe_vertices
-from livehand.backend.light.bounce import bounced as bounced_reference
 from torch.nn.functional import normalize
 
 UP, DOWN = torch.tensor([0.0, 0, 1]), torch.tensor([0.0, 0, -1])
 
 
-@pytest.fixture(params=[bounced_reference, bounced_by_kernel], ids=["torch", "kernel"])
-def bounced(request):
-    """Both implementations."""
-    return request.param
+@pytest.fixture
+def bounced(backend):
+    """A backend's implementation."""
+    return backend.bounced
 
 
 def plane(height_m, side_m, normal, cells=200):
@@ -114,3 +112,33 @@ def test_a_fist_lights_its_inside_and_an_open_hand_not_its_back(posed, bounced, 
     probes = Probes.of(hand.mesh, hand.topology)
     found = bounced(hand.mesh.vertices, hand.mesh.normals, probes, torch.ones(len(probes.chosen), 3))[:, 0]
     assert least <= float(found.quantile(share)) <= most
+
+
+def test_places_are_the_references(posed, backend_pair):
+    mesh, faces = posed("fist").mesh, posed("fist").topology.faces
+    random = torch.Generator().manual_seed(2)
+    face = torch.randint(-1, len(faces), (3000,), generator=random, dtype=torch.int32)
+    face[::50] = -1
+    inside = torch.rand(3000, 3, generator=random)
+    corners = mesh.vertices[faces[face.clamp(min=0).long()]]
+    position = (corners * (inside / inside.sum(1, keepdim=True))[..., None]).sum(1)
+    position += 0.001 * torch.randn(3000, 3, generator=random)  # some lie beside their face
+    ours, theirs = (each.skin_places(mesh, faces, face, position) for each in backend_pair)
+    assert torch.equal(ours.vertex, theirs.vertex)
+    torch.testing.assert_close(ours.weight, theirs.weight, atol=1e-4, rtol=0)
+    assert torch.equal(ours.is_beside, theirs.is_beside)
+    assert ours.is_beside.sum() == 60
+    assert (theirs.weight == 0).any(1).sum() > 300
+
+
+def test_a_face_without_area_is_none(posed, backend):
+    mesh = posed("open").mesh
+    face, position = torch.zeros(1, dtype=torch.int32), mesh.vertices[:1]
+    places = backend.skin_places(mesh, torch.tensor([[5, 5, 9]]), face, position)
+    assert places.weight.tolist() == [[0, 0, 0]]
+
+
+def test_no_points_have_no_places(posed, backend):
+    hand = posed("open")
+    nothing = torch.zeros(0, dtype=torch.int32), torch.zeros(0, 3)
+    assert backend.skin_places(hand.mesh, hand.topology.faces, *nothing).vertex.shape == (0, 3)

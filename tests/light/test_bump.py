@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
+from livehand.backend.compute.kernels import brdf
 from livehand.backend.light.bump import LEAST_MIRRORED, bump_shadowing, leaving_share, mirroring_normal
 from torch.nn.functional import normalize
 
@@ -99,3 +101,43 @@ def test_of_a_lobe_around_a_mirrored_view_what_runs_into_the_surface_is_lost(ben
 
 def test_bumps_that_face_the_eye_keep_their_lobe():
     assert leaving_share(tilted(30.0)[None], UP[None], -tilted(60.0)[None], torch.tensor([[0.09]])) == 1
+
+
+COUNT = 2000
+
+
+def along(normal, surface):
+    return (normal * surface).sum(-1).numpy()
+
+
+def test_normals_are_bent_back_as_by_the_reference():
+    surface, view = random_units(COUNT, 0), random_units(COUNT, 1)
+    normal = normalize(surface + 0.7 * random_units(COUNT, 2), dim=-1)
+    expected, found = mirroring_normal(normal, surface, view), np.empty((COUNT, 3), np.float32)
+    for index, row in enumerate(
+        zip(normal.numpy(), surface.numpy(), view.numpy(), along(normal, surface), strict=True)
+    ):
+        brdf.mirroring_normal(*row, found[index])
+    assert 300 < (expected != normal).any(1).sum() < COUNT - 300
+    torch.testing.assert_close(torch.as_tensor(found), expected, atol=2e-5, rtol=0)
+
+
+def test_what_remains_of_a_light_is_that_of_the_reference():
+    surface, towards = random_units(COUNT, 3), random_units(COUNT, 4)
+    normal = normalize(surface + 0.7 * random_units(COUNT, 5), dim=-1)
+    facing = along(normal, towards)
+    rows = zip(facing, *towards.numpy().T, along(normal, surface), surface.numpy(), strict=True)
+    found = torch.tensor([brdf.bump_shadowing(*row) for row in rows])
+    torch.testing.assert_close(found, bump_shadowing(normal, surface, towards), atol=1e-4, rtol=0)
+    assert 100 < ((found > 0.01) & (found < 0.99)).sum()
+
+
+def test_what_leaves_the_surface_of_a_lobe_is_that_of_the_reference():
+    surface, view = random_units(COUNT, 6), random_units(COUNT, 7)
+    normal = normalize(surface + 0.7 * random_units(COUNT, 8), dim=-1)
+    squared = 0.01 + 0.2 * torch.rand(COUNT, 1, generator=torch.Generator().manual_seed(9))
+    to_eye = -along(normal, view)
+    above = along(surface, view) + 2 * to_eye * along(normal, surface)
+    found = torch.tensor([brdf.leaving_share(*row) for row in zip(above, to_eye, squared[:, 0].numpy(), strict=True)])
+    torch.testing.assert_close(found, leaving_share(normal, surface, view, squared)[:, 0], atol=1e-4, rtol=1e-3)
+    assert 100 < ((found > 0.01) & (found < 0.99)).sum()

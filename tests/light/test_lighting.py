@@ -5,8 +5,6 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.compute.cpu.backend import NumbaBackend
-from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.light.bounce import Probes, SkinPlaces
 from livehand.backend.light.bump import bump_shadowing, mirroring_normal
 from livehand.backend.light.gloss import INDEX, NAIL_ROUGHNESS, ROUGHNESS, fresnel, glossy
@@ -32,7 +30,7 @@ from livehand.backend.light.lighting import (
 from livehand.backend.light.mirrored_sky import MirroredSky
 from livehand.backend.light.shadow_maps import Bounds, PointShadows
 from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
-from livehand.backend.records.light import Lamp, Light, Sky
+from livehand.backend.records.light import Lamp, Light, Sky, rotation_facing
 from torch.nn.functional import normalize
 
 POINTS, PROBES = 50, 40
@@ -104,8 +102,8 @@ def scaled(light, sky, *lamps):
     )
 
 
-def test_both_backends_agree(lit):
-    ours, theirs = (backend.light_features(*lit) for backend in (NumbaBackend(), ReferenceBackend()))
+def test_both_backends_agree(backend_pair, lit):
+    ours, theirs = (backend.light_features(*lit) for backend in backend_pair)
     for name in LightFeatures._fields:
         torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), atol=1e-5, rtol=1e-4)
 
@@ -389,3 +387,43 @@ def test_light_that_only_the_measurement_knows_is_reflected_as_if_it_came_from_e
     glossy_share = (coefficients[:, GLOSS] * even).sum(1, keepdim=True)
     assert (glossy_share > 0.01 * white).any()
     torch.testing.assert_close(found, 3 * lamp * (white + glossy_share), rtol=1e-4, atol=1e-5)
+
+
+def test_openness_is_the_references_where_no_sky_is_seen_too(backend_pair):
+    random = torch.Generator().manual_seed(7)
+    sky, normal = SkySamples.of(None, "cpu"), normalize(torch.randn(200, 3, generator=random), dim=-1)
+    lit = torch.rand(len(sky.towards), 200, generator=random) * (torch.rand(200, generator=random) < 0.9)
+    shadows = PointShadows(lit, torch.zeros_like(lit))
+    ours, theirs = (each.openness(sky, shadows, normal) for each in backend_pair)
+    torch.testing.assert_close(ours.share, theirs.share)
+    torch.testing.assert_close(ours.towards, theirs.towards, atol=1e-5, rtol=0)
+    assert (ours.share == 0).any()
+    assert ours.share.max() > 0.4
+
+
+def test_lamps_of_every_kind_shine_as_in_the_reference_on_more_points_than_one_block(backend_pair):
+    random, turn = torch.Generator().manual_seed(8), np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    near, rgb = np.array([0.1, -0.12, 0.15]), np.array([3.0, 2, 1])
+    lamps = (
+        Lamp("point", rgb, near),
+        Lamp("area", rgb, near, rotation_facing(near / np.linalg.norm(near)), size_m=(0.05, 0.05), spread_rad=1.2),
+        Lamp("area", rgb, near, turn, size_m=(0.05, 0.05)),
+        Lamp("spot", rgb, near, rotation_facing(near / np.linalg.norm(near)), cone_rad=0.6),
+        Lamp("sun", rgb, rotation=turn, casts_shadow=False),
+    )
+    light = LightSamples.of(Light(lamps), Bounds(torch.zeros(3), torch.tensor(0.1)))
+    count, samples = 150, len(light.lamps.lamp)
+    vectors = (normalize(torch.randn(count, 3, generator=random), dim=-1) for _ in range(3))
+    points = SurfacePoints(0.1 * torch.rand(count, 3, generator=random) - 0.05, *vectors, beside(count))
+    sky, of_lamps = (
+        PointShadows(torch.rand(k, count, generator=random), 0.02 * torch.rand(k, count, generator=random))
+        for k in (len(light.sky.towards), samples)
+    )
+    skin = Probes(
+        torch.zeros(1, 3), torch.tensor([[0.0, 0, 1]]), torch.zeros(1, dtype=torch.long), torch.tensor([1e-4])
+    )
+    dark = ProbeLight(skin, torch.ones(3), torch.zeros(len(light.sky.towards), 1), torch.zeros(5, 1))
+    ours, theirs = (each.light_features(light, LightShadows(sky, of_lamps, dark), points) for each in backend_pair)
+    torch.testing.assert_close(ours.lamp_vectors, theirs.lamp_vectors)
+    torch.testing.assert_close(ours.scattered, theirs.scattered, atol=3e-6 * float(theirs.scattered.max()), rtol=1e-5)
+    assert ((theirs.lamp_vectors.norm(dim=-1) > 0).float().mean(0) > 0.1).all()

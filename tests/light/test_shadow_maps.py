@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from livehand.backend.compute.cuda import CudaBackend
 from livehand.backend.geometry.mesh import PosedMesh, posed_mesh
 from livehand.backend.light.shadow_maps import FAR, MAX_DEPTH_IN_M, LightViews
 from torch.nn.functional import normalize
@@ -146,18 +147,14 @@ def test_a_lamp_within_the_mesh_or_beside_it_gives_finite_shadows(spheres, backe
         assert all(values.isfinite().all() and values.min() >= 0 for values in shadows)
 
 
-def test_all_backends_agree_on_a_hand(posed):
-    from livehand.backend.compute.cpu.backend import NumbaBackend
-    from livehand.backend.compute.cpu.shadows_beside_gpu import GpuBackend
-    from livehand.backend.compute.reference import ReferenceBackend
-
+def test_all_backends_agree_on_a_hand(backend_pair, posed):
     hand = posed("fist")
     views = LightViews.along(TOWARDS, torch.tensor([FAR, 1.5, 3.0, 8.0]))
     generator = torch.Generator().manual_seed(1)
     occluders = hand.mesh.vertices.mean(0) + torch.randn(4, 3, 3, generator=generator) * 0.06
     results = [
         shadows_of(backend, hand.mesh, hand.topology, views, occluders)
-        for backend in (NumbaBackend(), ReferenceBackend(), GpuBackend())
+        for backend in (*backend_pair, CudaBackend(backend_pair[0]))
     ]
     for fast, slow, beside_gpu in zip(*results, strict=True):
         assert torch.equal(fast, beside_gpu)

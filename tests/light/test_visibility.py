@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.geometry.mesh import posed_mesh
-from livehand.backend.light.visibility import DIRECTIONS, direction_frames
+from livehand.backend.light.visibility import DIRECTIONS, direction_frames, lit_share_reference, visibility_transfer
 
 DIRECTION = direction_frames(DIRECTIONS, "cpu")[:, 2]
 
@@ -58,3 +58,51 @@ def test_place_and_scale_of_the_world_do_not_matter(spheres, backend):
     assert ((large - lit).abs() > 0.02).double().mean() < 0.01
     assert ((moved - lit).abs() > 0.02).double().mean() < 0.01
     assert (lit > 0.1).double().mean() > 0.2
+
+
+def shares(backends, mesh, topology):
+    """The lit shares [K, V] by each backend, of the points of `visibility_transfer`."""
+    calls = []
+
+    def record(points, topology):
+        calls.append(points)
+        return lit_share_reference(points, topology)
+
+    visibility_transfer(mesh, topology, record)
+    return [backend.lit_share(calls[0], topology) for backend in backends]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gesture", "side"), [("open", "right"), ("fist", "right"), ("pinch", "left")])
+@pytest.mark.parametrize("scale", [1.0, 10.0])
+def test_the_light_is_the_references(backend_pair, posed, gesture, side, scale):
+    hand = posed(gesture, side)
+    ours, theirs = shares(backend_pair, posed_mesh(hand.topology, hand.mesh.vertices * scale), hand.topology)
+    assert ours.shape == (DIRECTIONS, len(hand.mesh.vertices))
+    flips = (ours - theirs).abs() > 1e-6  # depths that are equal but for rounding
+    assert flips.double().mean() < 1e-4
+    assert 0.2 < ours.mean() < 0.9
+    assert (ours.min(), ours.max()) == (0, 1)
+
+
+@pytest.mark.slow
+def test_faces_without_area_and_a_mesh_that_is_a_point(backend_pair, posed):
+    hand = posed("open")
+    vertices = hand.mesh.vertices.clone()
+    vertices[:400] = vertices[0]
+    ours, theirs = shares(backend_pair, posed_mesh(hand.topology, vertices), hand.topology)
+    assert ((ours - theirs).abs() > 1e-6).double().mean() < 1e-4
+    assert ours.isfinite().all()
+
+
+@pytest.mark.slow
+def test_the_number_of_threads_does_not_matter(backend, posed):
+    hand, before = posed("fist"), torch.get_num_threads()
+    try:
+        results = []
+        for count in (1, 2):
+            torch.set_num_threads(count)
+            results.append(shares([backend], hand.mesh, hand.topology)[0])
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(*results)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.avatar import PRESETS, AvatarConfig, new_avatar
-from livehand.backend.compute.backend import has_fast_bf16
 from livehand.backend.compute.cpu.backend import NumbaBackend
+from livehand.backend.compute.precision import has_fast_bf16
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig

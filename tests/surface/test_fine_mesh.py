@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.backend.compute.cpu.backend import NumbaBackend
-from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import HandInView, camera_tensors
 from livehand.backend.geometry.loop import split_corners
 from livehand.backend.geometry.mesh import posed_mesh
@@ -304,10 +302,10 @@ def test_spreading_keeps_the_total_within_the_image():
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_both_backends_see_the_same_hand(fine_hand, seen_from, side):
+def test_both_backends_see_the_same_hand(backend_pair, fine_hand, seen_from, side):
     mesh = fine_hand("fist", side)
     view = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
-    ours, theirs = (each().seen_surface(mesh, view) for each in (NumbaBackend, ReferenceBackend))
+    ours, theirs = (each.seen_surface(mesh, view) for each in backend_pair)
     assert (ours.face == theirs.face).float().mean() > 0.999  # of two faces that share an edge
     torch.testing.assert_close(ours.depth, theirs.depth, atol=1e-5, rtol=1e-4)
     torch.testing.assert_close(ours.coverage, theirs.coverage, atol=0.07, rtol=0)  # a sample on an edge

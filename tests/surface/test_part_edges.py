@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from livehand.backend.compute.cpu.backend import NumbaBackend
-from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import camera_tensors
 from livehand.backend.records.camera import Camera
 from livehand.backend.surface.fine_mesh import FineMesh
@@ -109,10 +107,10 @@ def places_around(pixel, size_px):
     return y * width + x
 
 
-def test_both_backends_find_the_same_edges(fine_hand, seen_from):
+def test_both_backends_find_the_same_edges(backend_pair, fine_hand, seen_from):
     mesh = fine_hand("fist", "right")
     view = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
-    seen = [each().seen_surface(mesh, view) for each in (NumbaBackend, ReferenceBackend)]
+    seen = [each.seen_surface(mesh, view) for each in backend_pair]
     ours, theirs = (each.edges for each in seen)
     assert torch.equal(ours.pixel, theirs.pixel)
     assert len(ours.pixel) > 100
@@ -163,7 +161,7 @@ def test_a_pixel_that_sees_one_part_only_keeps_its_colour(backend):
     assert torch.equal(backend.blended(colours, alpha, depth, edges_at([(10, 5)], [0.3])), colours)
 
 
-def test_both_backends_blend_any_image_alike():
+def test_both_backends_blend_any_image_alike(backend_pair):
     """Holes, pixels at its corners, and pixels that show one part only among them."""
     generator = torch.Generator().manual_seed(4)
     alpha = torch.rand(SIZE[1], SIZE[0], generator=generator) * 1.2
@@ -173,7 +171,7 @@ def test_both_backends_blend_any_image_alike():
     pixel = torch.cat([torch.tensor([0, SIZE[0] - 1, alpha.numel() - 1]), pixel]).unique()
     shows_first = torch.rand(9, len(pixel), generator=generator) < torch.rand(len(pixel), generator=generator)
     edges = PartEdges(pixel, shows_first, torch.rand(len(pixel), generator=generator))
-    ours, theirs = (backend.blended(colours, alpha, depth, edges) for backend in (NumbaBackend(), ReferenceBackend()))
+    ours, theirs = (backend.blended(colours, alpha, depth, edges) for backend in backend_pair)
     torch.testing.assert_close(ours, theirs, atol=1e-6, rtol=1e-5)
     changed = (theirs != colours).any(0).flatten()
     assert 200 < changed.sum() < len(pixel)

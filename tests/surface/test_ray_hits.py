@@ -1,11 +1,8 @@
 """Where rays meet a known surface: against a sphere and a plane, and both backends against each other."""
 
 import numpy as np
-import pytest
 import torch
 import trimesh
-from livehand.backend.compute.cpu.backend import NumbaBackend
-from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import camera_tensors, ray_directions, ray_origin
 from livehand.backend.records.camera import Camera
 from livehand.backend.surface.fine_mesh import FineMesh
@@ -15,11 +12,6 @@ from torch.nn.functional import normalize
 
 SIZE = (120, 100)  # of the rays' image
 PIXEL = torch.arange(SIZE[0] * SIZE[1])
-
-
-@pytest.fixture(params=[ReferenceBackend, NumbaBackend])
-def backend(request):
-    return request.param()
 
 
 def camera():
@@ -79,10 +71,10 @@ def test_normals_are_those_of_pixels_centres(backend):
     torch.testing.assert_close(hits.depth, torch.ones(len(PIXEL)), atol=1e-6, rtol=0)
 
 
-def test_both_backends_find_the_same_on_a_hand(fine_hand, seen_from):
+def test_both_backends_find_the_same_on_a_hand(backend_pair, fine_hand, seen_from):
     mesh = fine_hand("fist", "right")
     view, pixel = seen_from(mesh, (0.2, -1, 0.4), size_px=(60, 55)), torch.arange(60 * 55)
-    ours, theirs = (each().ray_hits(mesh, view, pixel) for each in (NumbaBackend, ReferenceBackend))
+    ours, theirs = (each.ray_hits(mesh, view, pixel) for each in backend_pair)
     assert ours.depth.isfinite().sum() > 500
     torch.testing.assert_close(ours.depth, theirs.depth, atol=1e-5, rtol=0)
     torch.testing.assert_close(ours.normal, theirs.normal, atol=2e-4, rtol=0)

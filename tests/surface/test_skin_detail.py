@@ -6,8 +6,6 @@ from math import pi
 import numpy as np
 import pytest
 import torch
-from livehand.backend.compute.cpu.backend import NumbaBackend
-from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.rays import camera_tensors, view_directions
 from livehand.backend.image.relighting import LitImage
 from livehand.backend.light.gloss import ROUGHNESS
@@ -312,7 +310,7 @@ def test_normals_are_interpolated_between_vertices(backend):
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
+def test_both_backends_agree_on_a_posed_hand(backend_pair, fine_hand, seen_from, side):
     mesh = fine_hand("fist", side)
     camera = seen_from(mesh, (0.2, -1, 0.4), size_px=(120, 110))
     generator = np.random.default_rng(3)
@@ -323,9 +321,7 @@ def test_both_backends_agree_on_a_posed_hand(fine_hand, seen_from, side):
     both = SkinDetail(fine, coarse, generator.random((N // 4, N // 4), np.float32), ROUGH, RESOLVED, BEND)
     of_person, image = DetailMaps.of(both, SkinLook(0.3, 1.2, 0.4)), image_of(camera)
     seen = seen_surface(mesh, camera)
-    ours, theirs = (
-        b.detailed_image(image, seen, mesh, camera, of_person) for b in (NumbaBackend(), ReferenceBackend())
-    )
+    ours, theirs = (b.detailed_image(image, seen, mesh, camera, of_person) for b in backend_pair)
     assert (theirs.normal != image.normal).any(1).sum() > 1000
     torch.testing.assert_close(ours.normal, theirs.normal, atol=2e-3, rtol=0)
     for name, bound in (("surface_normal", 1e-4), ("blurred_normal", 2e-3), ("alpha_squared", 5e-4), ("nail", 5e-3)):

@@ -6,6 +6,8 @@ and so in vector instructions.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .compiled import compiled_loosely as compiled
@@ -29,6 +31,122 @@ _U, _V, _STEP, _COSINE, _BENT, _SURFACE = 41, 42, 43, 45, 46, 47
 _SLOPES_AT, _BLURRED_AT = 50, 56  # slopes that were read, sharp and blurred
 _BUMPED, _BLURRED = 62, 65  # normals
 _ROWS = 68
+
+
+class SeenFaces(NamedTuple):
+    """What P pixels see of a surface.
+
+    Attributes:
+        face: [P] the first front face in the centre, -1 for none.
+        depth: [P] of it, m.
+        coverage: [P].
+        camera: [3] its centre, m.
+    """
+
+    face: np.ndarray
+    depth: np.ndarray
+    coverage: np.ndarray
+    camera: np.ndarray
+
+
+class PosedSurface(NamedTuple):
+    """A posed fine surface: N vertices, M faces.
+
+    Attributes:
+        vertices: [N, 3] m.
+        normals: [N, 3] unit.
+        faces: [M, 3].
+        corner_uv: [M, 3, 2].
+        flex: [N] bend of the skin.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+    corner_uv: np.ndarray
+    flex: np.ndarray
+
+
+class DetailTable(NamedTuple):
+    """A pyramid of maps.
+
+    Attributes:
+        table: [T, 12] int8.
+        first: the first row of each level.
+        resolution: of the finest level.
+    """
+
+    table: np.ndarray
+    first: np.ndarray
+    resolution: int
+
+
+class DetailConstants(NamedTuple):
+    """Constants of `surface.skin_detail`.
+
+    Attributes:
+        least_alpha: of what is divided by it.
+        texels: of the finest level in a pixel's width at a depth of 1 m.
+        texel_m: side of one of these.
+        least_cosine: of face and view.
+        one_tap_more: as `ONE_TAP_MORE`.
+        sharper: as `SHARPER`.
+        blurred_level: of the maps, as red light shows them.
+        flattened: what bending takes of dorsal folds.
+        deepened_from: how much of palmar creases shows.
+        deepened_by: what bending adds.
+        bump: of a stored step of a slope, m.
+        shade: what a stored step of shades and nails is worth.
+        gloss: of squared alphas.
+        bump_share: as `BUMP`.
+        most_taps: as `MOST_TAPS`.
+        pigment_colour: [3].
+        fold_log_albedo: [3].
+    """
+
+    least_alpha: np.float32
+    texels: np.float32
+    texel_m: np.float32
+    least_cosine: np.float32
+    one_tap_more: np.float32
+    sharper: np.float32
+    blurred_level: np.float32
+    flattened: np.float32
+    deepened_from: np.float32
+    deepened_by: np.float32
+    bump: np.float32
+    shade: np.float32
+    gloss: np.float32
+    bump_share: np.float32
+    most_taps: int
+    pigment_colour: np.ndarray
+    fold_log_albedo: np.ndarray
+
+
+class DetailedArrays(NamedTuple):
+    """P pixels, changed in place: all but the first two.
+
+    Attributes:
+        pixel: [P].
+        view_direction: [P, 3].
+        coefficients: [P, 14].
+        normal: [P, 3].
+        surface_normal: [P, 3].
+        blurred_normal: [P, 3].
+        alpha_squared: [P].
+        nail: [P].
+        alpha: of all pixels of the image.
+    """
+
+    pixel: np.ndarray
+    view_direction: np.ndarray
+    coefficients: np.ndarray
+    normal: np.ndarray
+    surface_normal: np.ndarray
+    blurred_normal: np.ndarray
+    alpha_squared: np.ndarray
+    nail: np.ndarray
+    alpha: np.ndarray
 
 
 @compiled

@@ -1,6 +1,8 @@
-"""Equals `geometry.rasterise`: a mesh's layers per pixel, sorted by depth, and its nearest ones."""
+"""Meshes before a camera: as `field.rays.project`, and as `geometry.rasterise` their layers and nearest faces."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,6 +10,14 @@ from ...geometry.tolerances import MIN_AREA_PX2, NEAR_M
 from .compiled import compiled
 
 _HALF, _0, _1, _NEAR_M, _MIN_AREA = (np.float32(value) for value in (0.5, 0, 1, NEAR_M, MIN_AREA_PX2))
+
+
+class ProjectedMesh(NamedTuple):
+    """A mesh before a camera: positions_px [V, 2], depth [V] m, faces [F, 3]."""
+
+    positions_px: np.ndarray
+    depth: np.ndarray
+    faces: np.ndarray
 
 
 @compiled
@@ -90,6 +100,45 @@ def nearest_sides(projected, faces, size, fronts, backs):
 
 
 @compiled
+def front_rows(mesh, width, height, first, last, rows):
+    """Fill, of faces [first, last), the rows of pixels [0] to [1] that each touches; none of faces not to be drawn."""
+    positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
+    for face in range(first, last):
+        rows[face, 0], rows[face, 1] = 0, 0
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        if projected_area(positions_px, depth, a, b, c) >= -_MIN_AREA:
+            continue
+        ax, bx, cx = positions_px[a, 0], positions_px[b, 0], positions_px[c, 0]
+        ay, by, cy = positions_px[a, 1], positions_px[b, 1], positions_px[c, 1]
+        if max(ax, bx, cx) < _0 or min(ax, bx, cx) > np.float32(width):
+            continue
+        if max(ay, by, cy) < _0 or min(ay, by, cy) > np.float32(height):
+            continue
+        rows[face, 0] = max(int(np.floor(min(ay, by, cy))), 0)
+        rows[face, 1] = min(int(np.floor(max(ay, by, cy))) + 1, height)
+
+
+@compiled
+def nearest_of_rows(mesh, rows, width, first_row, last_row, nearest, face_at):
+    """Lower `nearest` [P], m, to the first front face in rows [first_row, last_row), and note the face in `face_at`.
+
+    `rows` as `front_rows` fills them.
+    """
+    positions_px, depth, faces = mesh.positions_px, mesh.depth, mesh.faces
+    for face in range(faces.shape[0]):
+        if rows[face, 1] <= first_row or rows[face, 0] >= last_row:
+            continue
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        area = projected_area(positions_px, depth, a, b, c)
+        x0, x1, y0, y1 = covered_centres(positions_px, a, b, c, width, first_row, last_row)
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                z = fragment_depth(positions_px, depth, a, b, c, area, x, y)
+                if z > _0 and z < nearest[y * width + x]:
+                    nearest[y * width + x], face_at[y * width + x] = z, face
+
+
+@compiled
 def projected_area(positions_px, depth, a, b, c):
     """Twice the signed area of a projected face, px^2; 0 where it is not drawn."""
     if min(depth[a], depth[b], depth[c]) <= _NEAR_M:
@@ -145,3 +194,19 @@ def _insert(depths, marks, pixel, count, depth, mark):
         slot -= 1
     depths[pixel, slot], marks[pixel, slot] = depth, mark
     return count + 1
+
+
+@compiled
+def project_vertices(vertices, K, world2cam, first, last, positions_px, depth):
+    """Fill positions_px [V, 2] and depth [V], m, of vertices [first, last) before a camera, in double precision."""
+    k, to_camera = K.astype(np.float64), world2cam.astype(np.float64)
+    for index in range(first, last):
+        row = np.uintp(index)
+        x, y, z = np.float64(vertices[row, 0]), np.float64(vertices[row, 1]), np.float64(vertices[row, 2])
+        right = to_camera[0, 0] * x + to_camera[0, 1] * y + to_camera[0, 2] * z + to_camera[0, 3]
+        down = to_camera[1, 0] * x + to_camera[1, 1] * y + to_camera[1, 2] * z + to_camera[1, 3]
+        ahead = to_camera[2, 0] * x + to_camera[2, 1] * y + to_camera[2, 2] * z + to_camera[2, 3]
+        scale = k[2, 0] * right + k[2, 1] * down + k[2, 2] * ahead
+        positions_px[row, 0] = (k[0, 0] * right + k[0, 1] * down + k[0, 2] * ahead) / scale
+        positions_px[row, 1] = (k[1, 0] * right + k[1, 1] * down + k[1, 2] * ahead) / scale
+        depth[row] = ahead

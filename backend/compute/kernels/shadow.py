@@ -2,17 +2,52 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
+from typing import NamedTuple
+
 import numpy as np
 
 from ...geometry.tolerances import LEAST_SQUARED, LEAST_WINDOW, STEEPEST
 from .compiled import compiled
-from .raster import nearest_depth, nearest_sides
-from .records import ProjectedMesh
+from .raster import ProjectedMesh, nearest_depth, nearest_sides
 
 _HALF, _0, _1, _NO_DEPTH = (np.float32(value) for value in (0.5, 0, 1, 1e-6))
 _INF, _STEEPEST = np.float32(np.inf), np.float32(STEEPEST)
 _LEAST_SQUARED, _LEAST_WINDOW = np.float32(LEAST_SQUARED), np.float32(LEAST_WINDOW)
 _ROW, _NEXT = 256, np.uintp(1)
+
+ShadowPoints = namedtuple("ShadowPoints", "px depth lifted_px lifted_depth bias")
+"""As `light.visibility.ShadowMapPoints`."""
+
+
+class ShadowCasters(NamedTuple):
+    """As `light.shadow_maps.ShadowScene`; lengths are in radii.
+
+    Attributes:
+        frames: [K, 3, 3] of the views.
+        distance: [K] of the light.
+        vertices: [3, V] of the mesh.
+        faces: [F, 3] of the mesh.
+        others: [3, 3 T] corners of other triangles.
+        others_faces: [T, 3] their indices.
+        map_px: width and height of a map.
+        tolerance: by which a point may lie behind the middle of the mesh.
+        contact: by which it may lie behind another triangle.
+        max_depth_in: largest depth behind the surface.
+        template_m: template metres of a radius.
+    """
+
+    frames: np.ndarray
+    distance: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+    others: np.ndarray
+    others_faces: np.ndarray
+    map_px: int
+    tolerance: np.float32
+    contact: np.float32
+    max_depth_in: np.float32
+    template_m: np.float32
 
 
 @compiled

@@ -1,134 +1,274 @@
-"""Equals `field.surface_tracking`: the closest point of one part of the surface, found from a nearby face."""
+"""Posed surfaces: the hand's mesh, the finer one on it, and points on either.
+
+As `hand.lbs.skin_motion`, `geometry.mesh.posed_mesh`, `geometry.local_rotation.local_rotations`,
+`surface.fine_mesh.fine_mesh`, `light.bounce.SkinPlaces.of`, and the normals of `surface.ray_hits.ray_hits`.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...geometry.tolerances import MAX_STEPS, MIN_DETERMINANT
-from .compiled import compiled
+from .compiled import compiled, compiled_loosely
 from .compiled import compiled_part as part
 
-FACE_COLUMNS = 13
-"""Of a row of a face's shape: corner a, edges ab and ac, ab.ab, ab.ac, ac.ac, 1/determinant."""
-_TINY, _0, _1, _2 = (np.float32(value) for value in (MIN_DETERMINANT, 0, 1, 2))
-_NOWHERE = np.float32(1e6)
+_0, _1, _TINY, _NO_AREA, _SMALL_SQUARED = (np.float32(value) for value in (0, 1, 1e-12, 1e-20, 1e-6))
+_HALF, _6TH, _24TH = (np.float32(value) for value in (0.5, 1 / 6, 1 / 24))
+
+
+class FinerRows(NamedTuple):
+    """One level of subdivision: start [N + 1] of each row's entries, column [K] and weight [K] of these."""
+
+    start: np.ndarray
+    column: np.ndarray
+    weight: np.ndarray
 
 
 @compiled
-def face_shapes(vertices, faces, first, last, shapes):
-    """Fill shapes [F, 13] of faces [first, last): what their closest points need, once a frame."""
+def rotate(axis_angle, rotation):
+    """Fill rotation [3, 3] as `geometry.torch_rotation.axis_angle_to_matrix`."""
+    x, y, z = axis_angle[0], axis_angle[1], axis_angle[2]
+    squared = x * x + y * y + z * z
+    sine, cosine = _1 - squared * _6TH, _HALF - squared * _24TH
+    if squared >= _SMALL_SQUARED:
+        angle = np.sqrt(squared)
+        sine, cosine = np.sin(angle) / angle, (_1 - np.cos(angle)) / squared
+    rotation[0, 0], rotation[1, 1], rotation[2, 2] = (
+        _1 - cosine * (y * y + z * z),
+        _1 - cosine * (x * x + z * z),
+        _1 - cosine * (x * x + y * y),
+    )
+    rotation[0, 1], rotation[1, 0] = cosine * x * y - sine * z, cosine * x * y + sine * z
+    rotation[0, 2], rotation[2, 0] = cosine * x * z + sine * y, cosine * x * z - sine * y
+    rotation[1, 2], rotation[2, 1] = cosine * y * z - sine * x, cosine * y * z + sine * x
+
+
+@compiled
+def joint_transforms(rotations, rest_joints, parents, transforms):
+    """Fill transforms [16, 3, 4] as `hand.lbs.joint_transforms`; parents come before their children."""
+    for joint in range(len(parents)):
+        parent = parents[joint]
+        for row in range(3):
+            for column in range(3):
+                turned = rotations[joint, row, column]
+                if parent >= 0:
+                    turned = _0
+                    for k in range(3):
+                        turned += transforms[parent, row, k] * rotations[joint, k, column]
+                transforms[joint, row, column] = turned
+        for row in range(3):
+            # Where the joint comes to lie, less where its own rotation would take it.
+            place = rest_joints[joint, row]
+            if parent >= 0:
+                place = transforms[parent, row, 3]
+                for k in range(3):
+                    place += transforms[parent, row, k] * rest_joints[joint, k]
+            for k in range(3):
+                place -= transforms[joint, row, k] * rest_joints[joint, k]
+            transforms[joint, row, 3] = place
+
+
+@compiled_loosely
+def add_offsets(directions, features, values):
+    """Add to values [N] the features' sum of `directions` [N, K]."""
+    for row in range(len(values)):
+        total = _0
+        for k in range(np.uintp(len(features))):
+            total += features[k] * directions[row, k]
+        values[row] += total
+
+
+@compiled
+def blend_transforms(transforms, weights, of_forearm, arm_weights, shift, blended):
+    """Fill blended [V, 3, 4]: each vertex's own transform to the world."""
+    for vertex in range(len(blended)):
+        for row in range(3):
+            for column in range(4):
+                blended[vertex, row, column] = arm_weights[vertex] * of_forearm[row, column]
+            blended[vertex, row, 3] += shift[row]
+        for joint in range(weights.shape[1]):
+            weight = weights[vertex, joint]
+            if weight != _0:
+                for row in range(3):
+                    for column in range(4):
+                        blended[vertex, row, column] += weight * transforms[joint, row, column]
+
+
+@compiled
+def mesh_normals(vertices, faces, edges, normals):
+    """Fill the unit normals [V, 3] as `geometry.mesh.vertex_normals`; returns the mean length of the edges, m."""
+    normals[:] = _0
+    for face in range(len(faces)):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for corner in range(3):
+            vertex = faces[face, corner]
+            normals[vertex, 0] += x
+            normals[vertex, 1] += y
+            normals[vertex, 2] += z
+    for vertex in range(len(normals)):
+        x, y, z = normals[vertex, 0], normals[vertex, 1], normals[vertex, 2]
+        length = max(np.sqrt(x * x + y * y + z * z), _TINY)
+        normals[vertex, 0], normals[vertex, 1], normals[vertex, 2] = x / length, y / length, z / length
+    total = 0.0
+    for edge in range(len(edges)):
+        a, b = edges[edge, 0], edges[edge, 1]
+        x, y, z = vertices[a, 0] - vertices[b, 0], vertices[a, 1] - vertices[b, 1], vertices[a, 2] - vertices[b, 2]
+        total += np.sqrt(x * x + y * y + z * z)
+    return total / len(edges)
+
+
+@compiled
+def surface_rotations(vertices, normals, neighbours, weights, template, rotations):
+    """Fill rotations [V, 3, 3] as `local_rotations`."""
+    frame = np.empty((3, 3), np.float32)
+    for vertex in range(len(rotations)):
+        normal = normals[vertex]
+        x, y, z = _0, _0, _0
+        for k in range(neighbours.shape[1]):
+            other, weight = neighbours[vertex, k], weights[vertex, k]
+            x += weight * (vertices[other, 0] - vertices[vertex, 0])
+            y += weight * (vertices[other, 1] - vertices[vertex, 1])
+            z += weight * (vertices[other, 2] - vertices[vertex, 2])
+        _fill_frame(x, y, z, normal, frame)
+        for row in range(3):
+            for column in range(3):
+                turned = _0
+                for k in range(3):
+                    turned += frame[k, row] * template[vertex, k, column]
+                rotations[vertex, row, column] = turned
+
+
+@part
+def _fill_frame(x, y, z, normal, frame):
+    """Fill rows tangent, bitangent and normal; (x, y, z) is the tangent before it is made perpendicular and unit."""
+    along = x * normal[0] + y * normal[1] + z * normal[2]
+    x, y, z = x - along * normal[0], y - along * normal[1], z - along * normal[2]
+    length = max(np.sqrt(x * x + y * y + z * z), _TINY)
+    x, y, z = x / length, y / length, z / length
+    frame[0, 0], frame[0, 1], frame[0, 2] = x, y, z
+    frame[1, 0] = normal[1] * z - normal[2] * y
+    frame[1, 1] = normal[2] * x - normal[0] * z
+    frame[1, 2] = normal[0] * y - normal[1] * x
+    frame[2, 0], frame[2, 1], frame[2, 2] = normal[0], normal[1], normal[2]
+
+
+COLUMNS = 16
+"""Of a field: place at rest 3, transform 12 row by row, bend of the skin."""
+
+
+@compiled
+def finer_field(level, values, first, last, finer):
+    """Fill rows [first, last) of a finer field [N, 16] from a field [V, 16]; `level` is a `FinerRows`."""
+    for row in range(first, last):
+        for k in range(COLUMNS):
+            finer[row, k] = _0
+        for entry in range(level.start[row], level.start[row + 1]):
+            column, weight = level.column[entry], level.weight[entry]
+            for k in range(COLUMNS):
+                finer[row, k] += weight * values[column, k]
+
+
+@compiled
+def fine_vertices(values, offset_m, normals, height_m, first, last, vertices):
+    """Fill vertices [first, last) from their field, their offsets and what rises along their normals at rest."""
+    for row in range(first, last):
+        x = values[row, 0] + offset_m[row, 0] + height_m[row] * normals[row, 0]
+        y = values[row, 1] + offset_m[row, 1] + height_m[row] * normals[row, 1]
+        z = values[row, 2] + offset_m[row, 2] + height_m[row] * normals[row, 2]
+        for k in range(3):
+            at = 3 + 4 * k
+            turned = x * values[row, at] + y * values[row, at + 1] + z * values[row, at + 2]
+            vertices[row, k] = turned + values[row, at + 3]
+
+
+@compiled
+def face_normals(vertices, faces, first, last, normals):
+    """Fill the normals of faces [first, last), as long as twice their area."""
     for face in range(first, last):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        d00, d01, d11 = _0, _0, _0
-        for k in range(3):
-            ab, ac = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
-            shapes[face, k], shapes[face, 3 + k], shapes[face, 6 + k] = vertices[a, k], ab, ac
-            d00, d01, d11 = d00 + ab * ab, d01 + ab * ac, d11 + ac * ac
-        shapes[face, 9], shapes[face, 10], shapes[face, 11] = d00, d01, d11
-        shapes[face, 12] = _1 / max(d00 * d11 - d01 * d01, _TINY)
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        normals[face, 0] = uy * vz - uz * vy
+        normals[face, 1] = uz * vx - ux * vz
+        normals[face, 2] = ux * vy - uy * vx
 
 
 @compiled
-def gather_shapes(shapes, neighbours, first, last, around):
-    """Fill around [F, 13, K] for faces [first, last): the shapes of the faces around them, side by side."""
-    for face in range(first, last):
-        for slot in range(around.shape[2]):
-            other = neighbours[face, 1 + slot]
-            for k in range(FACE_COLUMNS):
-                around[face, k, slot] = shapes[other, k]
-            if other == face:
-                around[face, 0, slot] = _NOWHERE
+def vertex_normals(of_faces, start, around, first, last, normals):
+    """Fill the unit normals of vertices [first, last) from those of the faces around each."""
+    for row in range(first, last):
+        x, y, z = _0, _0, _0
+        for entry in range(start[row], start[row + 1]):
+            face = around[entry]
+            x += of_faces[face, 0]
+            y += of_faces[face, 1]
+            z += of_faces[face, 2]
+        length = max(np.sqrt(x * x + y * y + z * z), _TINY)
+        normals[row, 0], normals[row, 1], normals[row, 2] = x / length, y / length, z / length
+
+
+@compiled
+def skin_places(vertices, faces, face, position, first, last, vertex, weight):
+    """Fill vertex [R, 3] and weight [R, 3] of points [first, last) at position [R, 3]; face [R], -1 for none."""
+    for index in range(first, last):
+        row, of_face = np.uintp(index), np.uintp(max(face[index], 0))
+        a, b, c = faces[of_face, 0], faces[of_face, 1], faces[of_face, 2]
+        vertex[row, 0], vertex[row, 1], vertex[row, 2] = a, b, c
+        nx, ny, nz = _cross(vertices, a, b, vertices[c, 0], vertices[c, 1], vertices[c, 2])
+        x, y, z = position[row, 0], position[row, 1], position[row, 2]
+        of_a = _area(vertices, b, c, x, y, z, nx, ny, nz)
+        of_b = _area(vertices, c, a, x, y, z, nx, ny, nz)
+        of_c = _area(vertices, a, b, x, y, z, nx, ny, nz)
+        total = max(of_a + of_b + of_c, _NO_AREA)
+        is_beside = face[index] < 0
+        weight[row, 0] = _0 if is_beside else of_a / total
+        weight[row, 1] = _0 if is_beside else of_b / total
+        weight[row, 2] = _0 if is_beside else of_c / total
 
 
 @part
-def closest_on_part(x, y, z, face, surface, tried):
-    """(face, weight of b, weight of c, distance^2) of the surface point nearest to (x, y, z), walking from `face`.
+def _area(vertices, start, end, x, y, z, nx, ny, nz):
+    """What the triangle of an edge and a point spans along a normal, at least 0."""
+    cx, cy, cz = _cross(vertices, start, end, x, y, z)
+    return max(cx * nx + cy * ny + cz * nz, _0)
 
-    `tried` [3, K] is a buffer for the neighbours' distances^2 and weights.
+
+@part
+def _cross(vertices, start, end, x, y, z):
+    """(end - start) x (point - start)."""
+    ux, uy, uz = vertices[start, 0], vertices[start, 1], vertices[start, 2]
+    vx, vy, vz = vertices[end, 0] - ux, vertices[end, 1] - uy, vertices[end, 2] - uz
+    x, y, z = x - ux, y - uy, z - uz
+    return vy * z - vz * y, vz * x - vx * z, vx * y - vy * x
+
+
+@compiled
+def fill_normals(mesh, normals, face, pixel, width, first, last, out):
+    """Fill out [R, 3] with the unit normals of faces [R] in pixels' centres, for rays [first, last); 0 for face -1.
+
+    `normals` [N, 3] are those of the vertices of `mesh` (`ProjectedMesh`).
     """
-    squared, wb, wc = _closest_on_face(x, y, z, face, surface.shapes)
-    for _ in range(MAX_STEPS):
-        start = face
-        _try_neighbours(x, y, z, start, surface.around, tried)
-        for slot in range(tried.shape[1]):
-            if tried[0, slot] < squared:
-                squared, wb, wc = tried[0, slot], tried[1, slot], tried[2, slot]
-                face = surface.neighbours[start, 1 + slot]
-        if face == start:
-            break
-    return face, wb, wc, squared
-
-
-@part
-def _try_neighbours(x, y, z, face, around, tried):
-    """The closest points of all of a face's neighbours: computing every one is faster than testing which are needed."""
-    for slot in range(tried.shape[1]):
-        ax, ay, az = around[face, 0, slot], around[face, 1, slot], around[face, 2, slot]
-        bx, by, bz = around[face, 3, slot], around[face, 4, slot], around[face, 5, slot]
-        cx, cy, cz = around[face, 6, slot], around[face, 7, slot], around[face, 8, slot]
-        d00, d01, d11 = around[face, 9, slot], around[face, 10, slot], around[face, 11, slot]
-        tried[0, slot], tried[1, slot], tried[2, slot] = _closest(
-            x - ax, y - ay, z - az, bx, by, bz, cx, cy, cz, d00, d01, d11, around[face, 12, slot]
-        )
-
-
-@part
-def _closest_on_face(x, y, z, face, shapes):
-    """(distance^2, weight of b, weight of c) of the face's point nearest to (x, y, z)."""
-    ax, ay, az = shapes[face, 0], shapes[face, 1], shapes[face, 2]
-    bx, by, bz = shapes[face, 3], shapes[face, 4], shapes[face, 5]
-    cx, cy, cz = shapes[face, 6], shapes[face, 7], shapes[face, 8]
-    d00, d01, d11 = shapes[face, 9], shapes[face, 10], shapes[face, 11]
-    return _closest(x - ax, y - ay, z - az, bx, by, bz, cx, cy, cz, d00, d01, d11, shapes[face, 12])
-
-
-@part
-def _closest(px, py, pz, bx, by, bz, cx, cy, cz, d00, d01, d11, inverse):
-    """(distance^2, weight of b, weight of c) of a triangle's point nearest to p; all from corner a. No branches."""
-    d1 = px * bx + py * by + pz * bz
-    d2 = px * cx + py * cy + pz * cz
-    v = (d11 * d1 - d01 * d2) * inverse
-    w = (d00 * d2 - d01 * d1) * inverse
-    border_v, border_w = _on_border(d1, d2, d00, d01, d11)
-    is_inside = (v >= _0) & (w >= _0) & (v + w <= _1)
-    v = v if is_inside else border_v
-    w = w if is_inside else border_w
-    dx = px - v * bx - w * cx
-    dy = py - v * by - w * cy
-    dz = pz - v * bz - w * cz
-    return dx * dx + dy * dy + dz * dz, v, w
-
-
-@part
-def _on_border(d1, d2, d00, d01, d11):
-    """Weights of b and c at the nearest point of the three edges; |p|^2, the same for all, is left out."""
-    ab = min(max(d1 / max(d00, _TINY), _0), _1)
-    ab_score = ab * (ab * d00 - _2 * d1)
-    ac = min(max(d2 / max(d11, _TINY), _0), _1)
-    ac_score = ac * (ac * d11 - _2 * d2)
-    # Along bc: b + s (c - b).
-    bc = min(max((d2 - d1 + d00 - d01) / max(d00 - _2 * d01 + d11, _TINY), _0), _1)
-    rest = _1 - bc
-    bc_score = rest * rest * d00 + _2 * rest * bc * d01 + bc * bc * d11 - _2 * (rest * d1 + bc * d2)
-    is_ac = ac_score < ab_score
-    v = _0 if is_ac else ab
-    w = ac if is_ac else _0
-    is_bc = bc_score < min(ab_score, ac_score)
-    v = rest if is_bc else v
-    w = bc if is_bc else w
-    return v, w
-
-
-@part
-def signed_height(x, y, z, face, wb, wc, squared, surface):
-    """Distance, negative where the offset from the surface point opposes the interpolated normal."""
-    wa = _1 - wb - wc
-    vertices, normals = surface.vertices, surface.normals
-    a, b, c = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]
-    along = _0
-    for k, point in enumerate((x, y, z)):
-        foot = wa * vertices[a, k] + wb * vertices[b, k] + wc * vertices[c, k]
-        normal = wa * normals[a, k] + wb * normals[b, k] + wc * normals[c, k]
-        along += (point - foot) * normal
-    distance = np.sqrt(squared)
-    return -distance if along < _0 else distance
+    for ray in range(first, last):
+        out[ray, 0], out[ray, 1], out[ray, 2] = _0, _0, _0
+        if face[ray] < 0:
+            continue
+        a, b, c = mesh.faces[face[ray], 0], mesh.faces[face[ray], 1], mesh.faces[face[ray], 2]
+        x, y = np.float32(pixel[ray] % width) + _HALF, np.float32(pixel[ray] // width) + _HALF
+        ax, ay = mesh.positions_px[a, 0], mesh.positions_px[a, 1]
+        bx, by = mesh.positions_px[b, 0], mesh.positions_px[b, 1]
+        cx, cy = mesh.positions_px[c, 0], mesh.positions_px[c, 1]
+        wa = ((cx - bx) * (y - by) - (cy - by) * (x - bx)) / mesh.depth[a]
+        wb = ((ax - cx) * (y - cy) - (ay - cy) * (x - cx)) / mesh.depth[b]
+        wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / mesh.depth[c]
+        squared, weight = _0, _1 / (wa + wb + wc)
+        for axis in range(3):
+            value = weight * (wa * normals[a, axis] + wb * normals[b, axis] + wc * normals[c, axis])
+            out[ray, axis] = value
+            squared += value * value
+        length = max(np.sqrt(squared), _TINY)
+        for axis in range(3):
+            out[ray, axis] /= length

@@ -20,7 +20,7 @@ from torch.utils.checkpoint import checkpoint
 
 from ...avatars.file import load_avatar
 from ...capture.capture import Capture
-from ...compute.backend import OnStage, autocast
+from ...compute.precision import autocast
 from ...evaluation.shot_renderer import no_stage
 from ...field.conditions import FieldInputs
 from ...field.field import PaperField
@@ -37,6 +37,7 @@ from ...image.maps import image_of, low_resolution_maps
 from ...image.superres import PaperSuperRes, SuperResConfig
 from ...records.errors import LiveHandError
 from ...records.frame import Frame, empty_frame
+from ...records.render_hooks import OnStage
 from ...records.shot import Shot
 from ...training.losses import crop_loss
 from ...training.schedule import ScheduleState, views_of_step

@@ -17,12 +17,12 @@ import torch
 from torch import Tensor
 
 from ...capture.capture import Capture, CaptureView
-from ...compute.backend import OnStage
 from ...evaluation.contact_sheet import save_sheet
 from ...evaluation.shot_renderer import no_stage
 from ...hand.model import HandModel
 from ...image.decode import decode_frame
 from ...records.frame import Frame, empty_frame
+from ...records.render_hooks import OnStage
 from ...records.shot import HandPose, Shot
 from .method import Budget, Fitted, FittingMachine
 from .posed_views import PosedViews, ShotMeshes

@@ -15,7 +15,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ...compute.backend import OnStage
 from ...evaluation.shot_renderer import no_stage
 from ...field.rays import CameraTensors, project, ray_directions, ray_origin
 from ...field.sampler import strata
@@ -25,6 +24,7 @@ from ...hand.model import MIRROR_AXIS_ANGLE, HandModel
 from ...hand.posed_bones import bone_frames, check_on_pose
 from ...image.decode import decode_frame
 from ...records.frame import Frame, empty_frame
+from ...records.render_hooks import OnStage
 from ...records.shot import Shot
 from .posed_views import PosedViews, ShotMeshes
 

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import affine_grid, avg_pool2d, grid_sample
 
 from ...capture.capture import Capture
-from ...compute.backend import OnStage, autocast
+from ...compute.precision import autocast
 from ...evaluation.shot_renderer import no_stage
 from ...field.rays import CameraTensors
 from ...geometry.mesh import PosedMesh, Topology
@@ -25,6 +25,7 @@ from ...geometry.uvh import interpolate
 from ...hand.model import HandModel
 from ...image.decode import decode_frame
 from ...records.frame import Frame, empty_frame
+from ...records.render_hooks import OnStage
 from ...records.shot import Shot
 from ...training.config import LossConfig, TrainConfig
 from ...training.losses import crop_loss

@@ -13,12 +13,13 @@ from PIL import Image
 
 from ...avatars.avatar import PRESETS, Avatar, new_avatar
 from ...avatars.file import load_avatar
-from ...compute.backend import Precision, Stage
+from ...compute.precision import Precision
 from ...field.sampler import SamplerConfig
 from ...hand.model import HandModel
 from ...image.decode import straight_srgb
 from ...records.errors import LiveHandError
 from ...records.frame import Frame
+from ...records.render_hooks import Stage
 from ...records.shot import Shot
 from ...render.renderer import Renderer
 from .published import PublishedRenderer

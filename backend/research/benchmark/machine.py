@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch.nn.functional import conv2d
 
-from ...compute.backend import has_fast_bf16
+from ...compute.precision import has_fast_bf16
 from ...render.backends import has_int8_kernels, has_numba
 
 _REPEATS = 7

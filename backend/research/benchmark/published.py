@@ -19,7 +19,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ...avatars.avatar import Avatar
-from ...compute.backend import Stage
 from ...field.conditions import FieldInputs
 from ...field.rays import CameraTensors, camera_tensors, project, ray_directions, ray_origin
 from ...field.volume import Composite, Steps
@@ -33,6 +32,7 @@ from ...image.crop import Crop
 from ...image.decode import decode_frame
 from ...image.maps import low_resolution_maps
 from ...records.frame import Frame
+from ...records.render_hooks import Stage
 from ...records.shot import Shot
 from .brute_force import nearest_faces
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 
-from ...compute.backend import Stage
 from ...evaluation.shot_renderer import ShotRenderer
 from ...hand.model import HandModel
 from ...records.frame import Frame
+from ...records.render_hooks import Stage
 from ...records.shot import Shot
 from ..benchmark.cases import timed_frame
 from ..benchmark.motion import MotionFrame, MovingHand

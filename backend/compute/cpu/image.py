@@ -1,0 +1,130 @@
+"""The full-size image by kernels, without gradients: as `image.relighting` and `image.surface_means`."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ...field.rays import CameraTensors
+from ...image.relighting import MIN_ALPHA, EnlargedRays, LitImage, RaysAround, SkinDepth, ray_depths, ray_rows
+from ...image.surface_means import FACING_POWER, SHARES, RayPlaces
+from ...light.lighting import COEFFICIENTS, BumpedSkin, LightFeatures
+from ...light.mirrored_sky import SIDE
+from ...light.round_lobes import LEAST_ROUGHNESS
+from ..kernels.brdf import MirrorArrays
+from ..kernels.edges import RaysOnSurface, mean_over_surface
+from ..kernels.image import (
+    EnlargedArrays,
+    RelitImage,
+    enlarge_rows,
+    ray_shares,
+    relit_pixels,
+    step_normals,
+)
+from ..kernels.image import view_directions as fill_views
+from ..reference import ReferenceBackend
+from .arrays import as_arrays, row_of
+from .light import lobes
+from .threads import in_parallel
+
+MIN_ALPHA_32 = np.float32(MIN_ALPHA)
+
+
+def smooth_enlarged_rays(
+    maps: Float[Tensor, "34 h w"], detail: Float[Tensor, "12 H W"], covered: Int[Tensor, " P"], world2cam: Tensor
+) -> EnlargedRays:
+    """As `image.relighting.smooth_enlarged_rays`; the pixels are in order."""
+    count, (height, width) = len(covered), detail.shape[1:]
+    buffers = (torch.empty(count, COEFFICIENTS), torch.empty(count, 3), torch.zeros(height * width))
+    out = EnlargedArrays(*(values.numpy() for values in buffers))
+    rows = maps.permute(1, 2, 0).flatten(0, 1)  # as they lie in memory
+    source, added, pixels, axes = as_arrays(rows, detail.permute(1, 2, 0).flatten(0, 1), covered, world2cam)
+    starts = np.searchsorted(pixels, width * np.arange(height + 1))
+    arrays = source, added, pixels, starts, axes, width // 2, MIN_ALPHA_32
+    in_parallel(lambda first, last: enlarge_rows(*arrays, first, last, out), height)
+    return EnlargedRays(*buffers)
+
+
+def shares_of_rays(
+    position: Float[Tensor, "R 3"],
+    pixel: Int[Tensor, " R"],
+    camera: CameraTensors,
+    at: Int[Tensor, " P"],
+    skin: SkinDepth,
+) -> Float[Tensor, "P 4"]:
+    """As `image.relighting.shares_of_rays`."""
+    depth, shares = ray_depths(position, pixel, camera), torch.empty(len(at), 4)
+    arrays, out = as_arrays(at, depth, skin.depth), shares.numpy()
+    where = arrays[0], camera.size_px[0], *arrays[1:], np.float32(skin.edge_m)
+    in_parallel(lambda first, last: ray_shares(*where, first, last, out), len(at))
+    return shares
+
+
+def normals_at_steps(
+    normal: Float[Tensor, "P 3"], relief_normal: Float[Tensor, "R 3"], rays: RaysAround
+) -> Float[Tensor, "P 3"]:
+    """As `image.relighting.normals_at_steps`."""
+    width, height = rays.size_px
+    row, normals = row_of(rays.pixel, width * height), torch.empty_like(normal)
+    at, share, of_rays, before = as_arrays(rays.at, rays.share, relief_normal, normal)
+    after = normals.numpy()
+    in_parallel(
+        lambda first, last: step_normals(at, share, row, width, of_rays, before, first, last, after), len(normal)
+    )
+    return normals
+
+
+def view_directions(camera: CameraTensors, pixel: Int[Tensor, " P"]) -> Float[Tensor, "P 3"]:
+    """As `field.rays.view_directions`, to the precision of fp32: rays that sample a field are more sensitive."""
+    directions, width = torch.empty(len(pixel), 3), camera.size_px[0]
+    at, axes = as_arrays(pixel, torch.linalg.inv(camera.K).T @ camera.world2cam[:3, :3])
+    out = directions.numpy()
+    in_parallel(lambda first, last: fill_views(at, width, axes, first, last, out), len(at))
+    return directions
+
+
+def relit(
+    image: LitImage, features: LightFeatures, pixel: Int[Tensor, " R"], size_px: tuple[int, int]
+) -> Float[Tensor, "3 H W"]:
+    """Scene-linear colours of an image at twice `size_px`."""
+    width, height = size_px
+    rays, row = ray_rows(features), row_of(pixel, width * height)
+    out = torch.zeros(4 * width * height, 3)
+    skin = image.skin or BumpedSkin.smooth(image.normal)
+    normals = image.normal, skin.surface_normal, skin.blurred_normal, skin.alpha_squared
+    large = image.pixel, image.coefficients, *normals, image.view, image.share
+    light = features.lamp_rgb, features.lamp_radius_rad, skin.nail, skin.sharpness
+    record, flat = RelitImage._make((*as_arrays(*large, rays), row, width, *as_arrays(*light))), out.numpy()
+    sky = MirrorArrays._make((*as_arrays(*features.mirrored), SIDE, np.float32(LEAST_ROUGHNESS)))
+    in_parallel(lambda first, last: relit_pixels(record, sky, lobes(), first, last, flat), len(image.pixel))
+    return out.T.reshape(3, 2 * height, 2 * width)
+
+
+_MEAN_SHARES = np.array(SHARES, np.float32)
+
+
+def surface_means(values: Float[Tensor, "R C"], places: RayPlaces, stride: int) -> Float[Tensor, "R C"]:
+    """As `image.surface_means.surface_means`."""
+    width, height = places.size_px
+    row = row_of(places.pixel, width * height)
+    means = torch.empty(values.shape)
+    pixel, position, normal, before = as_arrays(places.pixel, places.position, places.normal, values)
+    record, after = RaysOnSurface(pixel, row, width, position, normal, np.float32(places.off_plane_m)), means.numpy()
+    in_parallel(
+        lambda first, last: mean_over_surface(record, _MEAN_SHARES, FACING_POWER, stride, before, first, last, after),
+        len(values),
+    )
+    return means
+
+
+class ImageKernels(ReferenceBackend):
+    """The full-size image by kernels."""
+
+    smooth_enlarged_rays = staticmethod(smooth_enlarged_rays)
+    shares_of_rays = staticmethod(shares_of_rays)
+    normals_at_steps = staticmethod(normals_at_steps)
+    view_directions = staticmethod(view_directions)
+    surface_means = staticmethod(surface_means)
+    relit = staticmethod(relit)

@@ -1,0 +1,259 @@
+"""Networks by kernels, where the processor has the vectors: a field's decoder, and super-resolution where the hand is.
+
+Super-resolution convolves one run of pixels a row. What lies farther than two pixels from the hand is taken for a
+picture of nothing, in every layer. In reduced precision the widest layers multiply int8: the decoder's second, and all
+of super-resolution but the first, whose values are rounded to 256 steps between their least and largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from ...field.field import MIN_ALPHA, PlaneField
+from ...field.relightable import LitField
+from ...field.volume import Composite
+from ...image.superres import ResidualSuperRes
+from ...light.lighting import Openness
+from ..kernels.networks import (
+    CHANNELS,
+    GROUP,
+    LAST_CHANNELS,
+    SLOPE,
+    SPARE,
+    convolve_hidden,
+    convolve_last,
+    decode_rays,
+    fill_around,
+    find_runs,
+    load_maps,
+    quantise,
+)
+from ..kernels.networks import decoder_inputs as fill_inputs
+from ..kernels.vectors import LANES, has_int8_products, has_vectors
+from ..precision import Decoder, Precision, decoder_in_precision, in_precision
+from ..reference import ReferenceBackend
+from .arrays import as_arrays
+from .threads import in_parallel, on_all_threads
+
+OUTPUTS = 4 * LANES
+"""Of a block."""
+_MOST = 127
+
+
+class PackedWeights(NamedTuple):
+    """Weights of up to 64 outputs.
+
+    Attributes:
+        words: [taps, C, 64] fp32, or [taps, C / 4, 64] int32, four int8 each.
+        factors: [64] by which sums of products with these are too small.
+        sums: [64] of each output's numbers.
+    """
+
+    words: np.ndarray
+    factors: np.ndarray
+    sums: np.ndarray
+
+    @classmethod
+    def of(cls, weight: Float[Tensor, "O C h w"], is_int8: bool) -> PackedWeights:
+        """At most 64 outputs; int8 takes a multiple of four inputs."""
+        padded = torch.zeros(OUTPUTS, *weight.shape[1:])
+        padded[: len(weight)] = weight
+        values, factors = padded.permute(2, 3, 1, 0).reshape(-1, weight.shape[1], OUTPUTS), torch.ones(OUTPUTS)
+        if is_int8:
+            factors = padded.abs().amax((1, 2, 3)).clamp(min=1e-12) / _MOST
+            values = (values / factors).round()
+        sums = values.sum((0, 1))
+        if is_int8:
+            fours = values.to(torch.int8).reshape(len(values), -1, 4, OUTPUTS).transpose(2, 3).contiguous()
+            values = fours.view(torch.int32)[..., 0]
+        return cls(*(one.contiguous().numpy() for one in (values, factors, sums)))
+
+
+Layer = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Weights, factors and bias as `decode_rays` takes them."""
+
+
+def decoder(field: PlaneField, device: torch.device, precision: Precision) -> Decoder:
+    """A field's decoder by the kernels; in reduced precision its second layer, the widest, multiplies int8."""
+    if not has_vectors():
+        return on_all_threads(decoder_in_precision(field, device, precision))
+    is_int8 = precision == "bf16" and has_int8_products()
+    layers: list[Layer] = []
+    for layer in (*field.trunk, field.channels):
+        assert isinstance(layer, nn.Linear)
+        inputs = layer.in_features if not layers else len(layers[-1][2])
+        layers.append(_packed(layer, inputs, is_int8 and len(layers) == 1))
+    steps = np.full(1, 255, np.uint8) if is_int8 else np.empty(0, np.float32)
+    return partial(_decode, layers, steps, field.channels.out_features)
+
+
+def decoder_inputs(
+    field: LitField, gathered: Composite, view: Float[Tensor, "R 3"], open_to: Openness
+) -> Float[Tensor, "R C"]:
+    """As `LitField.decoder_inputs`."""
+    count, near = len(view), field.near_channels
+    inputs = torch.empty(count, near + field.ANGLES)
+    rays, out = as_arrays(gathered.channels, gathered.alpha, view, *open_to), inputs.numpy()
+    known = *rays, near, field.normal_slice.start, np.float32(MIN_ALPHA)
+    in_parallel(lambda first, last: fill_inputs(*known, first, last, out), count)
+    return inputs
+
+
+def _decode(layers: Sequence[Layer], steps: np.ndarray, outputs: int, inputs: Float[Tensor, "R C"]) -> Tensor:
+    """[R, outputs]."""
+    source, decoded = inputs.float().contiguous().numpy(), torch.empty(len(inputs), outputs)
+    out = decoded.numpy()
+    in_parallel(lambda first, last: decode_rays(source, *layers, steps, first, last, out), len(out))
+    return decoded
+
+
+def _packed(layer: nn.Linear, inputs: int, is_int8: bool) -> Layer:
+    """The layer with inputs padded to so many, and outputs to whole groups."""
+    outputs = -(-layer.out_features // GROUP) * GROUP
+    weight, bias = torch.zeros(outputs, inputs), torch.zeros(outputs)
+    weight[: layer.out_features, : layer.in_features] = layer.weight.detach()
+    bias[: layer.out_features] = layer.bias.detach()
+    groups = [PackedWeights.of(rows[:, :, None, None], is_int8) for rows in weight.split(GROUP)]
+    words, factors, _ = (np.stack(values) for values in zip(*groups, strict=True))
+    return words, factors.ravel(), bias.numpy()
+
+
+_STEPS = np.float32(255)
+_LEAST_SPAN = 1e-6
+
+
+def superres(network: nn.Module, device: torch.device, precision: Precision) -> Callable[[Tensor], Tensor]:
+    """The network as a function of its maps: by the kernels, where they and its layers fit; its weights are copied."""
+    if isinstance(network, ResidualSuperRes) and network.config.width == CHANNELS and has_vectors():
+        return RowSuperRes.of(network, is_int8=precision == "bf16" and has_int8_products())
+    return on_all_threads(in_precision(network, device, precision))
+
+
+@dataclass(frozen=True)
+class PackedLayer:
+    """A convolution of 3 x 3 pixels.
+
+    Attributes:
+        weights: of 9 taps.
+        bias: [64].
+        of_nothing: [C] the input far from any hand.
+        is_residual: whether the input is added.
+    """
+
+    weights: PackedWeights
+    bias: np.ndarray
+    of_nothing: np.ndarray
+    is_residual: bool
+
+    @classmethod
+    def of(cls, weight: Tensor, bias: Tensor, of_nothing: Tensor, is_residual: bool, is_int8: bool) -> PackedLayer:
+        """A layer of at most 64 outputs."""
+        biases = torch.zeros(CHANNELS)
+        biases[: len(bias)] = bias
+        return cls(PackedWeights.of(weight, is_int8), biases.numpy(), of_nothing.numpy(), is_residual)
+
+
+@dataclass(frozen=True)
+class RowSuperRes:
+    """`network`, as a function of maps [1, C, h, w]."""
+
+    network: ResidualSuperRes
+    layers: tuple[PackedLayer, ...]
+
+    @classmethod
+    def of(cls, network: ResidualSuperRes, is_int8: bool) -> RowSuperRes:
+        """The network with its weights packed."""
+        layers, nothing = [], torch.zeros(network.head.in_channels)
+        for layer in (network.head, *network.body):
+            assert isinstance(layer, nn.Conv2d)
+            is_first = layer is network.head
+            weight, bias = _parameters(layer)
+            layers.append(PackedLayer.of(weight, bias, nothing, not is_first, is_int8 and not is_first))
+            answer = torch.nn.functional.leaky_relu(weight.sum((2, 3)) @ nothing + bias, SLOPE)
+            nothing = answer if is_first else answer + nothing
+        assert network.tail.out_channels <= LAST_CHANNELS
+        channels = network.tail.out_channels // 4
+        order = torch.arange(4 * channels).reshape(channels, 4).T.flatten()  # the four pixels one after the other
+        weight, bias = (values.detach().float().cpu()[order] for values in network.even_tail())
+        layers.append(PackedLayer.of(weight, bias, nothing, False, is_int8))
+        return cls(network, tuple(layers))
+
+    def __call__(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
+        """As the network; beside the hand its residual is zero."""
+        maps = maps.float()
+        return self.network.added(maps, self.residual(maps))
+
+    def residual(self, maps: Float[Tensor, "1 C h w"]) -> Float[Tensor, "1 D H W"]:
+        """As `ResidualSuperRes.residual`."""
+        planes = maps[0].numpy()
+        height, width = planes.shape[1:]
+        runs, bounds = np.zeros((height, 2), np.int64), np.empty((height, 2), np.float32)
+        find_runs(planes[-1], runs)
+        *hidden, last = self.layers
+        image = _image(height, width, len(planes))
+        _in_rows(partial(load_maps, planes, runs), height, image)
+        for layer in hidden:
+            source, answer = _source(layer, image, runs, bounds), _image(height, width, CHANNELS)
+            rows = partial(convolve_hidden, *source, image, layer.is_residual, runs)
+            _in_rows(lambda first, last, out, rows=rows: rows(first, last, bounds, out), height, answer)
+            image = answer
+        out = torch.zeros(2 * height, 2 * width, self.network.tail.out_channels // 4)
+        _in_rows(partial(convolve_last, *_source(last, image, runs, bounds), runs), height, out.numpy())
+        return out.permute(2, 0, 1)[None]
+
+
+class Source(NamedTuple):
+    """What a convolution multiplies and adds: an image, and weights, factors and bias for its numbers."""
+
+    image: np.ndarray
+    weights: np.ndarray
+    factors: np.ndarray
+    bias: np.ndarray
+
+
+def _source(layer: PackedLayer, image: np.ndarray, runs: np.ndarray, bounds: np.ndarray) -> Source:
+    """The source of a layer, from the runs of an fp32 image, whose values lie within bounds [h, 2]."""
+    rows = len(runs) + 2
+    words, factors, sums = layer.weights
+    if words.dtype == np.float32:
+        _in_rows(partial(fill_around, runs, layer.of_nothing, np.float32(0)), rows, image)
+        return Source(image, words, factors, layer.bias)
+    least = min(bounds[:, 0].min(), layer.of_nothing.min(), 0.0)
+    scale = np.float32(max(bounds[:, 1].max(), layer.of_nothing.max(), least + _LEAST_SPAN) - least) / _STEPS
+    zero = np.rint(-least / scale).astype(np.float32)
+    rounded = np.empty(image.shape, np.uint8)
+    _in_rows(partial(quantise, image, scale, zero, runs), len(runs), rounded)
+    of_nothing = np.rint(layer.of_nothing / scale + zero).clip(0, _STEPS).astype(np.uint8)
+    _in_rows(partial(fill_around, runs, of_nothing, np.uint8(zero)), rows, rounded)
+    factors = factors * scale
+    return Source(rounded, words, factors, layer.bias - factors * zero * sums)
+
+
+def _in_rows(kernel: Callable[[int, int, np.ndarray], None], rows: int, out: np.ndarray) -> None:
+    in_parallel(lambda first, last: kernel(first, last, out), rows)
+
+
+def _image(height: int, width: int, channels: int) -> np.ndarray:
+    """Not filled."""
+    return np.empty((height + 2, width + 2 + SPARE, channels), np.float32)
+
+
+def _parameters(layer: nn.Conv2d) -> tuple[Tensor, Tensor]:
+    assert layer.bias is not None  # the networks' convolutions all have one
+    return layer.weight.detach().float().cpu(), layer.bias.detach().float().cpu()
+
+
+class NetworkKernels(ReferenceBackend):
+    """Networks by kernels."""
+
+    decoder = staticmethod(decoder)
+    decoder_inputs = staticmethod(decoder_inputs)
+    superres = staticmethod(superres)

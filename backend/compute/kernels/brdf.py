@@ -1,0 +1,212 @@
+"""The specular lobes and how a bump changes them: as `light.gloss`, `light.bump` and `light.mirrored_sky`.
+
+Of `light.octahedral` it has `on_square`, of `MirroredSky` `gloss` and `of_even_light`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .compiled import compiled_part_loosely as part
+
+_0, _QUARTER, _HALF, _1, _2, _TINY = (np.float32(value) for value in (0, 0.25, 0.5, 1, 2, 1e-12))
+LEAST_COSINE, GRAZING, TINY = (np.float32(value) for value in (1e-4, 0.05, 1e-8))
+"""Of the cosines to light and eye, and of what is divided by, as in `light.gloss`."""
+LEAST_MIRRORED, LEAST_OF_EYE, LEAST_BEND = (np.float32(value) for value in (0.01, 0.9, 1e-4))
+"""As in `light.bump`."""
+
+
+class Lobes(NamedTuple):
+    """Constants of `light.lighting` and `light.gloss`.
+
+    SCATTER_M, WRAP, SCATTERED_SCALE and alpha (squared ROUGHNESS) [2], the angle of a sky cell, the squared INDEX, and
+    BELOW_HORIZON; `nail_alpha` is the first lobe's on nails.
+    """
+
+    scatter_m: np.ndarray
+    wrap: np.ndarray
+    scattered_scale: np.ndarray
+    alpha: np.ndarray
+    nail_alpha: np.float32
+    sky_cell_rad: np.float32
+    squared_index: np.float32
+    below_horizon: np.float32
+
+
+class MirrorArrays(NamedTuple):
+    """As `light.mirrored_sky.MirroredSky`, the map's `SIDE`, and `LEAST_ROUGHNESS` of `light.round_lobes`."""
+
+    radiance: np.ndarray
+    lobes: np.ndarray
+    side: int
+    least_roughness: np.float32
+
+
+@part
+def widened(alpha, light_radius_rad):
+    """Squared alpha of a lobe, widened by the light."""
+    return min(alpha * alpha + light_radius_rad * light_radius_rad * _QUARTER, _1)
+
+
+@part
+def fresnel(cosine, squared_index):
+    """As `light.gloss.fresnel`."""
+    cosine = min(max(cosine, _0), _1)
+    inside = np.sqrt(squared_index - _1 + cosine * cosine)
+    less, more = inside - cosine, inside + cosine
+    straight, across = less / more, (cosine * more - _1) / (cosine * less + _1)
+    return _HALF * straight * straight * (_1 + across * across)
+
+
+@part
+def on_nail(nail, lobes):
+    """Squared alpha of the first lobe."""
+    alpha = lobes.alpha[0] + (lobes.nail_alpha - lobes.alpha[0]) * nail
+    return alpha * alpha
+
+
+@part
+def glossy(to_light, x, y, z, normal, view, light_radius_rad, alphas_squared, squared_index, both):
+    """Fill the two lobes for a light in direction (x, y, z), whose cosine to the normal is `to_light` > 0."""
+    hx, hy, hz = x - view[0], y - view[1], z - view[2]
+    length = max(np.sqrt(hx * hx + hy * hy + hz * hz), TINY)
+    hx, hy, hz = hx / length, hy / length, hz / length
+    to_eye = max(-(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]), GRAZING)
+    to_half = min(max(normal[0] * hx + normal[1] * hy + normal[2] * hz, _0), _1)
+    reflectance = fresnel(x * hx + y * hy + z * hz, squared_index)
+    to_light = max(to_light, LEAST_COSINE)
+    for lobe in range(2):
+        squared = min(alphas_squared[lobe] + light_radius_rad * light_radius_rad * _QUARTER, _1)
+        base = to_half * to_half * (squared - _1) + _1
+        shadowing = to_light * np.sqrt(to_eye * to_eye * (_1 - squared) + squared) + to_eye * np.sqrt(
+            to_light * to_light * (_1 - squared) + squared
+        )
+        both[lobe] = squared / (base * base) * _HALF / shadowing * reflectance * to_light
+
+
+@part
+def bump_shadowing(facing, x, y, z, along, surface_normal):
+    """Of a light in direction (x, y, z), whose cosine to the normal is `facing`; `along`: of both normals."""
+    share = x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2]
+    share = min(max(share / max(facing * along, TINY), _0), _1)
+    return share * (_1 + share - share * share)
+
+
+@part
+def leaving_share(above, to_eye, alpha_squared):
+    """Of a lobe; `above`: cosine of the mirrored view and the surface's normal, `to_eye`: and the bump's own."""
+    share, whole = _part_of_lobe(above, alpha_squared), _part_of_lobe(max(to_eye, _0), alpha_squared)
+    return min(share / whole, _1)
+
+
+@part
+def _part_of_lobe(cosine, alpha_squared):
+    tangent = cosine / (_1 + np.sqrt(max(_1 - cosine * cosine, _0)))
+    return _1 + tangent / np.sqrt(alpha_squared + tangent * tangent)
+
+
+@part
+def mirroring_normal(normal, surface_normal, view, along, out):
+    """Fill out [3]; `along`: cosine of both normals."""
+    up = -(surface_normal[0] * view[0] + surface_normal[1] * view[1] + surface_normal[2] * view[2])
+    facing = -(normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2])
+    least = min(LEAST_OF_EYE * up, LEAST_MIRRORED)
+    for k in range(3):
+        out[k] = normal[k]
+    if up <= _0 or _2 * facing * along - up >= least:
+        return
+    bend = np.sqrt(max(_1 - along * along, _0))
+    if bend <= LEAST_BEND:
+        return
+    across = (facing - along * up) / bend
+    reach = np.arccos(min(least / max(np.sqrt(up * up + across * across), TINY), _1))
+    kept = _HALF * (np.arctan2(across, up) + reach)
+    cosine, sine = np.cos(kept), np.sin(kept) / bend
+    for k in range(3):
+        out[k] = cosine * surface_normal[k] + sine * (normal[k] - along * surface_normal[k])
+
+
+@part
+def on_square(x, y, z):
+    """(u, v) in [-1, 1] of a direction of any length but 0."""
+    total = abs(x) + abs(y) + abs(z)
+    u, v = x / total, y / total
+    if z < _0:
+        return np.copysign(_1 - abs(v), u), np.copysign(_1 - abs(u), v)
+    return u, v
+
+
+SHARE, AHEAD, UP, WIDTH = range(4)
+"""As in `light.round_lobes`."""
+
+
+@part
+def of_even_light(sky, to_eye, alpha_squared):
+    """What a lobe reflects of light of 1 from everywhere."""
+    row, below = _row(sky, alpha_squared)
+    at, over = _column(sky, to_eye)
+    return _mixed(sky.lobes, row, below, at, over, 0, SHARE) + _mixed(sky.lobes, row, below, at, over, 1, SHARE)
+
+
+@part
+def mirror(sky, normal, view, alpha_squared, gloss):
+    """Add to gloss [3] the light of a whole sky (`MirrorArrays`) in a lobe; returns that of light of 1."""
+    along = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
+    inverse = _1 / max(np.sqrt(max(_1 - along * along, _0)), _TINY)
+    x, y, z = view[0] - along * normal[0], view[1] - along * normal[1], view[2] - along * normal[2]
+    (row, below), (at, over), even = _row(sky, alpha_squared), _column(sky, -along), _0
+    for half in range(2):
+        share = _mixed(sky.lobes, row, below, at, over, half, SHARE)
+        ahead = _mixed(sky.lobes, row, below, at, over, half, AHEAD) * inverse
+        up = _mixed(sky.lobes, row, below, at, over, half, UP)
+        width = _mixed(sky.lobes, row, below, at, over, half, WIDTH)
+        even += share
+        dx, dy, dz = ahead * x + up * normal[0], ahead * y + up * normal[1], ahead * z + up * normal[2]
+        _add_around(sky, dx, dy, dz, width, share, gloss)
+    return even
+
+
+@part
+def _row(sky, alpha_squared):
+    """Of the table, for a lobe, and how far below it lies."""
+    last = len(sky.lobes) - 1
+    rough = (np.sqrt(np.sqrt(alpha_squared)) - sky.least_roughness) / (_1 - sky.least_roughness)
+    place = min(max(rough, _0), _1) * np.float32(last)
+    row = min(np.int64(place), last - 1)
+    return np.uintp(row), place - np.float32(row)
+
+
+@part
+def _column(sky, to_eye):
+    last = sky.lobes.shape[1] - 1
+    place = np.sqrt(_1 - min(max(to_eye, _0), _1)) * np.float32(last)
+    at = min(np.int64(place), last - 1)
+    return np.uintp(at), place - np.float32(at)
+
+
+@part
+def _mixed(lobes, row, below, at, over, half, value):
+    """A value of a round lobe, bilinear in the table."""
+    upper = (_1 - over) * lobes[row, at, half, value] + over * lobes[row, at + 1, half, value]
+    lower = (_1 - over) * lobes[row + 1, at, half, value] + over * lobes[row + 1, at + 1, half, value]
+    return (_1 - below) * upper + below * lower
+
+
+@part
+def _add_around(sky, x, y, z, width, share, light):
+    """Add to light [3] a share of the mean around a direction."""
+    u, v = on_square(x, y, z)
+    half, wide = np.float32(sky.side // 2), np.uintp(sky.side + 2)
+    column, row = (u + _1) * half + _HALF, (v + _1) * half + _HALF
+    left, top = min(max(np.int64(column), 0), sky.side), min(max(np.int64(row), 0), sky.side)
+    right, below = column - np.float32(left), row - np.float32(top)
+    place = min(np.int64(width), sky.radiance.shape[1] - 2)
+    level, wider = np.uintp(place), width - np.float32(place)
+    at = np.uintp(top) * wide + np.uintp(left)
+    for level_share, k in ((share * (_1 - wider), level), (share * wider, level + np.uintp(1))):
+        for c in range(3):
+            upper = (_1 - right) * sky.radiance[at, k, c] + right * sky.radiance[at + 1, k, c]
+            lower = (_1 - right) * sky.radiance[at + wide, k, c] + right * sky.radiance[at + wide + 1, k, c]
+            light[c] += level_share * ((_1 - below) * upper + below * lower)

@@ -1,0 +1,384 @@
+"""The full-size image of a relightable hand: as `image.relighting`, and `field.rays.view_directions`.
+
+Rays are enlarged row by row: a row's pixels stand side by side in a buffer, and the means of three of them are one long
+sum.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+
+from .brdf import TINY, bump_shadowing, glossy, leaving_share, mirror, mirroring_normal, of_even_light, on_nail
+from .compiled import compiled_loosely as compiled
+from .compiled import compiled_part_loosely as part
+
+_0, _QUARTER, _HALF, _3Q, _1, _2 = (np.float32(value) for value in (0, 0.25, 0.5, 0.75, 1, 2))
+LEAST_SHARE, OF_PIXEL, OF_NEXT = (np.float32(value) for value in (0.01, 0.5, 0.125))
+"""As in `image.relighting`."""
+SCATTERED, DIFFUSE, GLOSS = 3, 9, 12
+"""Where these begin among the coefficients."""
+SHALLOW_SCALE = np.float32(1.25)
+"""The second `SCATTERED_SCALE` of `light.lighting`."""
+
+
+class RelitImage(NamedTuple):
+    """P pixels of a full-size image and the light's features at its R low-resolution rays.
+
+    Attributes:
+        pixel: [P] row * width + column, in the full-size image.
+        coefficients: [P, 14].
+        normal: [P, 3].
+        surface_normal: [P, 3].
+        blurred_normal: [P, 3].
+        alpha_squared: [P].
+        view_direction: [P, 3].
+        share: [P, 4] of the four low-resolution pixels around each.
+        light: [R, C] features: lamp vectors, sky vectors, the sky's seen shares, gloss of what is near, scattered
+            light, `arriving` and `reflected`.
+        row: [h * w] which ray a low-resolution pixel has, -1 for none.
+        width: of the low-resolution image.
+        lamp_rgb: [L, 3].
+        lamp_radius_rad: [L].
+        nail: [P].
+        sharpness: [3].
+    """
+
+    pixel: np.ndarray
+    coefficients: np.ndarray
+    normal: np.ndarray
+    surface_normal: np.ndarray
+    blurred_normal: np.ndarray
+    alpha_squared: np.ndarray
+    view_direction: np.ndarray
+    share: np.ndarray
+    light: np.ndarray
+    row: np.ndarray
+    width: int
+    lamp_rgb: np.ndarray
+    lamp_radius_rad: np.ndarray
+    nail: np.ndarray
+    sharpness: np.ndarray
+
+
+EnlargedArrays = namedtuple("EnlargedArrays", "coefficients normal alpha")
+"""As `image.relighting.EnlargedRays`."""
+
+
+@compiled
+def view_directions(pixel, width, axes, first, last, out):
+    """Fill out [P, 3] with the unit directions of pixels [first, last) as `field.rays.view_directions`.
+
+    A pixel's direction is (x, y, 1) times `axes` [3, 3].
+    """
+    for index in range(first, last):
+        x, y = np.float32(pixel[index] % width) + _HALF, np.float32(pixel[index] // width) + _HALF
+        dx = x * axes[0, 0] + y * axes[1, 0] + axes[2, 0]
+        dy = x * axes[0, 1] + y * axes[1, 1] + axes[2, 1]
+        dz = x * axes[0, 2] + y * axes[1, 2] + axes[2, 2]
+        inverse = _1 / np.sqrt(dx * dx + dy * dy + dz * dz)
+        out[index, 0], out[index, 1], out[index, 2] = dx * inverse, dy * inverse, dz * inverse
+
+
+@compiled
+def relit_pixels(image, sky, lobes, first, last, out):
+    """Fill out [H * W, 3] with the colours of pixels [first, last) of `image` (`RelitImage`); `sky`: `MirrorArrays`."""
+    lamps, columns = len(image.lamp_rgb), image.light.shape[1]
+    here, both, rgb = np.empty(columns, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    at, around = np.empty(4, np.int64), np.empty(4, np.float32)
+    sky_at, seen_at, near_at = 3 * lamps, 3 * lamps + 9, 3 * lamps + 11
+    scattered_at, arriving_at = 3 * lamps + 17, 3 * lamps + 23
+    mirrored, mirroring = np.empty((2, 3), np.float32), np.empty(3, np.float32)
+    even, squared, relief = np.empty(2, np.float32), np.empty(2, np.float32), np.empty(3, np.float32)
+    for index in range(first, last):
+        _neighbours(len(image.row), image.width, image.pixel[index], at, around)
+        for k in range(4):
+            ray = image.row[at[k]]
+            at[k], around[k] = max(ray, 0), image.share[index, k] if ray >= 0 else _0
+        _blend(image.light, at, around, here)
+        normal, view, weights = image.normal[index], image.view_direction[index], image.coefficients[index]
+        surface_normal, blurred, nail = image.surface_normal[index], image.blurred_normal[index], image.nail[index]
+        along, along_blurred = _dot(normal, surface_normal), _dot(blurred, surface_normal)
+        mirroring_normal(normal, surface_normal, view, along, mirroring)
+        squared[0], squared[1] = on_nail(nail, lobes), image.alpha_squared[index]
+        for lobe in range(2):
+            even[lobe], mirrored[lobe, 0], mirrored[lobe, 1], mirrored[lobe, 2] = _0, _0, _0, _0
+            # Known skin has the second lobe alone, and its nails the first.
+            if weights[GLOSS + lobe] > _0 or (nail > _0 if lobe == 0 else nail < _1):
+                even[lobe] = mirror(sky, mirroring, view, squared[lobe], mirrored[lobe])
+        # The first lobe on nails, the second on skin: what gloss reflects does not enter.
+        of_lobes = even[1] + nail * (even[0] - even[1])
+        of_surface = of_even_light(sky, -_dot(surface_normal, view), squared[1])
+        if nail > _0:
+            of_nail = of_even_light(sky, -_dot(surface_normal, view), squared[0])
+            of_surface += nail * (of_nail - of_surface)
+        under = (_1 - of_lobes) / (_1 - of_surface)
+        to_eye = -_dot(mirroring, view)
+        above = _dot(surface_normal, view) + _2 * to_eye * _dot(mirroring, surface_normal)
+        for lobe in range(2):
+            leaving = leaving_share(above, to_eye, squared[lobe])
+            even[lobe] *= leaving
+            for c in range(3):
+                mirrored[lobe, c] *= leaving
+        for c in range(3):
+            x, y, z = here[sky_at + c], here[sky_at + 3 + c], here[sky_at + 6 + c]
+            sharp = max(x * normal[0] + y * normal[1] + z * normal[2], _0)
+            wide = max(x * blurred[0] + y * blurred[1] + z * blurred[2], _0)
+            rgb[c] = (
+                weights[DIFFUSE + c] * (wide + image.sharpness[c] * (sharp - wide)) * under
+                + weights[SCATTERED + c] * here[scattered_at + c] * under
+                + weights[GLOSS] * (here[seen_at] * mirrored[0, c] + here[near_at + c])
+                + weights[GLOSS + 1] * (here[seen_at + 1] * mirrored[1, c] + here[near_at + 3 + c])
+            )
+        relief[:] = _0
+        for lamp in range(lamps):
+            x, y, z = here[3 * lamp], here[3 * lamp + 1], here[3 * lamp + 2]
+            strength = max(np.sqrt(x * x + y * y + z * z), TINY)
+            x, y, z = x / strength, y / strength, z / strength
+            sharp = _bumped(normal, x, y, z, along, surface_normal)
+            wide = _bumped(blurred, x, y, z, along_blurred, surface_normal)
+            flat = max(x * surface_normal[0] + y * surface_normal[1] + z * surface_normal[2], _0)
+            facing_mirror = x * mirroring[0] + y * mirroring[1] + z * mirroring[2]
+            gloss = _0
+            if facing_mirror > _0:
+                radius_rad = image.lamp_radius_rad[lamp]
+                glossy(facing_mirror, x, y, z, mirroring, view, radius_rad, squared, lobes.squared_index, both)
+                gloss = strength * (weights[GLOSS] * both[0] + weights[GLOSS + 1] * both[1])
+            for c in range(3):
+                bent = wide + image.sharpness[c] * (sharp - wide)
+                rgb[c] += image.lamp_rgb[lamp, c] * (strength * weights[DIFFUSE + c] * bent * under + gloss)
+                relief[c] += image.lamp_rgb[lamp, c] * strength * (bent - flat)
+        of_skin = weights[GLOSS] * even[0] + weights[GLOSS + 1] * even[1]
+        for c in range(3):
+            # Light that enters a little deeper shows the relief, too.
+            shallow = max(here[scattered_at + 3 + c] + SHALLOW_SCALE * relief[c], _0)
+            rgb[c] += weights[SCATTERED + 3 + c] * shallow * under
+            share = weights[DIFFUSE + c] + weights[SCATTERED + c] + weights[SCATTERED + 3 + c] + of_skin
+            out[image.pixel[index], c] = rgb[c] * here[arriving_at + c] + share * here[arriving_at + 3 + c]
+
+
+@part
+def _bumped(normal, x, y, z, along, surface_normal):
+    """What a diffuse surface reflects of a light in direction (x, y, z)."""
+    facing = x * normal[0] + y * normal[1] + z * normal[2]
+    return facing * bump_shadowing(facing, x, y, z, along, surface_normal) if facing > _0 else _0
+
+
+@part
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def ray_shares(pixel, width, depth_of_rays, skin_depth, edge_m, first, last, shares):
+    """Fill shares [P, 4] of pixels [first, last) as `image.relighting.shares_of_rays`.
+
+    `depth_of_rays` [h * w] is infinite where there is no ray, `skin_depth` [H * W] beside the hand.
+    """
+    height, large = len(depth_of_rays) // width, 2 * width
+    at, share, own, summed = (
+        np.empty(4, np.int64),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+        np.empty(4, np.float32),
+    )
+    depths, beside = np.empty(4, np.float32), np.empty(4, np.float32)
+    for index in range(first, last):
+        here = pixel[index]
+        row, column, depth = here // large, here % large, skin_depth[here]
+        _neighbours(len(depth_of_rays), width, here, at, share)
+        for k in range(4):
+            depths[k] = depth_of_rays[at[k]]
+            share[k] = share[k] if depths[k] < np.inf else _0
+        _guided(share, depths, depth, edge_m, own)
+        beside[0], beside[1] = skin_depth[here - min(column, 1)], skin_depth[here + min(large - 1 - column, 1)]
+        beside[2] = skin_depth[here - large * min(row, 1)]
+        beside[3] = skin_depth[here + large * min(2 * height - 1 - row, 1)]
+        is_edge = False
+        for k in range(4):
+            is_edge = is_edge or abs(beside[k] - depth) > edge_m
+        if is_edge:
+            for k in range(4):
+                own[k] *= OF_PIXEL
+            for one in range(4):
+                _guided(share, depths, beside[one], edge_m, summed)
+                for k in range(4):
+                    own[k] += OF_NEXT * summed[k]
+        for k in range(4):
+            shares[index, k] = own[k]
+
+
+@compiled
+def step_normals(at, share, row, width, of_rays, normal, first, last, out):
+    """Fill out [P, 3] for pixels [first, last) as `image.relighting.normals_at_steps`.
+
+    `row` [h * w] tells which of the normals `of_rays` [R, 3] a low-resolution pixel has, -1 for none.
+    """
+    around, even, mean = np.empty(4, np.int64), np.empty(4, np.float32), np.empty(3, np.float32)
+    for index in range(first, last):
+        _neighbours(len(row), width, at[index], around, even)
+        total, off, squared = _0, _0, _0
+        for k in range(4):
+            even[k] = even[k] if row[around[k]] >= 0 else _0
+            total += even[k]
+        for k in range(4):
+            off += abs(share[index, k] - even[k] / total)
+        off = min(off, _1)
+        mean[:] = _0
+        for k in range(4):
+            if row[around[k]] >= 0:
+                for x in range(3):
+                    mean[x] += share[index, k] * of_rays[row[around[k]], x]
+        length = max(np.sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]), TINY)
+        for x in range(3):
+            out[index, x] = (_1 - off) * normal[index, x] + off * mean[x] / length
+            squared += out[index, x] * out[index, x]
+        length = max(np.sqrt(squared), TINY)
+        for x in range(3):
+            out[index, x] /= length
+
+
+@part
+def _guided(share, depths, depth, edge_m, out):
+    """The shares of the rays at a depth, or of all if none is there."""
+    total, plain = _0, _0
+    for k in range(4):
+        gap = (depth - depths[k]) / edge_m
+        out[k] = share[k] * np.exp(-gap * gap) if share[k] > _0 and depth < np.inf else _0
+        total += out[k]
+        plain += share[k]
+    for k in range(4):
+        out[k] = out[k] / total if total > LEAST_SHARE else share[k] / plain
+
+
+@part
+def _neighbours(count, width, pixel, at, weights):
+    """Fill the four low-resolution pixels around a full-size one, and their bilinear weights."""
+    height = count // width
+    row, column = pixel // (2 * width), pixel % (2 * width)
+    top = min(max((row - 1) // 2, 0), height - 1)
+    left = min(max((column - 1) // 2, 0), width - 1)
+    bottom, right = min((row + 1) // 2, height - 1), min((column + 1) // 2, width - 1)
+    wy = _QUARTER if row % 2 else _3Q
+    wx = _QUARTER if column % 2 else _3Q
+    at[0], at[1], at[2], at[3] = top * width + left, top * width + right, bottom * width + left, bottom * width + right
+    weights[0], weights[1] = (_1 - wy) * (_1 - wx), (_1 - wy) * wx
+    weights[2], weights[3] = wy * (_1 - wx), wy * wx
+
+
+@part
+def _blend(rows, at, weights, here):
+    a, b, c, d = np.uintp(at[0]), np.uintp(at[1]), np.uintp(at[2]), np.uintp(at[3])
+    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
+    for k in range(np.uintp(len(here))):
+        here[k] = wa * rows[a, k] + wb * rows[b, k] + wc * rows[c, k] + wd * rows[d, k]
+
+
+_COEFFICIENTS, _SMOOTH, _NORMAL, _WEIGHT, _VALUES = 14, 6, 14, 17, 18
+"""A pixel's values: coefficients, the first of them without detail, normal, and alpha or what is made of it."""
+_ALPHA = _VALUES - 1 - _SMOOTH  # among the detail's channels
+_STEP, _NEXT = np.uintp(_VALUES), np.uintp(1)
+
+
+@compiled
+def enlarge_rows(maps, detail, pixels, starts, world2cam, width, min_alpha, first, last, out):
+    """Fill `out` (`EnlargedArrays`) for the pixels in rows [first, last) of the full-size image.
+
+    Args:
+        maps: [h * w, C] begin with premultiplied coefficients and end with normals in camera axes and alpha.
+        detail: [H * W, 12] is added at full size.
+        pixels: [P] of the hand, in order.
+        starts: [H + 1] where each row's pixels begin among these.
+        world2cam: [4, 4].
+        width: of the maps, px.
+        min_alpha: by which values are divided at least.
+        first: row.
+        last: row.
+        out: for P pixels.
+    """
+    height, columns = 2 * (len(maps) // width), 2 * width
+    line, rows = np.empty((width, _VALUES), np.float32), np.zeros((3, (columns + 2) * _VALUES), np.float32)
+    summed = np.empty((columns + 2) * _VALUES, np.float32)  # a pixel's border on either side
+    for y in range(first - 1, last + 1):
+        row = rows[y % 3]
+        row[:] = _0
+        if 0 <= y < height and starts[y] < starts[y + 1]:
+            _blend_line(maps, y, width, line)
+            for index in range(starts[y], starts[y + 1]):
+                pixel = np.uintp(pixels[index])
+                _enlarge_pixel(pixel, pixels[index] - y * columns, line, detail, world2cam, min_alpha, row, out.alpha)
+        if y > first:
+            _sum_rows(rows[(y - 2) % 3], rows[(y - 1) % 3], row, summed)
+            for index in range(starts[y - 1], starts[y]):
+                column = np.uintp(pixels[index] - (y - 1) * columns)
+                _mean_of_pixel(np.uintp(index), np.uintp(pixels[index]), column, min_alpha, summed, out)
+
+
+@part
+def _blend_line(maps, y, width, line):
+    """Fill line [w, 18] with the maps' values between the two of their rows that lie about a full-size row."""
+    top, bottom = max((y - 1) // 2, 0) * width, min((y + 1) // 2, len(maps) // width - 1) * width
+    below = _QUARTER if y % 2 else _3Q
+    above, left_out = _1 - below, np.uintp(maps.shape[1] - _VALUES)
+    for x in range(width):
+        a, b = np.uintp(top + x), np.uintp(bottom + x)
+        for k in range(_VALUES):
+            to = np.uintp(k)
+            at = to if k < _COEFFICIENTS else to + left_out
+            line[np.uintp(x), to] = above * maps[a, at] + below * maps[b, at]
+
+
+@part
+def _enlarge_pixel(pixel, x, line, detail, world2cam, min_alpha, row, alphas):
+    """Fill the values of the pixel in column x of a row: premultiplied, the last of them alpha's share of the means."""
+    left, right = np.uintp(max((x - 1) // 2, 0)), np.uintp(min((x + 1) // 2, len(line) - 1))
+    of_right = _QUARTER if x % 2 else _3Q
+    of_left, to = _1 - of_right, np.uintp(x + 1) * _STEP
+    enlarged = of_left * line[left, _WEIGHT] + of_right * line[right, _WEIGHT]
+    alpha, straight = enlarged + detail[pixel, _ALPHA], _1 / max(enlarged, min_alpha)
+    alphas[pixel] = alpha
+    visible, weight = min(max(alpha, _0), _1), min(max(alpha, min_alpha), _1)
+    of_left, of_right = of_left * straight, of_right * straight
+    for k in range(_WEIGHT):
+        row[to + np.uintp(k)] = of_left * line[left, np.uintp(k)] + of_right * line[right, np.uintp(k)]
+    for k in range(_SMOOTH, _WEIGHT):
+        row[to + np.uintp(k)] += detail[pixel, np.uintp(k - _SMOOTH)]
+    for k in range(_COEFFICIENTS):
+        row[to + np.uintp(k)] = max(row[to + np.uintp(k)], _0) * visible
+    at = to + np.uintp(_NORMAL)
+    nx, ny, nz = row[at], row[at + _NEXT], row[at + _NEXT + _NEXT]
+    scale = weight / max(np.sqrt(nx * nx + ny * ny + nz * nz), TINY)
+    for k in range(3):
+        row[at + np.uintp(k)] = (world2cam[0, k] * nx + world2cam[1, k] * ny + world2cam[2, k] * nz) * scale
+    row[to + np.uintp(_WEIGHT)] = weight
+
+
+@part
+def _sum_rows(above, here, below, out):
+    for at in range(np.uintp(len(out))):
+        out[at] = _QUARTER * above[at] + _HALF * here[at] + _QUARTER * below[at]
+
+
+@part
+def _mean_of_pixel(index, pixel, column, min_alpha, summed, out):
+    """Fill the means of a pixel of the row whose neighbours' sums are given."""
+    left = column * _STEP
+    right, at = left + _STEP + _STEP, np.uintp(_WEIGHT)
+    total = _QUARTER * (summed[left + at] + summed[right + at]) + _HALF * summed[left + _STEP + at]
+    beside = _QUARTER * min(max(out.alpha[pixel], min_alpha), _1) / total
+    for k in range(_COEFFICIENTS):
+        at, to = left + np.uintp(k), np.uintp(k)
+        out.coefficients[index, to] = (
+            beside * (summed[at] + summed[at + _STEP + _STEP]) + (beside + beside) * summed[at + _STEP]
+        )
+    squared = _0
+    for k in range(3):
+        at, to = left + np.uintp(_NORMAL + k), np.uintp(k)
+        value = _HALF * (summed[at] + summed[at + _STEP + _STEP]) + summed[at + _STEP]
+        out.normal[index, to] = value
+        squared += value * value
+    inverse = _1 / max(np.sqrt(squared), TINY)
+    for k in range(3):
+        out.normal[index, np.uintp(k)] *= inverse
