@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .blender_command import BlenderCommand
-from .hands import hand_selection, old_files, old_sliders, whole_hands
+from .hands import hand_duplication, hand_selection, old_files, old_sliders
 from .motion import live as live_hands
 from .render import engine, memory
 from .render.viewport import rendered_views
@@ -66,7 +66,7 @@ def register() -> None:
     memory.watch_renders()
     old_files.watch_files()
     old_sliders.watch_sliders()
-    whole_hands.watch_objects()
+    hand_duplication.watch_objects()
     hand_selection.watch_selection()
     ik_grab.watch_targets()
     live_hands.watch_files()
@@ -84,7 +84,7 @@ def unregister() -> None:
     live_hands.stop_watching()
     ik_grab.stop_watching()
     hand_selection.stop_watching()
-    whole_hands.stop_watching()
+    hand_duplication.stop_watching()
     old_sliders.stop_watching()
     old_files.stop_watching()
     memory.stop_watching()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ..hands.seen_hands import Place
+from ..hands.visible_hands import InstanceId
 from .albedo import albedo_of
 from .solid import Solid
 
@@ -33,7 +33,7 @@ class LocalTriangles:
     def __init__(self):
         self._kept: dict[_Key, _Read] = {}
         self._asked: set[_Key] = set()
-        self._solids: dict[Place, Solid] = {}
+        self._solids: dict[InstanceId, Solid] = {}
         self._albedos: dict[int, np.ndarray] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
@@ -49,18 +49,18 @@ class LocalTriangles:
             self._kept[key] = _Read(sources, *_triangles(thing))
         return self._kept[key]
 
-    def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
-        """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
+    def solid(self, instance_id: InstanceId, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
+        """An instance of an object, with its matrix [4, 4]: the solid of the last call if it is the same."""
         _, local, slot = self._read(thing)
-        known, albedo = self._solids.get(place), self._palette(thing)[slot]
+        solid, albedo = self._solids.get(instance_id), self._palette(thing)[slot]
         if (
-            known is None
-            or known.local is not local
-            or not np.array_equal(known.matrix, matrix)
-            or not np.array_equal(known.albedo, albedo)
+            solid is None
+            or solid.local is not local
+            or not np.array_equal(solid.matrix, matrix)
+            or not np.array_equal(solid.albedo, albedo)
         ):
-            known = self._solids[place] = Solid(place, local, matrix, albedo)
-        return known
+            solid = self._solids[instance_id] = Solid(instance_id, local, matrix, albedo)
+        return solid
 
     def forget_changed(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Drop what the depsgraph's last updates have changed; a motion as a whole changes nothing."""
@@ -71,7 +71,7 @@ class LocalTriangles:
         """Drop what nobody has asked for since the last call."""
         self._kept = {key: one for key, one in self._kept.items() if key in self._asked}
         locals_kept = {id(one.triangles) for one in self._kept.values()}
-        self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
+        self._solids = {instance_id: one for instance_id, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
         self._albedos.clear()
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..hands.seen_hands import Place
+from ..hands.visible_hands import InstanceId
 from .reach import bounding_balls
 
 MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -16,16 +16,16 @@ MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """An object in one place; what is computed of it is kept.
+    """One instance of an object; what is computed of it is kept.
 
     Attributes:
-        place: of the object.
+        instance_id: of the object.
         local: [T, 3, 3] its triangles in its own space.
         matrix: [4, 4] to the world.
         albedo: [T, 3] of its triangles, if they were diffuse.
     """
 
-    place: Place
+    instance_id: InstanceId
     local: np.ndarray
     matrix: np.ndarray
     albedo: np.ndarray

@@ -34,10 +34,10 @@ def _focus_m(camera: bpy.types.Object, settings: bpy.types.CameraDOFSettings) ->
     target = settings.focus_object
     if target is None:
         return settings.focus_distance
-    place = target.matrix_world
+    focus = target.matrix_world
     if settings.focus_subtarget and target.type == "ARMATURE":
         bone = target.pose.bones.get(settings.focus_subtarget)
-        place = place @ bone.matrix if bone else place
+        focus = focus @ bone.matrix if bone else focus
     matrix = np.array(camera.matrix_world)
     axis = -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-    return float(abs(axis @ (np.array(place)[:3, 3] - matrix[:3, 3])))
+    return float(abs(axis @ (np.array(focus)[:3, 3] - matrix[:3, 3])))

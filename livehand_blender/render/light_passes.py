@@ -32,8 +32,8 @@ from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
+from .measurement_proxy import is_light_linked, measurement_proxy
 from .render_result import read_scene
-from .stand_in import is_light_linked, stand_in
 
 # Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
 # Each map pixel is the mean of 2 x 2.
@@ -51,7 +51,7 @@ class Measurement:
 
     Attributes:
         mesh_name: full name of the hand's mesh object.
-        seen_name: full name of the object that the camera sees: the mesh, or what stands in for it.
+        proxy_name: full name of the object that the camera sees: the mesh, or its proxy.
         region: of the image.
         albedo: name of each hand's mesh object -> [3] that of its skin.
         views: names of the stereo views; one empty name without stereo.
@@ -59,7 +59,7 @@ class Measurement:
     """
 
     mesh_name: str
-    seen_name: str
+    proxy_name: str
     region: Region
     albedo: Mapping[str, np.ndarray]
     views: tuple[str, ...]
@@ -67,9 +67,9 @@ class Measurement:
 
     def prepare(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Show the hand alone to the camera; all hands reflect as in the frame."""
-        show_alone(depsgraph, self.seen_name)
-        use_albedo(depsgraph, {**self.albedo, self.seen_name: self.albedo[self.mesh_name]})
-        if self.seen_name != self.mesh_name:
+        show_alone(depsgraph, self.proxy_name)
+        use_albedo(depsgraph, {**self.albedo, self.proxy_name: self.albedo[self.mesh_name]})
+        if self.proxy_name != self.mesh_name:
             hide_from_scene(depsgraph, self.mesh_name)
 
     def read(self, result: bpy.types.RenderResult, layer: str) -> None:
@@ -94,7 +94,7 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    views, places = frame.views, {}
+    views, surface_vertices = frame.views, {}
     for number, hand in enumerate(frame.hands):
         is_lit = any(task[number].shot.light is not None for task in frame.views[0].task.samples)
         if is_lit and hand.name in frame.meshes:
@@ -106,10 +106,10 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
                     with rendering:
                         surface = hand.renderer.posed_surface(shots[0])
                 if surface is not None:
-                    places[mesh_name] = surface.vertices[: len(shots[0].vertices)]  # the finer ones follow
+                    surface_vertices[mesh_name] = surface.vertices[: len(shots[0].vertices)]  # the finer ones follow
                 measured = measure(frame, engine, mesh_name, region, surface)
                 views = tuple(_with_light(view, number, measured[view.name]) for view in views)
-    return replace(frame, views=views, places=places)
+    return replace(frame, views=views, surface_vertices=surface_vertices)
 
 
 def is_measured(frame: FrameSetup) -> bool:
@@ -218,8 +218,8 @@ def _render(frame: FrameSetup, engine: type, measurement: Measurement, surface: 
             stack.enter_context(_silenced_handlers())
             scene = stack.enter_context(_copied(frame, measurement.region))
             if surface is not None:
-                seen = stack.enter_context(stand_in(scene, measurement.mesh_name, surface))
-                measurement = replace(measurement, seen_name=seen)
+                name = stack.enter_context(measurement_proxy(scene, measurement.mesh_name, surface))
+                measurement = replace(measurement, proxy_name=name)
             engine.measurement = measurement
             bpy.ops.render.render(scene=scene.name)
     except RuntimeError as error:

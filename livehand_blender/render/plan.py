@@ -13,7 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.hand import all_hands
 from ..scene.file_paths import operator_path
 from ..scene.settings import ENGINE
-from .hands.hand_source import wear_avatar
+from .hands.hand_source import set_avatar
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
         scene.livehand.precision = plan.precision
     if plan.avatar:
         for hand in all_hands(scene):
-            wear_avatar(hand, plan.avatar)
+            set_avatar(hand, plan.avatar)
     if "exr" in plan.formats:
         for view_layer in scene.view_layers:
             view_layer.use_pass_z = True

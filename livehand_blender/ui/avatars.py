@@ -11,7 +11,7 @@ from bpy.props import StringProperty
 
 from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
-from ..render.hands.hand_source import hand_source, wear_avatar
+from ..render.hands.hand_source import hand_source, set_avatar
 from ..rig.hand import RiggedHand
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
@@ -42,7 +42,7 @@ class LIVEHAND_OT_wear_avatar(OnHand, bpy.types.Operator):
         armature = polled_hand(context)
         path = Path(bpy.path.abspath(self.filepath))
         _check_same_hand(LIVEHAND_PT_avatar.library.metadata(path), armature)
-        wear_avatar(armature, path)
+        set_avatar(armature, path)
 
 
 class LIVEHAND_OT_person_shape(OnHand, bpy.types.Operator):

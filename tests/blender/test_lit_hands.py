@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.frame import Frame
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render import frame_setup
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.keep_look import in_scene_colours
@@ -26,6 +27,11 @@ def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
     hand_scene.collection.objects.link(lamp)
     hand_scene.world = bpy.data.worlds.new("Grey")
     return hand_scene
+
+
+def hands_in(space):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return read_viewport_hands(space, depsgraph, visible_hands(depsgraph))
 
 
 def rendered_shots(scene, session, tmp_path):
@@ -73,11 +79,11 @@ def test_light_is_read_once_for_all_hands_and_samples(lit_scene, fake_session, m
 def test_a_view_has_the_scenes_light(lit_scene, fake_session):
     areas = [area for screen in bpy.data.screens for area in screen.areas]
     space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
-    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    (hand,) = hands_in(space)
     task = hand.task(LiveHandRender.required_session(), read_camera(lit_scene.camera, lit_scene.render))
     assert [lamp.kind for lamp in task.shot.light.lamps] == ["point"]
     lit_scene.livehand.light = "CAPTURE"
-    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    (hand,) = hands_in(space)
     assert hand.light is None
 
 

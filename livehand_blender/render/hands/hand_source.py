@@ -55,7 +55,7 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
     )
 
 
-def wear_avatar(armature: bpy.types.Object, path: Path) -> None:
+def set_avatar(armature: bpy.types.Object, path: Path) -> None:
     """Let a hand use an avatar's file, or its own model's avatar of the same skin if the file is one that ships."""
     skin = shipped_skin(path)
     if skin is not None:

@@ -100,8 +100,8 @@ def _camera_border(
 ) -> tuple[float, float, float, float]:
     """Left, top, right and bottom of the render border, px of a region that shows a camera's image."""
     scene = depsgraph.scene
-    seen_through = space.camera if space.use_local_camera else scene.camera
-    image = read_camera(seen_through.evaluated_get(depsgraph), scene.render).K
+    viewed_from = space.camera if space.use_local_camera else scene.camera
+    image = read_camera(viewed_from.evaluated_get(depsgraph), scene.render).K
     scale = camera.K[[0, 1], [0, 1]] / image[[0, 1], [0, 1]]
     border = render_region(scene.render)
     corner = np.array([border.x0_px, border.y0_px])

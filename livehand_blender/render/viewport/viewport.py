@@ -9,6 +9,7 @@ import bpy
 from ....backend.records.errors import LiveHandError
 from ....backend.render.frame_task import is_equal
 from ....backend.render.preview_scheduler import StepOutcome
+from ...hands.visible_hands import InstanceId, VisibleHand, visible_hands
 from ...light.foreground import Foreground
 from ...light.local_triangles import LocalTriangles
 from ...scene.colour import rec709_to_working_space
@@ -31,7 +32,7 @@ def viewport_of(engine) -> Viewport:
 
 
 class Viewport:
-    """One 3D view. The engine that Blender makes for the view owns it; it keeps no reference to Blender's objects.
+    """One 3D view, owned by the engine that Blender makes for it; it refers to no Blender object once it has read them.
 
     Attributes:
         has_image: whether the hands are drawn; if not, their meshes stand for them in Cycles' preview.
@@ -47,14 +48,24 @@ class Viewport:
         self.has_image = False
         self._is_empty = False  # the newest image shows no hand
         self._is_stale = True  # the scene has changed since it was read
+        self._visible: tuple[VisibleHand, ...] | None = None  # of the changed scene, from its update to its reading
         self._triangles = LocalTriangles()
         self._foreground: Foreground | None = None
         self._message = ""  # the outcome of the last request, if it is not an image
 
     def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Note that the scene has changed."""
-        self._is_stale = True
+        self._is_stale, self._visible = True, None
         self._triangles.forget_changed(depsgraph)
+
+    def hand_meshes(self, depsgraph: bpy.types.Depsgraph) -> tuple[InstanceId, ...]:
+        """The meshes of all hands of a scene that has changed, which are read once for this and for the drawing.
+
+        Raises:
+            LiveHandError: a hand of the scene has no mesh.
+        """
+        self._visible = visible_hands(depsgraph)
+        return tuple(hand.instance_id for hand in self._visible)
 
     def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Submit the view's request if it has changed, and draw the newest image."""
@@ -79,9 +90,12 @@ class Viewport:
         self._foreground = None
         self._triangles.forget_unasked()
         try:
-            self._hands, self._problem = read_viewport_hands(context.space_data, depsgraph, self._triangles), ""
+            visible = visible_hands(depsgraph) if self._visible is None else self._visible
+            self._hands = read_viewport_hands(context.space_data, depsgraph, visible, self._triangles)
+            self._problem = ""
         except Exception as error:
             self._hands, self._problem = (), _message_of(error)
+        self._visible = None
 
     def _draw_view(
         self,
@@ -111,7 +125,7 @@ class Viewport:
         if self._is_stale:  # another frame waits, and will be shown first
             return
         if self._foreground is None:
-            self._foreground = Foreground(depsgraph, {hand.place for hand in self._hands}, self._triangles)
+            self._foreground = Foreground(depsgraph, {hand.instance_id for hand in self._hands}, self._triangles)
         solids = self._foreground.before(depsgraph, view.camera, [hand.vertices for hand in self._hands])
         request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
         if self._submitted and is_equal((request, scale, is_playing), self._submitted):

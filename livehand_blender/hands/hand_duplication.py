@@ -14,7 +14,7 @@ from ..scene.handlers import add_handlers, remove_handlers
 from .old_sliders import renew_appended
 
 
-def complete_copies() -> None:
+def copy_missing_meshes() -> None:
     """Give each copied armature that lacks a mesh a copy of the first hand's."""
     for armature in list(bpy.data.objects):
         source = armature.livehand.mesh if armature.livehand.is_hand and _is_changeable(armature) else None
@@ -90,7 +90,7 @@ def _begin(*_) -> None:
 
 def _make_whole() -> None:
     renew_appended()
-    complete_copies()
+    copy_missing_meshes()
     remove_orphans()
     _Seen.count = len(bpy.data.objects)
 

@@ -1,4 +1,4 @@
-"""The skin's own surface in the place of a hand's mesh, in the copy of the scene in which light is measured.
+"""Replaces a hand's mesh by the avatar's surface while Cycles measures light, in a copy of the scene.
 
 Where light grazes or shadows end, the mesh's few faces do not tell what the skin receives that frames show.
 """
@@ -19,7 +19,7 @@ _NAME = "LiveHand Surface"
 
 
 @contextlib.contextmanager
-def stand_in(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
+def measurement_proxy(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
     """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
 
     It has the mesh's first material, and rays meet it as they meet the mesh.
