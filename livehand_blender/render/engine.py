@@ -30,7 +30,7 @@ from ..scene.settings import ENGINE
 from .cycles_engine import CyclesEngine
 from .cycles_samples import one_sample
 from .cycles_scene import has_only_hands, is_in_scene, scene_layer
-from .frame_setup import VisibleHands, FrameSetup, ViewSetup, read_frame_setup, read_frame_task
+from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
 from .hands.renderer_loading import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups

@@ -83,8 +83,8 @@ class Measurement:
 def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lock) -> FrameSetup:
     """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
 
-    It is measured on the skin's own surface, where that is known, for frames show that one. Hands whose avatars have no
-    albedo, which are relit roughly at best, cannot make use of it.
+    It is measured on the avatar's surface, where it has one, for frames show that. Hands whose avatars have no albedo
+    cannot make use of it.
 
     Args:
         frame: in its scene.

@@ -145,11 +145,6 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         description="What lights the hands; avatars with a baked light always keep their own",
         items=_LIGHTS,
     )
-    rough_light: BoolProperty(
-        name="Rough Relighting",
-        description="Avatars with a baked light take the scene's roughly, if their own is known: its shadows and "
-        "colors, without relief and gloss",
-    )
     skin_detail: BoolProperty(
         name="Skin Detail",
         description="The exact outline, and folds, fine lines and rims of nails that are finer than an avatar learns, "

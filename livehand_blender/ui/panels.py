@@ -88,7 +88,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
         draw_mode(layout, context.scene)
-        for name in ("light", "rough_light", "blur_samples", "device", "precision"):
+        for name in ("light", "blur_samples", "device", "precision"):
             layout.prop(context.scene.livehand, name)
         column = layout.column(heading="")
         column.use_property_split = False  # their names are too long to stand in half a tab

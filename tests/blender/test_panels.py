@@ -209,7 +209,7 @@ def test_the_compositor_offers_both_set_ups():
 def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
-    assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "rough_light", "blur_samples", "device"]
+    assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "blur_samples", "device", "precision"]
     assert {"skin_detail", "keep_look"} <= set(draw(panels.LIVEHAND_PT_render))
 
 

@@ -64,9 +64,9 @@ def set_avatar(armature: bpy.types.Object, path: Path) -> None:
 
 
 def read_device(scene: bpy.types.Scene) -> Device:
-    """The scene's device and precision, whether it relights roughly, and whether it adds the skin's detail."""
+    """Read the scene's device and precision, and whether it adds the skin's detail."""
     settings = scene.livehand
-    return Device(settings.device, settings.precision, settings.rough_light, settings.skin_detail)
+    return Device(settings.device, settings.precision, settings.skin_detail)
 
 
 def read_grade(armature: bpy.types.Object) -> Grade:
