@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .blender_command import BlenderCommand
-from .hands import hand_duplication, hand_selection, old_files, old_sliders
+from .hands import hand_duplication, hand_selection
 from .motion import live as live_hands
 from .render import engine, memory
 from .render.viewport import rendered_views
@@ -64,8 +64,6 @@ def register() -> None:
     video.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
-    old_files.watch_files()
-    old_sliders.watch_sliders()
     hand_duplication.watch_objects()
     hand_selection.watch_selection()
     ik_grab.watch_targets()
@@ -85,8 +83,6 @@ def unregister() -> None:
     ik_grab.stop_watching()
     hand_selection.stop_watching()
     hand_duplication.stop_watching()
-    old_sliders.stop_watching()
-    old_files.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()
     video.remove_from_menus()

@@ -11,7 +11,6 @@ from bpy.app.handlers import persistent
 
 from ..rig.hand import is_skinned_to
 from ..scene.handlers import add_handlers, remove_handlers
-from .old_sliders import renew_appended
 
 
 def copy_missing_meshes() -> None:
@@ -89,7 +88,6 @@ def _begin(*_) -> None:
 
 
 def _make_whole() -> None:
-    renew_appended()
     copy_missing_meshes()
     remove_orphans()
     _Seen.count = len(bpy.data.objects)

@@ -27,6 +27,7 @@ from ...backend.tracking.sighted_take import filmed_take
 from ...backend.tracking.takes import by_side
 from ..rig.hand import RiggedHand
 from ..rig.pose import write_theta, write_transl
+from ..rig.sliders import read_beta
 from ..scene.handlers import add_handlers, remove_handlers
 from .film_scene import camera_with_lens, hand_of_side
 from .filmed import key_take
@@ -140,7 +141,7 @@ class LiveSession:
         fits = []
         for side, seen in take.hands.items():
             if (hand := hand_of_side(context, side)) is not None:
-                beta = np.array(hand.properties.beta)
+                beta = read_beta(hand.armature)
                 fits.append((hand, fit_take(seen, take.times, film, hand.model, side, take.fps, beta)))
         if not fits:
             raise LiveHandError(
@@ -209,7 +210,7 @@ class _Follower:
 
     @classmethod
     def of(cls, hand: RiggedHand, film: FilmCamera) -> _Follower:
-        model, beta = hand.model, np.array(hand.properties.beta)
+        model, beta = hand.model, read_beta(hand.armature)
         return cls(OnlineFit(film, model, hand.side, beta), rest_wrists(model, beta))
 
 

@@ -18,6 +18,7 @@ from ...backend.rigs.shape_fit import HandShape
 from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
+from ..rig.sliders import read_beta, write_slider
 from .skeleton import read_skeleton
 
 
@@ -51,14 +52,14 @@ def align_hand(hand: RiggedHand, source: SourceRig, fits_shape: bool) -> RestAli
 def current_shape(hand: RiggedHand) -> HandShape:
     """A hand's present shape and size."""
     scale = float(np.mean(hand.armature.matrix_world.to_scale()))
-    return HandShape(np.array(hand.properties.beta, np.float64), scale)
+    return HandShape(read_beta(hand.armature), scale)
 
 
 def set_shape(context: bpy.types.Context, hand: RiggedHand, shape: HandShape) -> None:
     """Give a hand a shape and a size; its object's location is unchanged."""
     armature = hand.armature
     armature.scale = [axis * shape.scale / current_shape(hand).scale for axis in armature.scale]
-    armature.livehand.beta = shape.beta
+    write_slider(armature, "beta", shape.beta)
     armature.update_tag()
     context.view_layer.update()
 

@@ -13,6 +13,7 @@ from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
 from ..render.hands.hand_source import hand_source, set_avatar
 from ..rig.hand import RiggedHand
+from ..rig.sliders import read_beta
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
 from .shape import set_beta
@@ -128,7 +129,7 @@ def _draw_avatar(
     column = layout.column(align=True)
     for line in facts(avatar):
         draw_wrapped(context, column, line)
-    if avatar.beta is not None and not np.allclose(armature.livehand.beta, avatar.beta, atol=1e-4):
+    if avatar.beta is not None and not np.allclose(read_beta(armature), avatar.beta, atol=1e-4):
         column.operator("livehand.person_shape")
     if avatar.hand_sha256 != armature.livehand.model_sha256:
         draw_wrapped(context, column, f"of another hand: {avatar.hand_name}", icon="ERROR")

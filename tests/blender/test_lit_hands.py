@@ -1,7 +1,6 @@
 """The scene's light on its way to the renderers: read once a frame, for the hands that take it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -14,7 +13,7 @@ from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.keep_look import in_scene_colours
 from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.rig.hand import find_hands, mesh_of
+from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.scene.camera import read_camera
 
 
@@ -108,33 +107,3 @@ def test_new_files_are_lit_by_their_scene(hand_scene, tmp_path):
     assert hand_scene.livehand.light == "SCENE"
     assert open_again(tmp_path / "new.blend").light == "SCENE"
     assert open_again(tmp_path / "new.blend", light="CAPTURE").light == "CAPTURE"
-
-
-def test_old_files_keep_their_light(hand_scene, tmp_path, monkeypatch):
-    from livehand.livehand_blender.hands import old_files
-
-    monkeypatch.setattr(old_files, "_local_scenes", list)  # saved by a version that knows nothing of light
-    path = tmp_path / "old.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    monkeypatch.undo()
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    assert bpy.context.scene.livehand.light == "CAPTURE"
-    assert open_again(path, light="SCENE").light == "SCENE"
-
-
-def test_a_file_without_hands_is_not_old(tmp_path, monkeypatch):
-    from livehand.livehand_blender.hands import old_files
-
-    monkeypatch.setattr(old_files, "_local_scenes", list)
-    path = tmp_path / "no_hand.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    monkeypatch.undo()
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    assert bpy.context.scene.livehand.light == "SCENE"
-
-
-def test_files_of_earlier_versions_render_as_before():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    mesh = mesh_of(find_hands(bpy.context.scene)[0])
-    assert not mesh.hide_select
-    assert bpy.context.scene.livehand.light == "CAPTURE"

@@ -9,7 +9,6 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.system import dependencies
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.sliders import SLIDERS
 from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
 from livehand.livehand_blender.ui import rigs as retarget
@@ -185,9 +184,11 @@ def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
     assert all(drawn.count(name) == 1 for name in SLIDERS if name not in ("beta", "follow"))
 
 
-def test_a_hand_of_an_earlier_version_shows_why_it_has_no_picker():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    bpy.context.view_layer.objects.active = find_hands(bpy.context.scene)[0]
+def test_a_hand_without_its_control_bones_shows_why_it_has_no_picker():
+    hand = add_hand(bpy.context, load_default_hand())
+    bpy.ops.object.mode_set(mode="EDIT")
+    hand.data.edit_bones.remove(hand.data.edit_bones["IK-index.R"])
+    bpy.ops.object.mode_set(mode="OBJECT")
     (message,) = draw(picker.LIVEHAND_PT_posing)
     assert "without finger controls" in message
 
