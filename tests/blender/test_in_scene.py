@@ -178,7 +178,6 @@ def test_stereo(shot, render, tmp_path):
 
 
 def test_without_cycles_the_error_has_a_remedy(shot, monkeypatch):
-    from livehand.livehand_blender.render import cycles_scene
 
     class NoCycles:
         livehand = shot.livehand
