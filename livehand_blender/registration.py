@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 
 from .blender_command import BlenderCommand
-from .hands import hand_selection, old_files, old_sliders, whole_hands
+from .hands import hand_duplication, hand_selection
 from .motion import live as live_hands
 from .render import engine, memory
-from .render.viewport import rendered_views
+from .render.viewport_shared import stop_rendered_views
 from .rig import properties
 from .scene import main_thread
 from .ui import (
@@ -64,9 +64,7 @@ def register() -> None:
     video.add_to_menus()
     engine.register_panels()
     memory.watch_renders()
-    old_files.watch_files()
-    old_sliders.watch_sliders()
-    whole_hands.watch_objects()
+    hand_duplication.watch_objects()
     hand_selection.watch_selection()
     ik_grab.watch_targets()
     live_hands.watch_files()
@@ -77,16 +75,14 @@ def register() -> None:
 
 def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
-    rendered_views.stop_rendered_views()
+    stop_rendered_views()
     BlenderCommand.unregister()
     main_thread.stop()
     pose_library.remove_keys()
     live_hands.stop_watching()
     ik_grab.stop_watching()
     hand_selection.stop_watching()
-    whole_hands.stop_watching()
-    old_sliders.stop_watching()
-    old_files.stop_watching()
+    hand_duplication.stop_watching()
     memory.stop_watching()
     engine.unregister_panels()
     video.remove_from_menus()

@@ -49,7 +49,6 @@ from .backends import choose_backend
 from .device import rendering_device
 from .known_skin import KnownSkin, hairs_on, skin_of
 from .lit_hand import LitHand, PosedSkin, render_lit_hand
-from .rough_light import baked_light, roughly_relit
 
 _EVEN_SKY = Sky(np.ones((1, 1, 3)))
 Network = TypeVar("Network", bound=nn.Module)
@@ -82,7 +81,7 @@ class Renderer:
         device: as `rendering_device` takes it.
         precision: of the networks; geometry is always fp32.
         backend: computes the costly stages; None: the best one for the device.
-        has_rough_light: whether an avatar with baked light is relit roughly, if its own light is known (`rough_light`).
+        has_rough_light: without effect.
         has_skin_detail: whether outline, normals and detail are the skin's own, where it is known (`known_skin`).
 
     Raises:
@@ -167,10 +166,7 @@ class Renderer:
         frame = decode_frame(image.float(), depth, crop, shot.camera.size_px)
         if scale == 2:
             frame = replace(frame, profile=depth_profile(rays, crop, shot.camera.size_px))
-        if shot.light is None or self._rough_light is None:
-            return frame
-        on_stage("light")
-        return roughly_relit(frame, shot, hand, crop, self.hand, self._backend, self._rough_light)
+        return frame
 
     @torch.inference_mode()
     def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
@@ -201,7 +197,7 @@ class Renderer:
     @property
     def is_relightable(self) -> bool:
         """Whether frames depend on the shot's light."""
-        return isinstance(self.avatar.field, LitField) or self._rough_light is not None
+        return isinstance(self.avatar.field, LitField)
 
     @property
     def mean_albedo(self) -> np.ndarray | None:
@@ -215,11 +211,6 @@ class Renderer:
     @cached_property
     def _skin_albedo(self) -> Tensor:
         return self._tensor(self._vertex_albedo)
-
-    @cached_property
-    def _rough_light(self) -> Light | None:
-        """The light that is baked into the avatar, if it is to be exchanged."""
-        return baked_light(self.avatar) if self.has_rough_light else None
 
     @cached_property
     def torch_device(self) -> torch.device:

@@ -27,7 +27,6 @@ class Device:
 
     name: str = "auto"
     precision: Literal["fp32", "bf16"] = "fp32"
-    has_rough_light: bool = False
     has_skin_detail: bool = True
 
 
@@ -54,7 +53,6 @@ def load_renderer(avatar_path: Path, hand: HandModel, device: Device) -> HandRen
         hand,
         device=device.name,
         precision=device.precision,
-        has_rough_light=device.has_rough_light,
         has_skin_detail=device.has_skin_detail,
     )
 

@@ -18,7 +18,7 @@ from ...backend.surface.skin_version import SKIN_VERSION, skin_version
 from ...backend.system.command import parse_size_px
 
 if TYPE_CHECKING:
-    from .render import DressedHand
+    from .render import HandWithMaterials
 
 _SMALLEST_PX = 16  # of an image's sides: the granularity of the renderer's crop
 
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> dict:
     return {"folder": str(args.output), "poses": len(capture.poses), "images": len(capture.views), **counts}
 
 
-def _hand_facts(hand: DressedHand | HandModel | None, person: Person) -> dict[str, str | None]:
+def _hand_facts(hand: HandWithMaterials | HandModel | None, person: Person) -> dict[str, str | None]:
     """Of the provenance: whose hand it is, and which built-in skin: captures of different skins are not mixed."""
     from .skin import SkinTone
 
@@ -105,9 +105,9 @@ def _hand_facts(hand: DressedHand | HandModel | None, person: Person) -> dict[st
     if hand is None or isinstance(hand, HandModel):
         name = {"hand": hand.name} if hand else {}
         return {**name, SKIN_VERSION: skin_version(), **tone}
-    if hand.look is None:
+    if hand.materials is None:
         return {"hand": hand.model.name, "look_sha256": None, **tone}
-    return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.look.read_bytes()).hexdigest()}
+    return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.materials.read_bytes()).hexdigest()}
 
 
 def _plan(args: argparse.Namespace) -> CapturePlan:
@@ -116,17 +116,17 @@ def _plan(args: argparse.Namespace) -> CapturePlan:
     return CapturePlan(**settings)
 
 
-def _hand(args: argparse.Namespace) -> DressedHand | HandModel | None:
+def _hand(args: argparse.Namespace) -> HandWithMaterials | HandModel | None:
     """The hand of --hand and --look, or the model of a built-in one; None for the default hand."""
     from ...backend.hand.model_file import is_builtin_hand, load_hand_model
-    from .look import look_path
-    from .render import DressedHand
+    from .hand_materials import materials_path
+    from .render import HandWithMaterials
 
     if args.hand is None or is_builtin_hand(args.hand):
         if args.look is not None:
             raise LiveHandError("--look belongs to a hand of your own; pass that hand with --hand")
         return load_hand_model(args.hand) if args.hand else None
-    look = args.look or look_path(args.hand)
-    if args.look and not look.is_file():
-        raise LiveHandError(f"no look at {look}; pass the .blend that livehand make-hand wrote")
-    return DressedHand(load_hand_model(args.hand), look if look.is_file() else None)
+    materials = args.look or materials_path(args.hand)
+    if args.look and not materials.is_file():
+        raise LiveHandError(f"no look at {materials}; pass the .blend that livehand make-hand wrote")
+    return HandWithMaterials(load_hand_model(args.hand), materials if materials.is_file() else None)

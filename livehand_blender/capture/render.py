@@ -30,11 +30,11 @@ from .surface import SkinSurface
 
 
 @dataclass(frozen=True)
-class DressedHand:
+class HandWithMaterials:
     """A custom hand model, and the .blend of its look (None: a plain skin)."""
 
     model: HandModel
-    look: Path | None
+    materials: Path | None
 
 
 class Surface(Protocol):
@@ -50,7 +50,7 @@ def render_capture(
     plan: CapturePlan,
     provenance: dict,
     threads: int | None = None,
-    hand: DressedHand | HandModel | None = None,
+    hand: HandWithMaterials | HandModel | None = None,
 ) -> Capture:
     """Render the planned views into the folder, skipping images that are already complete.
 
@@ -81,7 +81,7 @@ def render_views(
     capture: Capture,
     views: list[CaptureView],
     plan: CapturePlan,
-    subject: DressedHand | HandModel,
+    subject: HandWithMaterials | HandModel,
     threads: int | None,
 ) -> None:
     """Render the views, pose by pose, so that Cycles builds its acceleration structure once per pose."""
@@ -89,7 +89,7 @@ def render_views(
     tone = SkinTone.of(plan.person)
     surface = (
         _own_surface(subject, tone)
-        if isinstance(subject, DressedHand)
+        if isinstance(subject, HandWithMaterials)
         else builtin_surface(subject, plan.person, capture.folder / "skin")
     )
     lit = LitImages(scene, capture, _model_of(subject)) if capture.is_lit else None
@@ -111,12 +111,12 @@ def _image_key(view: CaptureView) -> tuple:
     return view.pose_index, view.camera_index, view.split
 
 
-def _own_surface(own: DressedHand, tone: SkinTone) -> Surface:
-    return OwnSurface.of_look(own.model, own.look) if own.look else OwnSurface.plain(own.model, tone)
+def _own_surface(own: HandWithMaterials, tone: SkinTone) -> Surface:
+    return OwnSurface.of_materials(own.model, own.materials) if own.materials else OwnSurface.plain(own.model, tone)
 
 
-def _model_of(subject: DressedHand | HandModel) -> HandModel:
-    return subject.model if isinstance(subject, DressedHand) else subject
+def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:
+    return subject.model if isinstance(subject, HandWithMaterials) else subject
 
 
 def builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> SkinSurface:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import bpy
 
-from .tree import add_over, output_input, place_px
+from .tree import add_over, location_px, output_input
 
 _KIND, _ROLE = "livehand_block", "livehand_role"
 _COLUMN_PX, _ROW_PX, _MARGIN_PX = 260, 320, 120
@@ -32,13 +32,13 @@ class Block:
         """Start a block in place of the old one of its kind, or below all nodes."""
         self.tree = tree
         old = [node for node in tree.nodes if node.get(_KIND) == kind]
-        place = old[0].location.copy() if old else (0.0, _lowest(tree) - _MARGIN_PX)
+        location = old[0].location.copy() if old else (0.0, _lowest(tree) - _MARGIN_PX)
         self._readers = [reader for frame in old for reader in _readers(tree, frame)]
         for frame in old:
             _remove(tree, frame)
         self.frame = tree.nodes.new("NodeFrame")
         self.frame[_KIND], self.frame.label = kind, label
-        self.frame.location = place
+        self.frame.location = location
 
     def add(self, idname: str, role: str, at: tuple[int, int]) -> bpy.types.Node:
         """Add a node in a column and row of the block."""
@@ -93,5 +93,5 @@ def _remove(tree: bpy.types.NodeTree, frame: bpy.types.Node) -> None:
 
 
 def _lowest(tree: bpy.types.NodeTree) -> float:
-    bottoms = (place_px(node)[1] - _ROW_PX for node in tree.nodes if node.bl_idname != "NodeFrame")
+    bottoms = (location_px(node)[1] - _ROW_PX for node in tree.nodes if node.bl_idname != "NodeFrame")
     return min(bottoms, default=_MARGIN_PX)

@@ -36,12 +36,12 @@ def add_over(tree: bpy.types.NodeTree) -> tuple[bpy.types.Node, dict[str, bpy.ty
     return node, dict(zip(("background", "foreground", "factor"), (sockets[name] for name in names), strict=True))
 
 
-def place_px(node: bpy.types.Node) -> tuple[float, float]:
+def location_px(node: bpy.types.Node) -> tuple[float, float]:
     """A node's upper left corner in the node editor, also if it is in frames."""
     x, y = node.location
     if node.parent is None:
         return x, y
-    parent_x, parent_y = place_px(node.parent)
+    parent_x, parent_y = location_px(node.parent)
     return x + parent_x, y + parent_y
 
 
@@ -57,7 +57,7 @@ def _node(tree: bpy.types.NodeTree, idname: str) -> bpy.types.Node:
     found = [node for node in tree.nodes if node.bl_idname == idname]
     if found:
         return found[0]
-    right_px = max((place_px(node)[0] + node.width for node in tree.nodes), default=0.0)
+    right_px = max((location_px(node)[0] + node.width for node in tree.nodes), default=0.0)
     node = tree.nodes.new(idname)
     node.location = (right_px + 80, 0)
     return node

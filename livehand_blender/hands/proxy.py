@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import chain
 
 import bpy
 import numpy as np
 
 from ..scene.colour import rec709_to_working_space
-from .seen_hands import visible_hands
+from .visible_hands import InstanceId
 
 SCENE_RAYS = (
     "visible_diffuse",
@@ -25,27 +25,26 @@ _SKIN, _TOLERANCE = "LiveHand Skin", 1e-4
 
 
 @contextlib.contextmanager
-def hidden_from_camera(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """A context in which the evaluated meshes of all visible hands have no camera ray visibility.
+def hidden_from_camera(depsgraph: bpy.types.Depsgraph, meshes: Collection[InstanceId]) -> Iterator[None]:
+    """Open a context in which the evaluated meshes of hands have no camera ray visibility.
 
     Instanced ones keep that until they are evaluated again: setting them tags their collection as changed.
     """
-    before = hide_from_camera(depsgraph)
+    before = hide_from_camera(depsgraph, meshes)
     try:
         yield
     finally:
         depsgraph.objects.foreach_set("visible_camera", before)
 
 
-def hide_from_camera(depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Hide the evaluated meshes of all visible hands from camera rays; returns what the scene's own objects were.
+def hide_from_camera(depsgraph: bpy.types.Depsgraph, meshes: Collection[InstanceId]) -> np.ndarray:
+    """Hide the evaluated meshes of hands from camera rays; returns what the scene's own objects were.
 
     The original objects do not change. One call sets all objects: setting a single object's property tags the scene as
     changed, so that the view would be updated, and Cycles restarted, without end.
     """
-    hands = visible_hands(depsgraph)
-    hidden = {hand.place.name for hand in hands}
-    if any(hand.place.instancer for hand in hands):
+    hidden = {mesh.name for mesh in meshes}
+    if any(mesh.instancer for mesh in meshes):
         for collection in depsgraph.ids:
             if isinstance(collection, bpy.types.Collection):
                 _hide(collection.objects, hidden)
@@ -91,16 +90,16 @@ def use_albedo(depsgraph: bpy.types.Depsgraph, albedo: Mapping[str, np.ndarray])
             colour.foreach_set((*(rec709_to_working_space() @ rgb), 1.0))  # an assignment would tag the material
 
 
-def move_vertices(depsgraph: bpy.types.Depsgraph, places: Mapping[str, np.ndarray]) -> None:
+def move_vertices(depsgraph: bpy.types.Depsgraph, vertices: Mapping[str, np.ndarray]) -> None:
     """Move the vertices of evaluated meshes; the original meshes do not change, and nothing is tagged as changed.
 
     Args:
         depsgraph: of the frame, which nothing reads afterwards.
-        places: full name of each mesh object -> [V, 3] world.
+        vertices: full name of each mesh object -> [V, 3] world.
     """
-    for item in (thing for thing in depsgraph.objects if thing.name_full in places):
+    for item in (thing for thing in depsgraph.objects if thing.name_full in vertices):
         to_object = np.array(item.matrix_world.inverted())
-        local = places[item.name_full] @ to_object[:3, :3].T + to_object[:3, 3]
+        local = vertices[item.name_full] @ to_object[:3, :3].T + to_object[:3, 3]
         item.data.vertices.foreach_set("co", local.astype(np.float32).ravel())
 
 

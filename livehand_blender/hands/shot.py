@@ -10,11 +10,11 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
 from ...backend.records.shot import HandPose, Shot
 from ..rig.pose import read_hand_pose
-from .seen_hands import SeenHand
+from .visible_hands import VisibleHand
 
 
 def read_shot(
-    hand: SeenHand, depsgraph: bpy.types.Depsgraph, camera: Camera, vertex_count: int, light: Light | None = None
+    hand: VisibleHand, depsgraph: bpy.types.Depsgraph, camera: Camera, vertex_count: int, light: Light | None = None
 ) -> Shot:
     """Read one hand of the evaluated frame.
 
@@ -28,17 +28,17 @@ def read_shot(
     Raises:
         LiveHandError: a modifier changes the vertex count, or the pose or the mesh is not finite.
     """
-    vertices = seen_vertices(hand, depsgraph)
+    vertices = hand_vertices(hand, depsgraph)
     if len(vertices) != vertex_count:
         raise LiveHandError(
             f"the mesh of '{hand.name}' must keep its hand model's {vertex_count} vertices, it has "
             f"{len(vertices)} after modifiers; hide those that add or remove vertices (Subdivision, Mask) from renders"
         )
-    fade_m, hair = seen_wrist_fade_m(hand, depsgraph), seen_hair(hand, depsgraph)
-    return Shot(seen_pose(hand, depsgraph), vertices, camera, light, fade_m, hair)
+    fade_m, hair = hand_wrist_fade_m(hand, depsgraph), hand_hair(hand, depsgraph)
+    return Shot(hand_pose(hand, depsgraph), vertices, camera, light, fade_m, hair)
 
 
-def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
+def hand_pose(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
     """The hand's pose; a mirrored right hand is a left one.
 
     Raises:
@@ -48,17 +48,17 @@ def seen_pose(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
     return pose.mirrored() if hand.is_mirrored else pose
 
 
-def seen_wrist_fade_m(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> float:
+def hand_wrist_fade_m(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> float:
     """How long the hand's fade is, on the hand at rest."""
     return 0.001 * hand.armature.evaluated_get(depsgraph).livehand.wrist_fade
 
 
-def seen_hair(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> float:
+def hand_hair(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> float:
     """The share of its hairs that the hand shows."""
     return hand.armature.evaluated_get(depsgraph).livehand.hair
 
 
-def seen_vertices(hand: SeenHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+def hand_vertices(hand: VisibleHand, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """[V, 3] of the hand's evaluated mesh in the world, m."""
     return _placed(_local_vertices(hand.mesh.evaluated_get(depsgraph)), hand.matrix)
 

@@ -9,9 +9,8 @@ import bpy
 import numpy as np
 
 from ...backend.records.camera import Camera
-from ..hands.seen_hands import Place
-from .local_triangles import LocalTriangles
-from .solid import MESH_LIKE, Solid, placed
+from ..hands.visible_hands import InstanceId
+from .solids import MESH_LIKE, LocalTriangles, Solid, placed
 
 _NEAREST_M = 1e-3
 _MAX_TRIANGLES = 200_000
@@ -46,11 +45,11 @@ class Foreground:
 
     Args:
         depsgraph: of the view.
-        own: the places of the hands' meshes, which do not count.
+        own: the hands' meshes, which do not count.
         local: triangles that were read before.
     """
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, own: Collection[Place], local: LocalTriangles):
+    def __init__(self, depsgraph: bpy.types.Depsgraph, own: Collection[InstanceId], local: LocalTriangles):
         self._local = local
         self._solids: dict[int, Solid] = {}
         numbers, boxes = [], []
@@ -60,7 +59,7 @@ class Foreground:
                 thing.type in MESH_LIKE
                 and instance.show_self
                 and thing.visible_camera
-                and Place.of(instance) not in own
+                and InstanceId.of(instance) not in own
             ):
                 numbers.append(number)
                 boxes.append(placed(np.array(thing.bound_box), np.array(instance.matrix_world)))
@@ -75,8 +74,8 @@ class Foreground:
         if missing:
             for number, instance in enumerate(depsgraph.object_instances):
                 if number in missing:
-                    place, matrix = Place.of(instance), np.array(instance.matrix_world)
-                    self._solids[number] = self._local.solid(place, instance.object, matrix)
+                    instance_id, matrix = InstanceId.of(instance), np.array(instance.matrix_world)
+                    self._solids[number] = self._local.solid(instance_id, instance.object, matrix)
         return tuple(self._solids[number] for number in numbers)
 
 

@@ -13,13 +13,12 @@ import bpy
 import numpy as np
 
 from ...backend.records.light import Lamp, Light, Sky
-from ..hands.seen_hands import Place, SeenHand
-from ..hands.shot import seen_vertices
+from ..hands.shot import hand_vertices
+from ..hands.visible_hands import InstanceId, VisibleHand
 from .lamps import read_lamps
-from .local_triangles import LocalTriangles
 from .occluders import Occluders, occluders_of, read_solids
 from .reach import AROUND_M, SUN_M, Reach, middle_of
-from .solid import Solid
+from .solids import LocalTriangles, Solid
 from .world import WorldLight, read_world
 
 
@@ -32,7 +31,7 @@ class SceneLight:
         world: what it shines may have to be rendered first; None: nothing.
         solids: objects that may shadow a hand of the frame, or shed light on it.
         reach: where those stand that shadow this one.
-        hand: its place.
+        hand: its mesh object.
         exposure: factor of Cycles' film.
         is_final: whether it is for a frame that is kept.
     """
@@ -41,7 +40,7 @@ class SceneLight:
     world: WorldLight | None
     solids: tuple[Solid, ...]
     reach: Reach
-    hand: Place
+    hand: InstanceId
     exposure: float
     is_final: bool
 
@@ -63,7 +62,7 @@ class SceneLight:
 
 
 def read_hand_lights(
-    depsgraph: bpy.types.Depsgraph, hands: Sequence[SeenHand], is_final: bool, local: LocalTriangles | None = None
+    depsgraph: bpy.types.Depsgraph, hands: Sequence[VisibleHand], is_final: bool, local: LocalTriangles | None = None
 ) -> dict[str, SceneLight]:
     """Name of each hand -> the light on it; none if the scene says that hands keep their capture's.
 
@@ -76,22 +75,22 @@ def read_hand_lights(
     if depsgraph.scene.livehand.light != "SCENE":
         return {}
     lights = read_scene_light(
-        depsgraph, {hand.place: seen_vertices(hand, depsgraph) for hand in hands}, is_final, local
+        depsgraph, {hand.instance_id: hand_vertices(hand, depsgraph) for hand in hands}, is_final, local
     )
-    return {hand.name: lights[hand.place] for hand in hands}
+    return {hand.name: lights[hand.instance_id] for hand in hands}
 
 
 def read_scene_light(
     depsgraph: bpy.types.Depsgraph,
-    hands: Mapping[Place, np.ndarray],
+    hands: Mapping[InstanceId, np.ndarray],
     is_final: bool,
     local: LocalTriangles | None = None,
-) -> dict[Place, SceneLight]:
+) -> dict[InstanceId, SceneLight]:
     """The light on each hand of an evaluated frame.
 
     Args:
         depsgraph: of the frame.
-        hands: place of a hand's mesh object -> its vertices [V, 3] in the world, m.
+        hands: a hand's mesh object -> its vertices [V, 3] in the world, m.
         is_final: whether the frame is kept: its soft shadows are fine, and the render of the world is waited for, by
             which objects before its suns are found.
         local: triangles that were read before; None: none were.
@@ -104,10 +103,10 @@ def read_scene_light(
         world.read()
     suns, around_m = _reach_of_world(world)
     lamps = {
-        place: tuple(filter(None, (one.for_mesh(place.name, middle_of(vertices)) for one in linked)))
-        for place, vertices in hands.items()
+        mesh: tuple(filter(None, (one.for_mesh(mesh.name, middle_of(vertices)) for one in linked)))
+        for mesh, vertices in hands.items()
     }
-    reaches = {place: Reach.of(vertices, (*lamps[place], *suns), around_m) for place, vertices in hands.items()}
+    reaches = {mesh: Reach.of(vertices, (*lamps[mesh], *suns), around_m) for mesh, vertices in hands.items()}
     solids = read_solids(depsgraph, reaches, local or LocalTriangles()) if reaches else ()
     exposure = _film_exposure(depsgraph.scene_eval)
     return {one: SceneLight(lamps[one], world, solids, reaches[one], one, exposure, is_final) for one in hands}
@@ -117,7 +116,7 @@ def _reach_of_world(world: WorldLight | None) -> tuple[tuple[Lamp, ...], float]:
     """The suns of the world, and how far from the hand objects shadow it from the sky or shed light on it, m."""
     if world is None:
         return (), AROUND_M
-    suns = world.known_suns
+    suns = world.rendered_suns
     return ((), SUN_M) if suns is None else (suns, AROUND_M)
 
 
@@ -127,7 +126,7 @@ def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndar
     Raises:
         LiveHandError: the world cannot be read.
     """
-    return read_scene_light(depsgraph, {Place(mesh_name): vertices}, is_final=True)[Place(mesh_name)].light()
+    return read_scene_light(depsgraph, {InstanceId(mesh_name): vertices}, is_final=True)[InstanceId(mesh_name)].light()
 
 
 def _film_exposure(scene: bpy.types.Scene) -> float:

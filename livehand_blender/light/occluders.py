@@ -9,10 +9,9 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ..hands.seen_hands import Place
-from .local_triangles import LocalTriangles
+from ..hands.visible_hands import InstanceId
 from .reach import Reach, bounding_balls
-from .solid import MESH_LIKE, Solid
+from .solids import MESH_LIKE, LocalTriangles, Solid
 
 LOGGER = logging.getLogger(__name__)
 
@@ -20,18 +19,18 @@ _MAX_TRIANGLES = 50_000
 
 
 def read_solids(
-    depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reach], local: LocalTriangles
+    depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach], local: LocalTriangles
 ) -> tuple[Solid, ...]:
     """The objects within any hand's reach that cast shadows, instances and other hands included."""
     near = _near_instances(depsgraph, reaches)
     return tuple(
-        local.solid(Place.of(instance), instance.object, near[number])
+        local.solid(InstanceId.of(instance), instance.object, near[number])
         for number, instance in enumerate(depsgraph.object_instances)
         if number in near
     )
 
 
-def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reach]) -> dict[int, np.ndarray]:
+def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[InstanceId, Reach]) -> dict[int, np.ndarray]:
     """Number of each instance that casts shadows and whose bounding box touches a reach -> its matrix [4, 4].
 
     All boxes are tested at once: a meadow has a hundred thousand instances. A hand does not count for itself.
@@ -41,7 +40,7 @@ def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reac
     (only,) = reaches if len(reaches) == 1 else (None,)
     for number, instance in enumerate(depsgraph.object_instances):
         thing = instance.object
-        if thing.type in MESH_LIKE and instance.show_self and thing.visible_shadow and not _is_at(only, instance):
+        if thing.type in MESH_LIKE and instance.show_self and thing.visible_shadow and not _is_same(only, instance):
             key = thing.data.as_pointer()
             if key not in boxes:
                 boxes[key] = np.array(thing.bound_box)
@@ -58,9 +57,11 @@ def _near_instances(depsgraph: bpy.types.Depsgraph, reaches: Mapping[Place, Reac
     return {numbers[k]: matrix[k] for k in np.flatnonzero(touched)}
 
 
-def _is_at(place: Place | None, instance: bpy.types.DepsgraphObjectInstance) -> bool:
-    """Whether an instance is the one at a place; the name is asked first, because it is quick."""
-    return place is not None and instance.object.original.name_full == place.name and Place.of(instance) == place
+def _is_same(wanted: InstanceId | None, instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Tell whether an instance is the wanted one; the name is compared first, because that is quick."""
+    if wanted is None or instance.object.original.name_full != wanted.name:
+        return False
+    return InstanceId.of(instance) == wanted
 
 
 class Occluders(NamedTuple):
@@ -70,12 +71,12 @@ class Occluders(NamedTuple):
     albedo: np.ndarray
 
 
-def occluders_of(solids: Sequence[Solid], reach: Reach, hand: Place) -> Occluders:
+def occluders_of(solids: Sequence[Solid], reach: Reach, hand: InstanceId) -> Occluders:
     """The triangles within a hand's reach, without its own mesh; if there are too many, the nearest.
 
     Needs no bpy.
     """
-    near = [(one, reach.touches(*one.balls)) for one in solids if one.place != hand]
+    near = [(one, reach.touches(*one.balls)) for one in solids if one.instance_id != hand]
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(one.triangles[which] for one, which in near)])
     albedo = np.concatenate([np.zeros((0, 3)), *(one.albedo[which] for one, which in near)])
     if len(triangles) <= _MAX_TRIANGLES:

@@ -1,4 +1,4 @@
-"""Takes small bright suns out of a map of the sky, so that they cast sharp shadows as lamps."""
+"""Extracts small bright suns from a map of the sky, so that they cast sharp shadows as lamps."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Spot(NamedTuple):
     extent_rad: float
 
 
-def take_out_suns(radiance: np.ndarray, close_ups: Sequence[CloseUp]) -> tuple[np.ndarray, list[Lamp]]:
+def extract_suns(radiance: np.ndarray, close_ups: Sequence[CloseUp]) -> tuple[np.ndarray, list[Lamp]]:
     """The map [H, W, 3] without its suns, and the suns; together they give as much light as before."""
     directions = sky_directions(*radiance.shape[:2])
     texel_rad = np.pi / radiance.shape[0]

@@ -43,7 +43,7 @@ class WorldLight:
         return sky, tuple(replace(sun, group=self.group) for sun in suns)
 
     @property
-    def known_suns(self) -> tuple[Lamp, ...] | None:
+    def rendered_suns(self) -> tuple[Lamp, ...] | None:
         """The suns in it; None if it must be rendered first."""
         return self.read()[1] if not isinstance(self.source, RenderedWorld) or self.source.is_rendered else None
 

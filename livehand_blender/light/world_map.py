@@ -25,7 +25,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Lamp
 from ..scene.main_thread import call_in_main_thread
 from ..scene.node_values import images_of, objects_of, tree_values
-from .sky_suns import CloseUp, take_out_suns
+from .sky_suns import CloseUp, extract_suns
 
 _TIMEOUT_S = 600.0
 _TIMED_IMAGES = {"SEQUENCE", "MOVIE"}
@@ -175,5 +175,5 @@ def _world_map(name: str, arrays: np.lib.npyio.NpzFile) -> WorldMap:
     close_ups = [
         CloseUp(pixels, axes, angle_rad) for pixels, axes in zip(arrays["close_ups"], arrays["axes"], strict=True)
     ]
-    without, suns = take_out_suns(np.maximum(radiance, 0), close_ups)
+    without, suns = extract_suns(np.maximum(radiance, 0), close_ups)
     return WorldMap(without, tuple(suns))

@@ -41,8 +41,8 @@ def film_camera(scene: bpy.types.Scene, film: FilmCamera, path: Path, start_fram
     clip = bpy.data.movieclips.load(str(path), check_existing=True)
     clip.frame_start = start_frame
     backgrounds = camera.data.background_images
-    known = (one for one in backgrounds if one.source == "MOVIE_CLIP" and one.clip == clip)
-    background = next(known, None) or backgrounds.new()
+    shown = (one for one in backgrounds if one.source == "MOVIE_CLIP" and one.clip == clip)
+    background = next(shown, None) or backgrounds.new()
     background.source, background.clip, background.alpha = "MOVIE_CLIP", clip, 1.0
     background.frame_method = "FIT"
     camera.data.show_background_images = True

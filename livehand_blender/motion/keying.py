@@ -16,6 +16,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.hand import RiggedHand
 from ..rig.keyframes import keyframe_theta, keyframe_transl
 from ..rig.pose import read_pose
+from ..rig.sliders import read_beta, write_slider
 from .frames import current_frame_restored, frame_rate
 
 _BETA_LIMIT = 10.0  # of the sliders
@@ -73,7 +74,7 @@ def key_motion(
         speed = motion.fps / frame_rate(scene)
         motion = resampled(motion, frame_rate(scene))
     beta = np.clip(motion.betas.mean(0), -_BETA_LIMIT, _BETA_LIMIT)
-    motion = _with_shape(motion, beta if placement.sets_shape else np.array(hand.properties.beta), hand.model)
+    motion = _with_shape(motion, beta if placement.sets_shape else read_beta(hand.armature), hand.model)
     if placement.space != "hand":
         motion = transformed(motion, to_armature(hand.armature, placement), rest_wrists(hand.model, motion.beta))
     steps = np.arange(len(motion))
@@ -85,7 +86,7 @@ def key_motion(
     if placement.keys_place:
         keyframe_transl(hand, motion.transl[steps], frames)
     if placement.sets_shape:
-        hand.properties.beta = beta
+        write_slider(hand.armature, "beta", beta)
     hand.armature.update_tag()
     return len(frames)
 

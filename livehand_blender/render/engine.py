@@ -27,11 +27,9 @@ from ...backend.render.picture import Picture, compose_picture, surface_of
 from ...backend.render.session import Session
 from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
 from ..scene.settings import ENGINE
-from .cycles_engine import CyclesEngine
-from .cycles_samples import one_sample
-from .cycles_scene import has_only_hands, is_in_scene, scene_layer
-from .frame_setup import FrameSetup, ViewSetup, load_hands, read_frame_setup, read_frame_task
-from .hands.renderer_loading import load_renderer_in_blender
+from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
+from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
+from .hand_source import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
 from .light_passes import Measurement, is_measured, with_measured_light
@@ -40,8 +38,8 @@ from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import ScenePasses, cryptomatte_passes, wanted_passes
 from .render_result import read_scene, write_picture
-from .viewport.shared import ViewportShared
-from .viewport.viewport import viewport_of
+from .viewport import viewport_of
+from .viewport_shared import ViewportShared
 
 LOGGER = logging.getLogger(__name__)
 
@@ -93,13 +91,13 @@ class LiveHandRender(CyclesEngine):
 
     def view_update(self, context, depsgraph):
         """Called by Blender when the scene of a 3D view in Rendered shading has changed."""
+        viewport_of(self).update(context, depsgraph)
         with contextlib.ExitStack() as hidden:
             if viewport_of(self).has_image:
                 with contextlib.suppress(LiveHandError):  # a hand without a mesh, which the view reports
-                    hidden.enter_context(hidden_from_camera(depsgraph))
+                    hidden.enter_context(hidden_from_camera(depsgraph, viewport_of(self).hand_meshes(depsgraph)))
             hidden.enter_context(self._cycles_at_rest(depsgraph))
             super().view_update(context, depsgraph)
-        viewport_of(self).update(context, depsgraph)
 
     def view_draw(self, context, depsgraph):
         """Called by Blender to draw a 3D view: Cycles' preview, and the hands over it."""
@@ -174,11 +172,18 @@ class LiveHandRender(CyclesEngine):
         """The frame's setup; None if the user has stopped the render while an avatar was loaded."""
         self.update_stats("", "LiveHand | reading the hands")
         session = self.required_session()
-        load = load_hands(depsgraph, session)
-        if self._in_background(lambda _: load() or True) is None:
+        hands = VisibleHands.read(depsgraph)
+        if self._in_background(lambda _: self._load(hands)) is None:
             return None
-        frame = read_frame_setup(self, depsgraph, session)
+        frame = read_frame_setup(self, depsgraph, hands, session)
         return with_measured_light(frame, LiveHandRender, session.rendering) if frame.is_in_scene else frame
+
+    def _load(self, hands: VisibleHands) -> bool:
+        """Load the hands' renderers, in any thread, so that reading the frame waits for none."""
+        session = self.required_session()
+        with session.rendering:  # a 3D view may be loading the same avatar
+            hands.load(session)
+        return True
 
     def _measure(self, depsgraph: bpy.types.Depsgraph, measurement: Measurement) -> None:
         """Let Cycles render the light on one hand. It frees the depsgraph."""
@@ -242,10 +247,10 @@ class LiveHandRender(CyclesEngine):
 
     def _render_scene(self, depsgraph: bpy.types.Depsgraph, frame: FrameSetup) -> None:
         """Let Cycles render all but the hands. It frees the depsgraph, which must not be read after this."""
-        hide_from_camera(depsgraph)
+        hide_from_camera(depsgraph, frame.instance_ids)
         use_albedo(depsgraph, frame.albedo)
         if not depsgraph.scene.render.use_persistent_data:  # it keeps what is evaluated, and the next frame reads that
-            move_vertices(depsgraph, frame.places)
+            move_vertices(depsgraph, frame.surface_vertices)
         self.add_pass("Depth", 1, "Z", layer=frame.layer)  # needed even if the view layer does not have it on
         super().render(depsgraph)
 

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 
-from ...backend.image.exposure import SHARP, Lens, camera_of_sample
+from ...backend.image.exposure import SHARP, ExposureSample, Lens, Shutter, camera_of_sample, exposure_samples
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
-from ...backend.render.frame_task import FrameTask, HandInstance, HandTask
-from ...backend.render.session import Session
-from ..hands.seen_hands import SeenHand, visible_hands
-from ..hands.shot import read_shot, seen_vertices
+from ...backend.render.frame_task import FrameTask, HandInstance, HandRenderer, HandTask
+from ...backend.render.session import Device, Session
+from ..hands.shot import hand_vertices, read_shot
+from ..hands.visible_hands import InstanceId, VisibleHand, hands_at, visible_hands
 from ..light.light import read_hand_lights
 from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
-from .cycles_scene import is_in_scene
-from .exposure import read_exposure, read_lens
-from .hands.hand_source import hand_source, load_for, read_device, read_grade
+from .cycles import is_in_scene
+from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
 LOGGER = logging.getLogger(__name__)
+
+_Pair = tuple[HandInstance, VisibleHand]
+"""A hand of the frame's tasks, and the same hand in the scene."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ class FrameSetup:
         albedo: of each hand whose avatar has one, unless it is an instance: full name of its mesh -> mean albedo [3];
             empty without a scene.
         meshes: name of each of those hands -> full name of its mesh.
-        places: full name of such a mesh -> [V, 3] world, its vertices on the skin's own surface, if that is known.
+        instance_ids: of every hand's mesh.
+        surface_vertices: full name of such a mesh -> [V, 3] world, its vertices on the avatar's surface, if it has one.
         views: one, or two eyes.
     """
 
@@ -71,8 +74,9 @@ class FrameSetup:
     hands: tuple[HandInstance, ...]
     albedo: Mapping[str, np.ndarray]
     meshes: Mapping[str, str]
+    instance_ids: tuple[InstanceId, ...]
     views: tuple[ViewSetup, ...]
-    places: Mapping[str, np.ndarray] = field(default_factory=dict)
+    surface_vertices: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def needs_surface(self) -> bool:
@@ -80,12 +84,56 @@ class FrameSetup:
         return any(one.name in SURFACE_PASSES for one in self.passes)
 
 
-def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameSetup:
+@dataclass(frozen=True)
+class VisibleHands:
+    """The hands of a frame, read once, and the files of their renderers."""
+
+    visible: tuple[VisibleHand, ...]
+    sources: tuple[HandSource, ...]
+    device: Device
+
+    @classmethod
+    def read(cls, depsgraph: bpy.types.Depsgraph) -> VisibleHands:
+        """Read the hands that the depsgraph's frame shows.
+
+        Raises:
+            LiveHandError: a hand of the scene has no mesh.
+        """
+        visible = visible_hands(depsgraph)
+        return cls(visible, tuple(hand_source(hand.armature) for hand in visible), read_device(depsgraph.scene))
+
+    def load(self, session: Session) -> tuple[HandRenderer, ...]:
+        """Load the renderers that are not loaded, in any thread; raises LiveHandError if an avatar is at fault."""
+        return tuple(
+            load_for(hand.name, source, session, self.device)
+            for hand, source in zip(self.visible, self.sources, strict=True)
+        )
+
+    def instances(self, depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
+        """Pair each hand with its renderer and its grade.
+
+        Raises:
+            LiveHandError: the scene has no hand, or an avatar is at fault.
+        """
+        if not all_hands(depsgraph.scene):
+            raise LiveHandError(
+                "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
+            )
+        return tuple(
+            HandInstance(hand.name, hand.mesh.name, renderer, read_grade(hand.armature.evaluated_get(depsgraph)))
+            for hand, renderer in zip(self.visible, self.load(session), strict=True)
+        )
+
+
+def read_frame_setup(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, frame_hands: VisibleHands, session: Session
+) -> FrameSetup:
     """Read the depsgraph's frame, and, if it is blurred, times a little before and after.
 
     Args:
         engine: sets frames and stereo views.
         depsgraph: of the frame, to which it is set back.
+        frame_hands: those of the frame.
         session: loads the avatars that are not loaded.
 
     Raises:
@@ -93,16 +141,17 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
     """
     scene, layer = depsgraph.scene, depsgraph.view_layer
     size_px, in_scene = render_region(scene.render).size_px, is_in_scene(scene)
-    hands = _load_hands(depsgraph, session)
+    hands, visible = frame_hands.instances(depsgraph, session), frame_hands.visible
     if cryptomatte_passes(layer):
-        _check_names(depsgraph)
-    lights = _read_lights(depsgraph, hands)
-    reflecting, meshes = _reflecting(depsgraph, hands) if in_scene else ([], {})
+        _check_names(visible)
+    pairs = tuple(zip(hands, visible, strict=True))
+    lights = _read_lights(depsgraph, pairs)
+    reflecting = _reflecting(pairs) if in_scene else {}
     views = tuple(
         ViewSetup(
             name,
-            _read_task(engine, depsgraph, hands, lights, is_stereo=bool(name)),
-            _read_motion(engine, depsgraph, hands, is_stereo=bool(name)),
+            _read_task(engine, depsgraph, pairs, lights, is_stereo=bool(name)),
+            _read_motion(engine, depsgraph, visible, is_stereo=bool(name)),
         )
         for name in _activated_views(engine, scene.render)
     )
@@ -115,58 +164,25 @@ def read_frame_setup(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
         light_groups=light_groups(layer),
         is_in_scene=in_scene,
         hands=hands,
-        albedo={meshes[hand.name]: albedo for hand, albedo in reflecting},
-        meshes=meshes,
+        albedo={mesh: albedo for mesh, albedo in reflecting.values()},
+        meshes={name: mesh for name, (mesh, _) in reflecting.items()},
+        instance_ids=tuple(hand.instance_id for hand in visible),
         views=views,
     )
 
 
 def read_frame_task(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, session: Session) -> FrameTask:
-    """The task of the depsgraph's frame, without stereo; raises as `read_frame_setup`."""
-    hands = _load_hands(depsgraph, session)
-    return _read_task(engine, depsgraph, hands, _read_lights(depsgraph, hands), is_stereo=False)
+    """Read the task of the depsgraph's frame, without stereo; raises as `read_frame_setup`."""
+    hands = VisibleHands.read(depsgraph)
+    pairs = tuple(zip(hands.instances(depsgraph, session), hands.visible, strict=True))
+    return _read_task(engine, depsgraph, pairs, _read_lights(depsgraph, pairs), is_stereo=False)
 
 
-def load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> Callable[[], None]:
-    """A function that loads the renderers of all visible hands, in any thread, so that reading them waits for none.
-
-    It raises LiveHandError if an avatar is at fault.
-    """
-    device = read_device(depsgraph.scene)
-    sources = [(hand.name, hand_source(hand.armature)) for hand in visible_hands(depsgraph)]
-
-    def load() -> None:
-        with session.rendering:  # a 3D view may be loading the same avatar
-            for name, source in sources:
-                load_for(name, source, session, device)
-
-    return load
-
-
-def _load_hands(depsgraph: bpy.types.Depsgraph, session: Session) -> tuple[HandInstance, ...]:
-    """The visible hands, with their renderers."""
-    if not all_hands(depsgraph.scene):
-        raise LiveHandError(
-            "a render needs a LiveHand hand, the scene has none; add one (Add > Armature > LiveHand Hand)"
-        )
-    device = read_device(depsgraph.scene)
-    return tuple(
-        HandInstance(
-            hand.name,
-            hand.mesh.name,
-            load_for(hand.name, hand_source(hand.armature), session, device),
-            read_grade(hand.armature.evaluated_get(depsgraph)),
-        )
-        for hand in visible_hands(depsgraph)
-    )
-
-
-def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) -> dict[str, Light]:
+def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[_Pair]) -> dict[str, Light]:
     """Name of each hand that takes the scene's light -> the light on it at the frame itself."""
-    names = {hand.name for hand in hands if hand.renderer.is_relightable}
-    if not names:
+    lit = [visible for hand, visible in hands if hand.renderer.is_relightable]
+    if not lit:
         return {}
-    lit = [hand for hand in visible_hands(depsgraph) if hand.name in names]
     lights = {name: one.light() for name, one in read_hand_lights(depsgraph, lit, is_final=True).items()}
     if not is_in_scene(depsgraph.scene):  # objects that emit may light it there
         for name in (name for name, light in lights.items() if light.is_dark):
@@ -178,21 +194,17 @@ def _read_lights(depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]) 
     return lights
 
 
-def _reflecting(
-    depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance]
-) -> tuple[list[tuple[HandInstance, np.ndarray]], dict[str, str]]:
-    """The hands that are no instances and whose avatars have an albedo, with it, and their meshes' full names."""
-    places = {hand.name: hand.place for hand in visible_hands(depsgraph)}
-    own = [(hand, hand.renderer.mean_albedo) for hand in hands if not places[hand.name].instancer]
-    found = [(hand, albedo) for hand, albedo in own if albedo is not None]
-    return found, {hand.name: places[hand.name].name for hand, _ in found}
+def _reflecting(hands: Sequence[_Pair]) -> dict[str, tuple[str, np.ndarray]]:
+    """Full mesh name and albedo [3] of each hand, by its name, that is no instance and whose avatar has an albedo."""
+    own = [(visible, hand.renderer.mean_albedo) for hand, visible in hands if not visible.instance_id.instancer]
+    return {hand.name: (hand.instance_id.name, albedo) for hand, albedo in own if albedo is not None}
 
 
-def _check_names(depsgraph: bpy.types.Depsgraph) -> None:
+def _check_names(hands: Sequence[VisibleHand]) -> None:
     """Cryptomatte knows an object by its name without its library: two hands' meshes must not share one."""
-    known: dict[str, SeenHand] = {}
-    for hand in visible_hands(depsgraph):
-        other = known.setdefault(hand.mesh.name, hand)
+    by_mesh: dict[str, VisibleHand] = {}
+    for hand in hands:
+        other = by_mesh.setdefault(hand.mesh.name, hand)
         if other.mesh != hand.mesh:
             raise LiveHandError(
                 "Cryptomatte tells objects apart by their names, and the meshes of "
@@ -215,17 +227,15 @@ def _activated_views(engine: bpy.types.RenderEngine, render: bpy.types.RenderSet
 def _read_task(
     engine: bpy.types.RenderEngine,
     depsgraph: bpy.types.Depsgraph,
-    hands: Sequence[HandInstance],
+    hands: Sequence[_Pair],
     lights: Mapping[str, Light],
     is_stereo: bool,
 ) -> FrameTask:
     """The hands and the camera at every exposure sample."""
     camera, lens = _read_view(engine, depsgraph, is_stereo)
-    seen = {hand.name: hand for hand in visible_hands(depsgraph)} if hands else {}
-    pairs = [(hand, seen[hand.name]) for hand in hands]
     samples = read_exposure(depsgraph.scene, lens) if hands else ()
     if samples == (SHARP,):
-        return FrameTask((_read_hands(depsgraph, pairs, lights, camera),))
+        return FrameTask((_read_hands(depsgraph, hands, lights, camera),))
     tasks = []
     frame, offset = depsgraph.scene.frame_current, 0.0
     try:
@@ -235,6 +245,8 @@ def _read_task(
                 whole = int(offset // 1)
                 engine.frame_set(frame + whole, offset - whole)
             camera, lens = _read_view(engine, depsgraph, is_stereo)
+            moved = hands_at([visible for _, visible in hands], depsgraph)
+            pairs = [(hand, one) for (hand, _), one in zip(hands, moved, strict=True)]
             tasks.append(_read_hands(depsgraph, pairs, lights, camera_of_sample(camera, lens, sample)))
     finally:
         if offset != 0.0:
@@ -243,24 +255,25 @@ def _read_task(
 
 
 def _read_motion(
-    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[HandInstance], is_stereo: bool
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, hands: Sequence[VisibleHand], is_stereo: bool
 ) -> tuple[np.ndarray, ...] | None:
     """The motion of each hand's vertices in the image, as Cycles defines it; there is none beside motion blur."""
     scene = depsgraph.scene
     if not depsgraph.view_layer.use_pass_vector or scene.render.use_motion_blur:
         return None
-    seen = {hand.name: hand for hand in visible_hands(depsgraph)} if hands else {}
-    frame, places = scene.frame_current, []
+    frame, positions_px = scene.frame_current, []
     try:
         for offset in (-1, 0, 1):
             engine.frame_set(frame + offset, 0.0)
             camera, _ = _read_view(engine, depsgraph, is_stereo)
-            places.append([camera.project(seen_vertices(seen[one.name].at(depsgraph), depsgraph))[0] for one in hands])
+            moved = hands_at(hands, depsgraph)
+            positions_px.append([camera.project(hand_vertices(hand, depsgraph))[0] for hand in moved])
     finally:
         engine.frame_set(frame, 0.0)
     up = np.array([1.0, -1.0])  # Blender's rows begin at the bottom
     return tuple(
-        np.concatenate([(before - now) * up, (now - after) * up], 1) for before, now, after in zip(*places, strict=True)
+        np.concatenate([(before - now) * up, (now - after) * up], 1)
+        for before, now, after in zip(*positions_px, strict=True)
     )
 
 
@@ -282,14 +295,49 @@ def _read_view(
 
 def _read_hands(
     depsgraph: bpy.types.Depsgraph,
-    hands: Sequence[tuple[HandInstance, SeenHand]],
+    hands: Sequence[_Pair],
     lights: Mapping[str, Light],
     camera: Camera,
 ) -> tuple[HandTask, ...]:
     return tuple(
         HandTask(
             hand.renderer,
-            read_shot(seen.at(depsgraph), depsgraph, camera, len(hand.renderer.hand.v_template), lights.get(hand.name)),
+            read_shot(visible, depsgraph, camera, len(hand.renderer.hand.v_template), lights.get(hand.name)),
         )
-        for hand, seen in hands
+        for hand, visible in hands
     )
+
+
+def read_exposure(scene: bpy.types.Scene, lens: Lens | None) -> tuple[ExposureSample, ...]:
+    """The exposure samples of a frame, the one nearest to the frame itself first."""
+    return exposure_samples(scene.livehand.blur_samples, _read_shutter(scene.render), lens)
+
+
+def read_lens(camera: bpy.types.Object) -> Lens | None:
+    """The lens of an evaluated camera; None if its depth of field is off."""
+    settings = camera.data.dof
+    if not settings.use_dof:
+        return None
+    radius_m = camera.data.lens * 1e-3 / (2 * settings.aperture_fstop)
+    return Lens(radius_m, max(_focus_m(camera, settings), camera.data.clip_start))
+
+
+def _read_shutter(render: bpy.types.RenderSettings) -> Shutter | None:
+    if not render.use_motion_blur:
+        return None
+    length = render.motion_blur_shutter
+    return Shutter({"START": 0.0, "CENTER": -length / 2, "END": -length}[render.motion_blur_position], length)
+
+
+def _focus_m(camera: bpy.types.Object, settings: bpy.types.CameraDOFSettings) -> float:
+    """The depth of the plane of focus along the camera's axis, computed as Blender does."""
+    target = settings.focus_object
+    if target is None:
+        return settings.focus_distance
+    focus = target.matrix_world
+    if settings.focus_subtarget and target.type == "ARMATURE":
+        bone = target.pose.bones.get(settings.focus_subtarget)
+        focus = focus @ bone.matrix if bone else focus
+    matrix = np.array(camera.matrix_world)
+    axis = -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    return float(abs(axis @ (np.array(focus)[:3, 3] - matrix[:3, 3])))

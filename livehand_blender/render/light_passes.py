@@ -26,14 +26,14 @@ from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
 from ...backend.records.surface_mesh import SurfaceMesh
 from ...backend.render.frame_task import FrameTask, HandTask
-from ..hands.proxy import hide_from_scene, show_alone, use_albedo
+from ..hands.proxy import SCENE_RAYS, hide_from_scene, show_alone, use_albedo
+from ..light.light_linking import LinkRule
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
 from .render_result import read_scene
-from .stand_in import is_light_linked, stand_in
 
 # Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
 # Each map pixel is the mean of 2 x 2.
@@ -44,6 +44,8 @@ _MARGIN_PX = 8
 _PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color"}
 _HANDLERS = ("render_init", "render_pre", "render_post", "render_complete", "render_cancel", "render_stats")
 
+_NAME = "LiveHand Surface"
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -51,7 +53,7 @@ class Measurement:
 
     Attributes:
         mesh_name: full name of the hand's mesh object.
-        seen_name: full name of the object that the camera sees: the mesh, or what stands in for it.
+        proxy_name: full name of the object that the camera sees: the mesh, or its proxy.
         region: of the image.
         albedo: name of each hand's mesh object -> [3] that of its skin.
         views: names of the stereo views; one empty name without stereo.
@@ -59,7 +61,7 @@ class Measurement:
     """
 
     mesh_name: str
-    seen_name: str
+    proxy_name: str
     region: Region
     albedo: Mapping[str, np.ndarray]
     views: tuple[str, ...]
@@ -67,9 +69,9 @@ class Measurement:
 
     def prepare(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Show the hand alone to the camera; all hands reflect as in the frame."""
-        show_alone(depsgraph, self.seen_name)
-        use_albedo(depsgraph, {**self.albedo, self.seen_name: self.albedo[self.mesh_name]})
-        if self.seen_name != self.mesh_name:
+        show_alone(depsgraph, self.proxy_name)
+        use_albedo(depsgraph, {**self.albedo, self.proxy_name: self.albedo[self.mesh_name]})
+        if self.proxy_name != self.mesh_name:
             hide_from_scene(depsgraph, self.mesh_name)
 
     def read(self, result: bpy.types.RenderResult, layer: str) -> None:
@@ -83,8 +85,8 @@ class Measurement:
 def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lock) -> FrameSetup:
     """The frame, its light measured on every hand that the scene lights, once for all samples of an exposure.
 
-    It is measured on the skin's own surface, where that is known, for frames show that one. Hands whose avatars have no
-    albedo, which are relit roughly at best, cannot make use of it.
+    It is measured on the avatar's surface, where it has one, for frames show that. Hands whose avatars have no albedo
+    cannot make use of it.
 
     Args:
         frame: in its scene.
@@ -94,7 +96,7 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
     Raises:
         LiveHandError: Cycles does not render the passes.
     """
-    views, places = frame.views, {}
+    views, surface_vertices = frame.views, {}
     for number, hand in enumerate(frame.hands):
         is_lit = any(task[number].shot.light is not None for task in frame.views[0].task.samples)
         if is_lit and hand.name in frame.meshes:
@@ -106,10 +108,10 @@ def with_measured_light(frame: FrameSetup, engine: type, rendering: threading.Lo
                     with rendering:
                         surface = hand.renderer.posed_surface(shots[0])
                 if surface is not None:
-                    places[mesh_name] = surface.vertices[: len(shots[0].vertices)]  # the finer ones follow
+                    surface_vertices[mesh_name] = surface.vertices[: len(shots[0].vertices)]  # the finer ones follow
                 measured = measure(frame, engine, mesh_name, region, surface)
                 views = tuple(_with_light(view, number, measured[view.name]) for view in views)
-    return replace(frame, views=views, places=places)
+    return replace(frame, views=views, surface_vertices=surface_vertices)
 
 
 def is_measured(frame: FrameSetup) -> bool:
@@ -218,8 +220,8 @@ def _render(frame: FrameSetup, engine: type, measurement: Measurement, surface: 
             stack.enter_context(_silenced_handlers())
             scene = stack.enter_context(_copied(frame, measurement.region))
             if surface is not None:
-                seen = stack.enter_context(stand_in(scene, measurement.mesh_name, surface))
-                measurement = replace(measurement, seen_name=seen)
+                name = stack.enter_context(measurement_proxy(scene, measurement.mesh_name, surface))
+                measurement = replace(measurement, proxy_name=name)
             engine.measurement = measurement
             bpy.ops.render.render(scene=scene.name)
     except RuntimeError as error:
@@ -292,3 +294,33 @@ def _limit(scene: bpy.types.Scene, original: bpy.types.Scene, box: Region) -> No
     render.border_min_x, render.border_max_x = (left + 0.5) / width, (left + box.size_px[0] + 0.5) / width
     bottom = height - top - box.size_px[1]
     render.border_min_y, render.border_max_y = (bottom + 0.5) / height, (bottom + box.size_px[1] + 0.5) / height
+
+
+@contextlib.contextmanager
+def measurement_proxy(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
+    """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
+
+    Where light grazes or shadows end, the mesh's few faces do not tell what the skin receives that frames show. It has
+    the mesh's first material, and rays meet it as they meet the mesh.
+    """
+    (mesh,) = (item for item in bpy.data.objects if item.name_full == mesh_name)  # the scene's, or its set's
+    data = bpy.data.meshes.new(_NAME)
+    data.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
+    data.polygons.foreach_set("use_smooth", np.ones(len(surface.faces), bool))
+    data.materials.append(next((slot.material for slot in mesh.material_slots), None))
+    item = bpy.data.objects.new(_NAME, data)
+    for name in SCENE_RAYS:
+        setattr(item, name, getattr(mesh, name))
+    try:
+        scene.collection.objects.link(item)
+        yield item.name_full
+    finally:
+        bpy.data.objects.remove(item)
+        bpy.data.meshes.remove(data)
+
+
+def is_light_linked(mesh_name: str) -> bool:
+    """Whether lamps are linked to the object of this full name, or kept off it; they would not know its stand-in."""
+    linking = (item.light_linking for item in bpy.data.objects)
+    rules = (LinkRule.of(side) for one in linking for side in (one.receiver_collection, one.blocker_collection))
+    return any(mesh_name in rule.excluded or mesh_name in (rule.included or ()) for rule in rules)

@@ -49,8 +49,8 @@ def _surface(name: str, channels: int = 3) -> Callable[[Picture, np.ndarray | No
         if picture.surface is None:
             return around
         # The rendered hand may reach a pixel beyond the mesh, where the maps are empty.
-        is_known = picture.is_hand & (picture.surface["depth"] < DEPTH_BACKGROUND)
-        return np.where(is_known[..., None], picture.surface[name], around)
+        is_mapped = picture.is_hand & (picture.surface["depth"] < DEPTH_BACKGROUND)
+        return np.where(is_mapped[..., None], picture.surface[name], around)
 
     return draw
 

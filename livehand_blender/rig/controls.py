@@ -19,6 +19,7 @@ from ...backend.hand.poses import POSES
 from ...backend.records.side import Side
 from .drivers import BoneTurn, drive_by_sliders
 from .hand import RiggedHand
+from .sliders import FINGER_SLIDERS, write_slider
 
 _FIST = POSES["Fist"].gesture
 # Joint angles at a control's value 1, degrees. Fingers flex as far as in a fist; spreading fans them out from the
@@ -73,19 +74,17 @@ def _turns(weights: Mapping[str, float], largest: Mapping[str, float], side: Sid
 
 
 def has_masters(armature: bpy.types.Object) -> bool:
-    """Whether a hand has master bones; hands made before LiveHand had them have none."""
+    """Whether a hand has its master bones, which a user may have deleted."""
     return all(master_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
 
 
 def clear_controls(hand: RiggedHand) -> None:
     """Set controls, master bones and IK sliders to zero, so that bones alone pose the fingers; their keys remain."""
-    hand.properties.fist = hand.properties.opposition = 0.0
-    for finger in FINGERS:
-        controls = getattr(hand.properties, finger)
-        controls.curl = controls.spread = controls.ik = 0.0
-        if has_masters(hand.armature):
+    for name in ("fist", "opposition", *(f"{finger}.{slider}" for finger in FINGERS for slider in FINGER_SLIDERS)):
+        write_slider(hand.armature, name, 0.0)
+    if has_masters(hand.armature):
+        for finger in FINGERS:
             hand.armature.pose.bones[master_name(finger, hand.side)].rotation_euler = (0, 0, 0)
-    hand.armature.update_tag()
 
 
 def _copy_control(bone: bpy.types.PoseBone, armature: bpy.types.Object, control: str) -> None:

@@ -18,6 +18,7 @@ from .armature import rest_frames
 from .drivers import drive_by_sliders
 from .hand import RiggedHand
 from .pose import read_theta, set_rotation
+from .sliders import write_slider
 
 IK_CONSTRAINT = "Fingertip IK"
 # How much more a finger's joint resists turning sideways and about itself than bending (Blender's IK stiffness, 0..1).
@@ -42,7 +43,7 @@ def add_fingertip_targets(armature: bpy.types.Object, side: Side) -> None:
 
 
 def has_fingertip_targets(armature: bpy.types.Object) -> bool:
-    """Whether a hand's armature has IK targets; hands made before LiveHand had finger controls have none."""
+    """Whether a hand's armature has its IK targets, which a user may have deleted."""
     return all(target_name(finger, armature.livehand.side) in armature.pose.bones for finger in FINGERS)
 
 
@@ -82,6 +83,5 @@ def _control_rotation(evaluated: RiggedHand, joint: int) -> np.ndarray:
 
 def _set_sliders(context: bpy.types.Context, hand: RiggedHand, fingers: Iterable[str], ik: float) -> None:
     for finger in fingers:
-        getattr(hand.properties, finger).ik = ik
-    hand.armature.update_tag()
+        write_slider(hand.armature, f"{finger}.ik", ik)
     context.view_layer.update()

@@ -28,6 +28,7 @@ from .armature import rest_frames
 from .carrier import Carrier
 from .controls import clear_controls
 from .hand import RiggedHand
+from .sliders import read_beta, write_slider
 
 
 def read_hand_pose(armature: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> HandPose:
@@ -48,7 +49,7 @@ def read_pose(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
     evaluated = hand.evaluated(depsgraph)
     rotations = _rotations(evaluated)
     forearm = matrix_to_axis_angle(rotations[0].T @ rotations[16]) if evaluated.forearm else np.zeros(3)
-    beta = np.array(evaluated.properties.beta)
+    beta = read_beta(evaluated.armature)
     return HandPose(_theta(rotations), beta, _read_transl(evaluated), hand.side, forearm)
 
 
@@ -92,8 +93,7 @@ def write_hand_pose(hand: RiggedHand, pose: HandPose) -> None:
     """
     if pose.side != hand.side:
         raise LiveHandError(f"{hand.armature.name} is a {hand.side} hand, the pose a {pose.side} one; mirror it first")
-    hand.properties.beta = pose.beta
-    hand.armature.update_tag()
+    write_slider(hand.armature, "beta", pose.beta)
     write_theta(hand, pose.theta, pose.forearm)
     write_transl(hand, pose.transl)
 

@@ -14,7 +14,6 @@ from bpy.props import (
 )
 
 from . import follow_properties as retarget_properties
-from . import sliders
 from .follow_properties import LIVEHAND_PG_other_rig
 
 # Every property can be changed on a hand that is linked from another file.
@@ -47,9 +46,15 @@ _PRECISIONS = (
     ("bf16", "Half", "16-bit floats where they help; faster on recent GPUs"),
 )
 
+
+def _evaluate_again(group: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Tell Blender, which does not notice it, that a property was written by a script."""
+    group.id_data.update_tag()
+
+
 # Blender 4.2 as a module crashes at exit if a class has properties with functions when it is registered. There, scripts
 # must call `update_tag()` on the armature after changing these properties.
-_ON_CHANGE = {"update": sliders.evaluate_again} if bpy.app.version >= (4, 5) else {}
+_ON_CHANGE = {"update": _evaluate_again} if bpy.app.version >= (4, 5) else {}
 
 _Pointer = partial(PointerProperty, override=_OVERRIDE)
 _Enum = partial(EnumProperty, override=_OVERRIDE)
@@ -59,15 +64,8 @@ _Float = partial(FloatProperty, override=_OVERRIDE, **_ON_CHANGE)
 _Vector = partial(FloatVectorProperty, override=_OVERRIDE, **_ON_CHANGE)
 
 
-class LIVEHAND_PG_finger(bpy.types.PropertyGroup):
-    """Controls of one finger, forwarded to its sliders; at zero, the bones alone pose the finger."""
-
-
 class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
-    """A hand: its model, avatar, shape and controls, and how it is matched to a plate.
-
-    Shape and controls are forwarded to sliders, see `rig.sliders`.
-    """
+    """A hand: its model and avatar, and how it is matched to a plate; shape and controls are `rig.sliders`."""
 
     is_hand: BoolProperty(name="Is a LiveHand", default=False, override=_OVERRIDE)
     is_skin: BoolProperty(name="Is a Hand's Mesh", default=False, override=_OVERRIDE)
@@ -93,12 +91,6 @@ class LIVEHAND_PG_hand(bpy.types.PropertyGroup):
     bone_shapes: _Pointer(
         name="Bone Shapes", description="Holds the shapes of the bones, outside every scene", type=bpy.types.Collection
     )
-    thumb: _Pointer(name="Thumb", type=LIVEHAND_PG_finger)
-    index: _Pointer(name="Index", type=LIVEHAND_PG_finger)
-    middle: _Pointer(name="Middle", type=LIVEHAND_PG_finger)
-    ring: _Pointer(name="Ring", type=LIVEHAND_PG_finger)
-    pinky: _Pointer(name="Little", type=LIVEHAND_PG_finger)
-    has_sliders: BoolProperty(name="Has Sliders", description="Whether the sliders are the armature's own properties")
     other_rig: _Pointer(type=LIVEHAND_PG_other_rig)
     exposure: _Float(name="Exposure", description="Brightens the rendered hand, in stops", soft_min=-4.0, soft_max=4.0)
     gain: _Vector(
@@ -145,19 +137,11 @@ class LIVEHAND_PG_scene(bpy.types.PropertyGroup):
         description="What lights the hands; avatars with a baked light always keep their own",
         items=_LIGHTS,
     )
-    rough_light: BoolProperty(
-        name="Rough Relighting",
-        description="Avatars with a baked light take the scene's roughly, if their own is known: its shadows and "
-        "colors, without relief and gloss",
-    )
     skin_detail: BoolProperty(
         name="Skin Detail",
         description="The exact outline, and folds, fine lines and rims of nails that are finer than an avatar learns, "
         "where they are known: those of the avatars that ship, in the scene's light",
         default=True,
-    )
-    file_version: IntProperty(
-        name="File Version", description="Of LiveHand's settings in the saved file; 0: none yet", options={"HIDDEN"}
     )
     blur_samples: IntProperty(
         name="Blur Samples",
@@ -199,7 +183,6 @@ class LIVEHAND_PG_view_layer(bpy.types.PropertyGroup):
 
 CLASSES = (
     *retarget_properties.CLASSES,
-    LIVEHAND_PG_finger,
     LIVEHAND_PG_hand,
     LIVEHAND_PG_scene,
     LIVEHAND_PG_view_layer,
@@ -212,21 +195,12 @@ _OWNERS = (
 
 
 def attach() -> None:
-    """Add `livehand` to objects, scenes and view layers, and sliders to hands; the classes must be registered."""
+    """Add `livehand` to objects, scenes and view layers; the classes must be registered."""
     for owner, group, options in _OWNERS:
         owner.livehand = PointerProperty(type=group, **options)
-    for group, name, forward in _forwards():
-        setattr(group, name, forward)
 
 
 def detach() -> None:
     """Undo `attach`."""
-    for group, name, _ in _forwards():
-        delattr(group, name)
     for owner, _, _ in reversed(_OWNERS):
         del owner.livehand
-
-
-def _forwards():
-    for is_finger, name, forward in sliders.forwards():
-        yield LIVEHAND_PG_finger if is_finger else LIVEHAND_PG_hand, name, forward

@@ -57,9 +57,9 @@ def _set_shape(bone: bpy.types.PoseBone, shape: bpy.types.Object, radius_m: floa
 
 def _shape(name: str) -> bpy.types.Object:
     """This file's shape of that name, of radius 1, with Y along the bone."""
-    known = bpy.data.objects.get((name, None))
-    if known is not None:
-        return _out_of_sight(known)
+    shape = bpy.data.objects.get((name, None))
+    if shape is not None:
+        return _out_of_sight(shape)
     vertices, edges = _ring() if name == _RING else _diamond()
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices, edges, [])

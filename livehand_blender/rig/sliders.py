@@ -1,22 +1,20 @@
-"""The sliders of a hand: custom properties of its armature, which the drivers read without LiveHand.
+"""The sliders of a hand: custom properties of its armature, such as `hand["index.curl"]`.
 
-They have the names by which scripts know them: `hand.livehand.index.curl` is `hand["index.curl"]`.
+Drivers read them, so that a saved file plays without LiveHand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty
 
 from ...backend.hand.bones import FINGERS
 
 FINGER_SLIDERS = ("curl", "spread", "ik")
-FORWARD = "livehand."
 _SHAPES = 10
 
 
@@ -41,22 +39,6 @@ class Slider:
         if isinstance(self.default, tuple):
             return np.asarray(value, np.float64).tolist()
         return type(self.default)(value)
-
-    def forward(self, name: str) -> Any:
-        """A Blender property that reads and writes the slider; it overrides, as those of earlier versions did."""
-        makers = {bool: BoolProperty, float: FloatProperty, tuple: FloatVectorProperty}
-        size = {"size": len(self.default)} if isinstance(self.default, tuple) else {}
-        return makers[type(self.default)](
-            name=self.label,
-            description=self.description,
-            default=self.default,
-            override={"LIBRARY_OVERRIDABLE"},
-            get=lambda group: read_slider(group, name),
-            set=lambda group, value: write_slider(group, name, value),
-            update=evaluate_again,
-            **size,
-            **self.limits,
-        )
 
 
 _FINGER = {
@@ -111,75 +93,27 @@ def slider_path(name: str) -> str:
     return f'["{slider}"]{bracket}{index}'
 
 
-def slider_property(armature: bpy.types.Object, name: str) -> tuple[bpy.types.bpy_struct, str]:
-    """The owner and the name of a slider's property, for panels; linked hands of earlier versions forward theirs."""
-    return (armature, slider_path(name)) if name in armature else _owner(armature, name)
-
-
 def add_sliders(armature: bpy.types.Object) -> None:
-    """Give an armature sliders; a hand of an earlier version keeps its values."""
-    values = {name: read_slider(*_owner(armature, name)) for name in SLIDERS}
-    armature.livehand.has_sliders = True
+    """Give an armature all sliders, at rest."""
     for name, slider in SLIDERS.items():
-        armature[name] = values[name]
+        armature[name] = slider.value(slider.default)
         interface = armature.id_properties_ui(name)
         interface.update(description=slider.description, default=slider.default, **slider.limits)
         armature.property_overridable_library_set(slider_path(name), True)
 
 
-def has_all_sliders(armature: bpy.types.Object) -> bool:
-    """Whether no slider is missing: earlier versions had none, and a user may remove any custom property."""
-    return all(name in armature for name in SLIDERS)
+def read_slider(armature: bpy.types.Object, name: str) -> Any:
+    """The value of a slider of an original or an evaluated armature; its default if a user has removed it."""
+    slider = SLIDERS[name]
+    return slider.value(armature.get(name, slider.default))
 
 
-def read_slider(group: bpy.types.PropertyGroup, name: str) -> Any:
-    """The value of the slider that a group of `Object.livehand` has under this name."""
-    store, key = _store(group, name)
-    value = store.get(key) if store is not None else None
-    slider = SLIDERS[_full_name(group, name)]
-    return slider.value(slider.default if value is None else value)
+def read_beta(armature: bpy.types.Object) -> np.ndarray:
+    """[10] the shape coefficients of a hand."""
+    return np.array(read_slider(armature, "beta"))
 
 
-def write_slider(group: bpy.types.PropertyGroup, name: str, value: Any) -> None:
-    """Set that slider."""
-    store, key = _store(group, name, creates=True)
-    store[key] = SLIDERS[_full_name(group, name)].value(value)
-    Animated.by_forward |= group.id_data.is_evaluated and store == group.id_data
-
-
-class Animated:
-    """Whether Blender has animated a slider by its name in `Object.livehand`, on which the drivers do not wait."""
-
-    by_forward = False
-
-
-def forwards() -> Iterator[tuple[bool, str, Any]]:
-    """(whether it is a finger's, name, property) of everything that `Object.livehand` forwards to sliders."""
-    for name, slider in _FINGER.items():
-        yield True, name, slider.forward(name)
-    for name, slider in _HAND.items():
-        yield False, name, slider.forward(name)
-
-
-def evaluate_again(group: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Tell Blender, which does not notice it, that a property was written by a script."""
-    group.id_data.update_tag()
-
-
-def _full_name(group: bpy.types.PropertyGroup, name: str) -> str:
-    return f"{group.path_from_id()}.{name}".removeprefix(FORWARD)
-
-
-def _owner(armature: bpy.types.Object, name: str) -> tuple[bpy.types.PropertyGroup, str]:
-    """The group that forwards a slider, and its name there."""
-    finger, _, last = name.rpartition(".")
-    return getattr(armature.livehand, finger) if finger else armature.livehand, last
-
-
-def _store(group: bpy.types.PropertyGroup, name: str, creates: bool = False) -> tuple[Any, str]:
-    """What holds a slider's value, and its key there: the armature, or the group on hands of earlier versions."""
-    if group.id_data.livehand.has_sliders:
-        return group.id_data, _full_name(group, name)
-    if hasattr(group, "bl_system_properties_get"):  # from Blender 5.0 on
-        return group.bl_system_properties_get(do_create=creates), name
-    return group, name
+def write_slider(armature: bpy.types.Object, name: str, value: Any) -> None:
+    """Set a slider, and tell Blender, which does not notice custom properties by itself."""
+    armature[name] = SLIDERS[name].value(value)
+    armature.update_tag()

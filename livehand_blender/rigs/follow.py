@@ -9,7 +9,7 @@ Three sets of hidden bones, one bone per joint and for a forearm, outside the ha
 A forearm turns with the rig's, or else with its wrist; its `SRC-` is where the wrist's `FIT-` is, so it ends there.
 
 The hand's bones copy those before finger controls, limits and fingertip IK, which still work on top.
-`livehand.follow` is the influence.
+The slider `follow` is the influence.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from ..rig.carrier import Carrier
 from ..rig.drivers import drive_by_sliders
 from ..rig.hand import RiggedHand
 from ..rig.pose import read_pose, write_theta, write_transl
+from ..rig.sliders import write_slider
 from .source import SourceRig, align_hand, posed_skeleton, sample_source, set_shape
 
 FOLLOW, FOLLOW_PLACE = "Follow Other Rig", "Follow Other Rig's Wrist"
@@ -66,7 +67,7 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
         set_shape(context, hand, alignment.shape)
     _add_bones(context, hand, alignment)
     _constrain(hand, source, alignment)
-    hand.properties.follow = 1.0
+    write_slider(hand.armature, "follow", 1.0)
     hand.armature.update_tag()
     return doubt
 

@@ -15,6 +15,7 @@ from ...backend.hand.bones import FINGERS
 from ..rig.fingertips import has_fingertip_targets
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import key_finger
+from ..rig.sliders import read_slider, write_slider
 from ..scene.handlers import add_handlers, remove_handlers
 
 _INTERVAL_S = 0.1
@@ -31,12 +32,10 @@ def grab_targets(hand: RiggedHand, selected: Iterable[str]) -> list[Grabbed]:
     """Turn IK on for the fingers whose targets are among the selected bones and whose IK is off."""
     selected, grabbed = set(selected), []
     for finger in FINGERS:
-        target, controls = hand.target(finger), getattr(hand.properties, finger)
-        if target.name in selected and controls.ik == 0:
+        slider = f"{finger}.ik"
+        if hand.target(finger).name in selected and read_slider(hand.armature, slider) == 0:
             grabbed.append(Grabbed(hand.armature.name, finger))
-            controls.ik = 1.0
-    if grabbed:
-        hand.armature.update_tag()
+            write_slider(hand.armature, slider, 1.0)
     return grabbed
 
 
@@ -48,8 +47,7 @@ def release_targets(grabbed: Iterable[Grabbed], is_cancelled: bool) -> None:
             continue
         hand = RiggedHand.of(armature)
         if is_cancelled:
-            getattr(hand.properties, one.finger).ik = 0.0
-            armature.update_tag()
+            write_slider(armature, f"{one.finger}.ik", 0.0)
         elif bpy.context.scene.tool_settings.use_keyframe_insert_auto:
             key_finger(hand, one.finger, bpy.context.scene.frame_current)
 

@@ -22,6 +22,7 @@ from ...backend.rigs.rig_suffixes import RIG_SUFFIXES
 from ..motion.filmed import key_take
 from ..motion.keying import Placement, key_motion, sample_motion
 from ..rig.hand import RiggedHand
+from ..rig.sliders import read_beta
 from ..rigs.bake import bake_file
 from ..rigs.importing import RigFile
 from ..scene.camera import read_camera
@@ -90,7 +91,7 @@ class LIVEHAND_OT_import_motion(OnHand, MotionSettings, bpy.types.Operator, Impo
 
     def _key_take(self, context: bpy.types.Context, hand: RiggedHand, file: TakeFile) -> tuple[str, str | None]:
         """As `_key_poses`, for a filmed take, fitted to the hand's own shape."""
-        fit = file.with_changes(beta=np.array(hand.properties.beta)).fit(hand.model)
+        fit = file.with_changes(beta=read_beta(hand.armature)).fit(hand.model)
         placement = replace(self._placement(), space="opencv", sets_shape=False, camera=self._camera(context.scene))
         count = key_take(context.scene, hand, fit, placement)
         return f"{count} frames of a {file.info.format}", doubt_of(fit)

@@ -5,7 +5,7 @@ import bpy
 from ...backend.system.dependencies import missing_requirements
 from ..render.panels import draw_mode
 from ..rig.hand import active_hand
-from ..rig.sliders import slider_property
+from ..rig.sliders import slider_path
 from ..scene.settings import ENGINE
 from .avatars import draw_choice
 from .mixins import HandTab, Tab, polled_hand
@@ -52,7 +52,7 @@ class LIVEHAND_PT_shape(HandTab, bpy.types.Panel):
         armature = polled_hand(context)
         column = self.layout.column(align=True)
         for index, name in enumerate(shape_names(armature.livehand)):
-            column.prop(*slider_property(armature, "beta"), index=index, text=name, slider=True)
+            column.prop(armature, slider_path("beta"), index=index, text=name, slider=True)
         column.prop(armature.livehand, "hair", slider=True)
         row = self.layout.row(align=True)
         row.operator("livehand.random_shape", text="Random")
@@ -88,7 +88,7 @@ class LIVEHAND_PT_render(Tab, bpy.types.Panel):
         if context.scene.render.engine != ENGINE:
             layout.operator("livehand.set_engine", icon="RENDER_STILL")
         draw_mode(layout, context.scene)
-        for name in ("light", "rough_light", "blur_samples", "device", "precision"):
+        for name in ("light", "blur_samples", "device", "precision"):
             layout.prop(context.scene.livehand, name)
         column = layout.column(heading="")
         column.use_property_split = False  # their names are too long to stand in half a tab

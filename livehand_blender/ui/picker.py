@@ -6,7 +6,7 @@ import bpy
 
 from ...backend.hand.bones import FINGERS, bone_name, finger_joints, forearm_name, target_name
 from ..rig.armature import COLLECTIONS
-from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_property
+from ..rig.sliders import FINGER_SLIDERS, SLIDERS, slider_path
 from .mixins import HandTab, polled_hand
 from .pose_library import is_library_added
 from .posing import FINGER_LABELS, has_controls
@@ -75,7 +75,7 @@ def _draw_picker(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None
 def _draw_controls(layout: bpy.types.UILayout, armature: bpy.types.Object) -> None:
     column = layout.column(align=True)
     for name in ("fist", "opposition"):
-        column.prop(*slider_property(armature, name), text=SLIDERS[name].label, slider=True)
+        column.prop(armature, slider_path(name), text=SLIDERS[name].label, slider=True)
     column = layout.column(align=True)
     heads = column.row(align=True)
     for text in ("", "Curl", "Spread", "IK"):  # a tab of usual width has no room for labels beside the numbers
@@ -84,5 +84,5 @@ def _draw_controls(layout: bpy.types.UILayout, armature: bpy.types.Object) -> No
         row = column.row(align=True)
         row.label(text=FINGER_LABELS[finger])
         for name in FINGER_SLIDERS:
-            row.prop(*slider_property(armature, f"{finger}.{name}"), text="", slider=True)
-    layout.prop(*slider_property(armature, "limit_joints"), text=SLIDERS["limit_joints"].label)
+            row.prop(armature, slider_path(f"{finger}.{name}"), text="", slider=True)
+    layout.prop(armature, slider_path("limit_joints"), text=SLIDERS["limit_joints"].label)

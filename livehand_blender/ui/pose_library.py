@@ -13,6 +13,7 @@ from ...backend.hand.bones import FINGERS, bone_name
 from ..rig.fingertips import has_fingertip_targets, move_bones_to_ik
 from ..rig.hand import RiggedHand, active_hand
 from ..rig.selection import select_bones, selected_bones
+from ..rig.sliders import read_slider
 
 LIBRARY_NAME = "LiveHand"
 
@@ -94,7 +95,7 @@ def prepare_for_pose(context: bpy.types.Context, hand: RiggedHand, keeps_fingers
         The names of the bones that were selected.
     """
     if has_fingertip_targets(hand.armature):
-        fingers = [finger for finger in FINGERS if getattr(hand.properties, finger).ik]
+        fingers = [finger for finger in FINGERS if read_slider(hand.armature, f"{finger}.ik")]
         if fingers:
             move_bones_to_ik(context, hand, fingers)
     selected = selected_bones(hand.armature)

@@ -15,6 +15,7 @@ from ..rig.hand import RiggedHand, active_hand
 from ..rig.keyframes import hand_channels, key_finger, key_hand
 from ..rig.pose import mirror_pose
 from ..rig.selection import select_bones, selected_bones
+from ..rig.sliders import read_slider
 from .mixins import polled_hand, reports_errors
 
 FINGER_LABELS = {"thumb": "Thumb", "index": "Index", "middle": "Middle", "ring": "Ring", "pinky": "Little"}
@@ -25,7 +26,7 @@ _WHICH_ITEMS = (("all", "All", "All five fingers"), *_FINGER_ITEMS)
 
 
 def has_controls(context: bpy.types.Context) -> bool:
-    """Whether the active hand has finger controls; hands made by earlier versions of LiveHand have none."""
+    """Whether the active hand has finger controls, whose bones a user may have deleted."""
     armature = active_hand(context)
     return armature is not None and has_fingertip_targets(armature)
 
@@ -80,11 +81,12 @@ class LIVEHAND_OT_select_finger(_Select, bpy.types.Operator):
 
     def execute(self, context):
         """Select in pose mode."""
-        hand = polled_hand(context).livehand
-        if getattr(hand, self.finger).ik > 0.5:
-            names = [target_name(self.finger, hand.side)]
+        armature = polled_hand(context)
+        side = armature.livehand.side
+        if read_slider(armature, f"{self.finger}.ik") > 0.5:
+            names = [target_name(self.finger, side)]
         else:
-            names = [bone_name(joint, hand.side) for joint in finger_joints(self.finger)]
+            names = [bone_name(joint, side) for joint in finger_joints(self.finger)]
         _select(context, names, self.extend)
         return {"FINISHED"}
 

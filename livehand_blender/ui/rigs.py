@@ -14,11 +14,10 @@ from ...backend.rigs.rest_alignment import align
 from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
 from ..rig.follow_properties import tip_property
 from ..rig.hand import RiggedHand, active_hand
-from ..rig.sliders import slider_property
+from ..rig.sliders import slider_path
 from ..rigs.bake import bake
 from ..rigs.follow import check_editable, follow, is_following, stop_following
-from ..rigs.skeleton import read_skeleton
-from ..rigs.source import SourceRig
+from ..rigs.source import SourceRig, read_skeleton
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 
@@ -150,7 +149,7 @@ class LIVEHAND_PT_other_rig(HandTab, bpy.types.Panel):
         row.operator("livehand.follow_rig", icon="CON_ARMATURE")
         row.operator("livehand.bake_rig", text="Bake", icon="KEY_HLT")
         if is_following(armature):
-            layout.prop(*slider_property(armature, "follow"), text="Influence", slider=True)
+            layout.prop(armature, slider_path("follow"), text="Influence", slider=True)
             layout.operator("livehand.stop_following", icon="X")
 
 

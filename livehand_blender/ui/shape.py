@@ -8,6 +8,7 @@ from bpy.props import FloatProperty, IntProperty
 
 from ...backend.hand.measurements import check_has_shapes, fit_beta
 from ..rig.hand import RiggedHand
+from ..rig.sliders import write_slider
 from .mixins import OnHand, reports_errors
 
 # Of the built-in hand, as measured (docs/use/look.md). The coefficients of other models have no names.
@@ -99,5 +100,4 @@ CLASSES = (LIVEHAND_OT_reset_shape, LIVEHAND_OT_random_shape, LIVEHAND_OT_match_
 
 def set_beta(hand: RiggedHand, beta: np.ndarray) -> None:
     """Set the shape's sliders to beta [10]."""
-    hand.properties.beta = beta
-    hand.armature.update_tag()
+    write_slider(hand.armature, "beta", beta)

@@ -23,6 +23,7 @@ from ..motion.film_scene import film_camera, hand_of_side, match_film, new_hand
 from ..motion.filmed import key_take
 from ..motion.keying import Placement
 from ..motion.movie import Movie
+from ..rig.sliders import read_beta
 from .live import draw_live
 from .mixins import HandTab, reports_errors
 
@@ -72,7 +73,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
         fits: dict[Side, TakeFit] = {}
         for side, hand in take.hands.items():
             rigged = hand_of_side(context, side)
-            model, beta = (rigged.model, np.array(rigged.properties.beta)) if rigged else (load_default_hand(), None)
+            model, beta = (rigged.model, read_beta(rigged.armature)) if rigged else (load_default_hand(), None)
             fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps, beta)
         if self.match_scene:
             match_film(context.scene, take.camera, take.fps, self.start_frame, len(take.times))

@@ -10,7 +10,7 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.records.errors import LiveHandError
-from livehand.livehand_blender.render.hands.hand_source import hand_source
+from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.ui import avatar_library as library_module
 from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
 from livehand.livehand_blender.ui.avatars import facts
@@ -116,7 +116,7 @@ def test_a_hand_gets_the_shape_of_its_avatars_person(right_hand, tmp_path):
     save_avatar(of_person(load_avatar(), beta), tmp_path / "person.safetensors")
     right_hand.livehand.avatar_path = str(tmp_path / "person.safetensors")
     assert bpy.ops.livehand.person_shape() == {"FINISHED"}
-    np.testing.assert_allclose(right_hand.livehand.beta, beta, atol=1e-6)
+    np.testing.assert_allclose(right_hand["beta"], beta, atol=1e-6)
 
 
 def test_an_avatar_that_tells_no_shape_is_named(right_hand, tmp_path):
@@ -124,7 +124,7 @@ def test_an_avatar_that_tells_no_shape_is_named(right_hand, tmp_path):
     right_hand.livehand.avatar_path = str(tmp_path / "old.safetensors")
     with pytest.raises(RuntimeError, match="must tell its person's shape, 'light' does not"):
         bpy.ops.livehand.person_shape()
-    assert not any(right_hand.livehand.beta)
+    assert not any(right_hand["beta"])
 
 
 @pytest.mark.parametrize("beta", [[1.0] * 9, ["wide"] * 10, [float("nan")] * 10])

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 from livehand.livehand_blender.hands.proxy import hidden_from_camera
+from livehand.livehand_blender.hands.visible_hands import InstanceId
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from PIL import Image
 
@@ -35,7 +36,7 @@ def test_hands_are_hidden_in_the_context_only_and_nothing_is_tagged(hand_scene):
         return [thing.evaluated_get(depsgraph).visible_camera for thing in (mesh, cube, hidden_cube)]
 
     try:
-        with hidden_from_camera(depsgraph):
+        with hidden_from_camera(depsgraph, [InstanceId(mesh.name)]):
             assert seen() == [False, True, False]
             assert mesh.visible_camera
         assert seen() == [True, True, False]

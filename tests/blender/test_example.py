@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
-from livehand.livehand_blender.hands.seen_hands import visible_hands
 from livehand.livehand_blender.hands.shot import read_shot
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.scene.camera import read_camera

@@ -7,10 +7,10 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.image.scene_depth import scene_depth
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import DEPTH_BACKGROUND
-from livehand.livehand_blender.hands.seen_hands import visible_hands
-from livehand.livehand_blender.hands.shot import seen_vertices
+from livehand.livehand_blender.hands.shot import hand_vertices
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.light.foreground import Foreground, clipped, foreground_triangles
-from livehand.livehand_blender.light.local_triangles import LocalTriangles
+from livehand.livehand_blender.light.solids import LocalTriangles
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.scene.camera import read_camera
 
@@ -32,8 +32,8 @@ def foreground(scene):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     hands = visible_hands(depsgraph)
     camera = read_camera(scene.camera.evaluated_get(depsgraph), scene.render)
-    vertices = [seen_vertices(hand, depsgraph) for hand in hands]
-    around = Foreground(depsgraph, {hand.place for hand in hands}, LocalTriangles())
+    vertices = [hand_vertices(hand, depsgraph) for hand in hands]
+    around = Foreground(depsgraph, {hand.instance_id for hand in hands}, LocalTriangles())
     return camera, foreground_triangles(around.before(depsgraph, camera, vertices), camera, vertices)
 
 

@@ -7,8 +7,8 @@ import pytest
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
 from livehand.backend.hand.model_file import BUILTIN_HANDS, builtin_hand_path, load_hand_model
 from livehand.backend.image.grade import Grade
-from livehand.livehand_blender.hands.seen_hands import visible_hands
-from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade, wear_avatar
+from livehand.livehand_blender.hands.visible_hands import visible_hands
+from livehand.livehand_blender.render.hand_source import hand_source, read_grade, set_avatar
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 
@@ -38,14 +38,14 @@ def test_a_builtin_hand_is_known_by_its_hash_and_keeps_its_own_avatars(name):
 @pytest.mark.parametrize("name", BUILTIN_HANDS)
 def test_a_shipped_avatar_that_is_worn_is_that_of_the_hands_own_model(name):
     armature = add_hand(bpy.context, load_hand_model(name), "")
-    wear_avatar(armature, avatar_path("deep"))
+    set_avatar(armature, avatar_path("deep"))
     assert armature.livehand.skin == "deep"
     assert armature.livehand.avatar_path == ""
     assert hand_source(armature).avatar_path.parts[-2:] == (name, "deep.safetensors")
 
 
 def test_a_file_of_ones_own_that_is_worn_is_kept(armature, tmp_path):
-    wear_avatar(armature, tmp_path / "deep.safetensors")
+    set_avatar(armature, tmp_path / "deep.safetensors")
     assert hand_source(armature).avatar_path == tmp_path / "deep.safetensors"
 
 

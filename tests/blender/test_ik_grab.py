@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose
+from livehand.livehand_blender.rig.sliders import write_slider
 from livehand.livehand_blender.ui.ik_grab import grab_targets, release_targets
 
 
@@ -13,21 +14,21 @@ def theta(hand):
 
 def test_a_grabbed_target_moves_its_finger(hand, model):
     suffix = model.side[0].upper()
-    hand.livehand.thumb.ik = 0.5
+    write_slider(hand, "thumb.ik", 0.5)
     grabbed = grab_targets(RiggedHand.of(hand), [f"IK-index.{suffix}", f"IK-thumb.{suffix}", f"ring1.{suffix}"])
     assert [one.finger for one in grabbed] == ["index"]
-    assert hand.livehand.thumb.ik == 0.5
+    assert hand["thumb.ik"] == 0.5
     hand.pose.bones[f"IK-index.{suffix}"].location = (0.01, -0.02, 0.02)
     hand.update_tag()
     assert np.abs(theta(hand)[1:4]).max() > 0.2
     release_targets(grabbed, is_cancelled=False)
-    assert hand.livehand.index.ik == 1
+    assert hand["index.ik"] == 1
 
 
 def test_a_cancelled_move_changes_nothing(hand, model):
     grabbed = grab_targets(RiggedHand.of(hand), [f"IK-ring.{model.side[0].upper()}"])
     release_targets(grabbed, is_cancelled=True)
-    assert hand.livehand.ring.ik == 0
+    assert hand["ring.ik"] == 0
     assert np.abs(theta(hand)).max() < 1e-5
 
 

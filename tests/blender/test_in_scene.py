@@ -6,6 +6,7 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.render.arm_end import distance_from_end_m
 from livehand.backend.render.cryptomatte import crypto_id
+from livehand.livehand_blender.hands import visible_hands
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from mathutils import Matrix
@@ -85,6 +86,15 @@ def test_objects_before_the_hand_hide_it(shot, fake_session, fake_renderer, rend
     np.testing.assert_allclose(channels["Hand.A"], frame.alpha, atol=1e-5)
     np.testing.assert_allclose(rgb(channels, "Hand"), frame.rgb, atol=1e-5)
     np.testing.assert_allclose(channels["Depth.Z"][:, middle + 1 :], 0.2, atol=1e-4)
+
+
+def test_the_hands_of_a_frame_are_read_once(shot, render, monkeypatch):
+    layer, readings, read = shot.view_layers[0], [], visible_hands._hand_instances
+    layer.use_pass_cryptomatte_object = layer.use_pass_vector = True
+    monkeypatch.setattr(visible_hands, "_hand_instances", lambda depsgraph: readings.append(1) or read(depsgraph))
+    channels = render(shot)
+    assert {"CryptoObject00.R", "Vector.X"} <= {name.replace(".r", ".R") for name in channels}
+    assert len(readings) == 1
 
 
 def test_what_the_wrists_fade_leaves_has_a_pass(shot, render):
@@ -168,7 +178,6 @@ def test_stereo(shot, render, tmp_path):
 
 
 def test_without_cycles_the_error_has_a_remedy(shot, monkeypatch):
-    from livehand.livehand_blender.render import cycles_scene
 
     class NoCycles:
         livehand = shot.livehand

@@ -19,7 +19,7 @@ from livehand.livehand_blender.capture.light_groups import LightGroupPasses
 from livehand.livehand_blender.capture.lighting import SceneLighting
 from livehand.livehand_blender.capture.lit_image import set_border
 from livehand.livehand_blender.capture.own_surface import OwnSurface
-from livehand.livehand_blender.capture.render import DressedHand, is_complete, render_capture
+from livehand.livehand_blender.capture.render import HandWithMaterials, is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinTone
 
@@ -201,7 +201,7 @@ LIT = replace(LIT, lights="varied")
 @pytest.fixture(scope="module")
 def lit(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lit")
-    render_capture(folder, LIT, {"plan": LIT.facts()}, 1, DressedHand(load_default_hand(), None))
+    render_capture(folder, LIT, {"plan": LIT.facts()}, 1, HandWithMaterials(load_default_hand(), None))
     return folder
 
 
@@ -225,7 +225,7 @@ def test_a_lit_capture_reads_back_and_shows_the_hand(lit):
 def test_missing_groups_are_rendered_again_with_their_image(lit, monkeypatch):
     requested = []
     monkeypatch.setattr(capture_render, "render_views", lambda capture, views, *_: requested.extend(views))
-    own = DressedHand(load_default_hand(), None)
+    own = HandWithMaterials(load_default_hand(), None)
     render_capture(lit, LIT, {"plan": LIT.facts()}, 1, own)
     assert requested == []
     views = load_capture(lit).views

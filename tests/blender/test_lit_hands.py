@@ -1,19 +1,19 @@
 """The scene's light on its way to the renderers: read once a frame, for the hands that take it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.frame import Frame
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render import frame_setup
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.keep_look import in_scene_colours
-from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.render.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.rig.hand import find_hands, mesh_of
+from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.scene.camera import read_camera
 
 
@@ -26,6 +26,11 @@ def lit_scene(hand_scene, fake_session, fake_renderer, monkeypatch):
     hand_scene.collection.objects.link(lamp)
     hand_scene.world = bpy.data.worlds.new("Grey")
     return hand_scene
+
+
+def hands_in(space):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return read_viewport_hands(space, depsgraph, visible_hands(depsgraph))
 
 
 def rendered_shots(scene, session, tmp_path):
@@ -73,11 +78,11 @@ def test_light_is_read_once_for_all_hands_and_samples(lit_scene, fake_session, m
 def test_a_view_has_the_scenes_light(lit_scene, fake_session):
     areas = [area for screen in bpy.data.screens for area in screen.areas]
     space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
-    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    (hand,) = hands_in(space)
     task = hand.task(LiveHandRender.required_session(), read_camera(lit_scene.camera, lit_scene.render))
     assert [lamp.kind for lamp in task.shot.light.lamps] == ["point"]
     lit_scene.livehand.light = "CAPTURE"
-    (hand,) = read_viewport_hands(space, bpy.context.evaluated_depsgraph_get())
+    (hand,) = hands_in(space)
     assert hand.light is None
 
 
@@ -102,33 +107,3 @@ def test_new_files_are_lit_by_their_scene(hand_scene, tmp_path):
     assert hand_scene.livehand.light == "SCENE"
     assert open_again(tmp_path / "new.blend").light == "SCENE"
     assert open_again(tmp_path / "new.blend", light="CAPTURE").light == "CAPTURE"
-
-
-def test_old_files_keep_their_light(hand_scene, tmp_path, monkeypatch):
-    from livehand.livehand_blender.hands import old_files
-
-    monkeypatch.setattr(old_files, "_local_scenes", list)  # saved by a version that knows nothing of light
-    path = tmp_path / "old.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    monkeypatch.undo()
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    assert bpy.context.scene.livehand.light == "CAPTURE"
-    assert open_again(path, light="SCENE").light == "SCENE"
-
-
-def test_a_file_without_hands_is_not_old(tmp_path, monkeypatch):
-    from livehand.livehand_blender.hands import old_files
-
-    monkeypatch.setattr(old_files, "_local_scenes", list)
-    path = tmp_path / "no_hand.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    monkeypatch.undo()
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    assert bpy.context.scene.livehand.light == "SCENE"
-
-
-def test_files_of_earlier_versions_render_as_before():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    mesh = mesh_of(find_hands(bpy.context.scene)[0])
-    assert not mesh.hide_select
-    assert bpy.context.scene.livehand.light == "CAPTURE"

@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from livehand.livehand_blender.hands.seen_hands import Place
-from livehand.livehand_blender.light.local_triangles import LocalTriangles
+from livehand.livehand_blender.hands.visible_hands import InstanceId
+from livehand.livehand_blender.light.solids import LocalTriangles
 
 
 def add_triangle(name, side_m=1.0):
@@ -77,7 +77,7 @@ def test_a_material_that_changes_is_seen_at_the_next_reading(local):
     def albedo(thing):
         bpy.context.view_layer.update()
         evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        return local.solid(Place(thing.name), evaluated, np.eye(4)).albedo
+        return local.solid(InstanceId(thing.name), evaluated, np.eye(4)).albedo
 
     for grey in (0.25, 0.75):
         colour.default_value = (grey, grey, grey, 1)
@@ -92,7 +92,7 @@ def test_an_object_that_rests_stays_the_same_solid(local):
     def solid():
         bpy.context.view_layer.update()
         evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        return local.solid(Place("Thing"), evaluated, np.array(evaluated.matrix_world))
+        return local.solid(InstanceId("Thing"), evaluated, np.array(evaluated.matrix_world))
 
     first = solid()
     assert solid() is first

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.light import Lamp
-from livehand.livehand_blender.hands.seen_hands import Place
 from livehand.livehand_blender.hands.shot import world_vertices
+from livehand.livehand_blender.hands.visible_hands import InstanceId
 from livehand.livehand_blender.light import occluders
 from livehand.livehand_blender.light.light import read_light, read_scene_light
 from livehand.livehand_blender.light.reach import Reach, bounding_balls
@@ -135,9 +135,9 @@ def test_hands_shadow_each_other_but_their_own_meshes_are_none_of_their_occluder
     other.location = (0, 0, 0.3)
     bpy.context.view_layer.update()
     depsgraph, hands = hand_meshes()
-    lights = read_scene_light(depsgraph, {Place(name): one for name, one in hands.items()}, is_final=True)
+    lights = read_scene_light(depsgraph, {InstanceId(name): one for name, one in hands.items()}, is_final=True)
     count = len(load_default_hand().f)
-    low, high = (lights[Place(name)].occluders.triangles for name in ("LiveHand Mesh", "Other Mesh"))
+    low, high = (lights[InstanceId(name)].occluders.triangles for name in ("LiveHand Mesh", "Other Mesh"))
     assert 0.5 * count < len(low) <= count
     assert low[..., 2].mean() > 0.2
     assert 0 < len(high) <= count  # the sun is above it, but the lower hand sheds light on it

@@ -9,7 +9,6 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.system import dependencies
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.rig.sliders import SLIDERS
 from livehand.livehand_blender.ui import avatars, compositing, hand_model, motion, panels, picker
 from livehand.livehand_blender.ui import rigs as retarget
@@ -18,11 +17,10 @@ from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 UI = bpy.types.UILayout.bl_rna.functions
 MODULES = (avatars, hand_model, motion, panels, picker, retarget)
 PANELS = [
-    known
+    cls
     for one in MODULES
-    for known in one.CLASSES
-    if issubclass(known, bpy.types.Panel)
-    and known is not avatars.LIVEHAND_PT_choose_avatar  # a pop-up of its own width
+    for cls in one.CLASSES
+    if issubclass(cls, bpy.types.Panel) and cls is not avatars.LIVEHAND_PT_choose_avatar  # a pop-up of its own width
 ]
 
 
@@ -78,10 +76,10 @@ class Layout:
         check_arguments("prop", arguments)
         assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
         self.drawn.append(name.strip('["]'))
-        known = owner.bl_rna.properties.get(name)
-        text = arguments.get("text", known.name if known else name)
+        declared = owner.bl_rna.properties.get(name)
+        text = arguments.get("text", declared.name if declared else name)
         # A split layout has a number's or a menu's name in its left half, and a switch's beside the box in the right.
-        is_left = self.use_property_split and known is not None and known.type != "BOOLEAN"
+        is_left = self.use_property_split and declared is not None and declared.type != "BOOLEAN"
         self.parts.append((text * (2 if is_left else 1), False))
 
     def prop_search(self, owner, name, data, collection, **arguments):
@@ -185,9 +183,11 @@ def test_the_picker_has_every_bone_in_the_order_of_the_fingers(side):
     assert all(drawn.count(name) == 1 for name in SLIDERS if name not in ("beta", "follow"))
 
 
-def test_a_hand_of_an_earlier_version_shows_why_it_has_no_picker():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    bpy.context.view_layer.objects.active = find_hands(bpy.context.scene)[0]
+def test_a_hand_without_its_control_bones_shows_why_it_has_no_picker():
+    hand = add_hand(bpy.context, load_default_hand())
+    bpy.ops.object.mode_set(mode="EDIT")
+    hand.data.edit_bones.remove(hand.data.edit_bones["IK-index.R"])
+    bpy.ops.object.mode_set(mode="OBJECT")
     (message,) = draw(picker.LIVEHAND_PT_posing)
     assert "without finger controls" in message
 
@@ -209,7 +209,7 @@ def test_the_compositor_offers_both_set_ups():
 def test_the_render_panel_offers_the_engine_until_it_is_set():
     assert "livehand.set_engine" in draw(panels.LIVEHAND_PT_render)
     bpy.ops.livehand.set_engine()
-    assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "rough_light", "blur_samples", "device"]
+    assert draw(panels.LIVEHAND_PT_render)[:5] == ["mode", "light", "blur_samples", "device", "precision"]
     assert {"skin_detail", "keep_look"} <= set(draw(panels.LIVEHAND_PT_render))
 
 

@@ -12,6 +12,7 @@ from livehand.backend.hand.poses import POSES
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 from livehand.livehand_blender.rig.selection import select_bones, selected_bones
+from livehand.livehand_blender.rig.sliders import write_slider
 from livehand.livehand_blender.ui.pose_library import LIBRARY_NAME, library_folder, prepare_for_pose
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "make_pose_library.py"
@@ -54,7 +55,7 @@ def test_a_pose_applies_to_the_whole_hand_whatever_is_selected_and_with_ik_on(ha
     suffix = "." + model.side[0].upper()
     bpy.ops.object.mode_set(mode="POSE")
     for finger in ("index", "thumb"):
-        getattr(hand.livehand, finger).ik = 1.0
+        hand[f"{finger}.ik"] = 1.0
     hand.pose.bones["IK-index" + suffix].location = (0.01, 0.02, 0.0)
     select_bones(hand, {selected + suffix})
     before = prepare_for_pose(bpy.context, RiggedHand.of(hand), keeps_fingers=False)
@@ -63,13 +64,13 @@ def test_a_pose_applies_to_the_whole_hand_whatever_is_selected_and_with_ik_on(ha
     theta = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta
     np.testing.assert_allclose(theta, theta_for("Fist", model.side), atol=2e-5)
     assert before == {selected + suffix}
-    assert hand.livehand.index.ik == hand.livehand.thumb.ik == 0
+    assert hand["index.ik"] == hand["thumb.ik"] == 0
 
 
 def test_preparing_for_a_blend_keeps_the_visible_pose_and_selected_fingers(hand, model):
     suffix = "." + model.side[0].upper()
     bpy.ops.object.mode_set(mode="POSE")
-    hand.livehand.index.ik = 1.0
+    write_slider(hand, "index.ik", 1.0)
     hand.pose.bones["IK-index" + suffix].location = (0.01, 0.02, 0.0)
     hand.update_tag()
     before = read_hand_pose(hand, bpy.context.evaluated_depsgraph_get()).theta

@@ -1,7 +1,5 @@
 """The animator's operators: selecting, snapping, keying, and mirroring between two hands."""
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
@@ -10,8 +8,9 @@ from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.rig.build import add_hand
-from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
+from livehand.livehand_blender.rig.hand import RiggedHand, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.rig.sliders import write_slider
 
 
 def read(hand):
@@ -29,7 +28,7 @@ def test_a_finger_is_selected_by_its_bones_or_by_its_target(hand, model):
     bpy.ops.livehand.select_finger(finger="index")
     assert (bpy.context.active_object, hand.mode) == (hand, "POSE")
     assert selected(hand) == {f"index{k}.{letter}" for k in (1, 2, 3)}
-    hand.livehand.thumb.ik = 1
+    write_slider(hand, "thumb.ik", 1)
     bpy.ops.livehand.select_finger(finger="thumb", extend=True)
     assert len(selected(hand)) == 4
     bpy.ops.livehand.select_bone(bone=f"wrist.{letter}")
@@ -41,13 +40,14 @@ def test_a_finger_is_selected_by_its_bones_or_by_its_target(hand, model):
 
 @pytest.mark.parametrize("finger", ["all", "ring"])
 def test_snapping_there_and_back_moves_nothing(hand, finger):
-    hand.livehand.fist, hand.livehand.opposition = 0.4, 0.3
+    write_slider(hand, "fist", 0.4)
+    write_slider(hand, "opposition", 0.3)
     before = read(hand)
     bpy.ops.livehand.snap_ik_to_fk(finger=finger)
-    assert [getattr(hand.livehand, name).ik for name in FINGERS] == [finger in ("all", name) for name in FINGERS]
+    assert [hand[f"{name}.ik"] for name in FINGERS] == [finger in ("all", name) for name in FINGERS]
     np.testing.assert_allclose(read(hand), before, atol=1e-4)
     bpy.ops.livehand.snap_fk_to_ik(finger=finger)
-    assert not any(getattr(hand.livehand, name).ik for name in FINGERS)
+    assert not any(hand[f"{name}.ik"] for name in FINGERS)
     np.testing.assert_allclose(read(hand), before, atol=1e-4)
 
 
@@ -65,19 +65,21 @@ def test_snapping_keys_the_switch_where_auto_keying_is_on(hand, model):
         settings.use_keyframe_insert_auto = False
     bpy.context.scene.frame_set(5)
     np.testing.assert_allclose(read(hand), 0, atol=1e-4)
-    assert hand.livehand.index.ik == 1
+    assert hand["index.ik"] == 1
     bpy.context.scene.frame_set(9)
     np.testing.assert_allclose(read(hand), by_target, atol=1e-4)
-    assert hand.livehand.index.ik == 0
+    assert hand["index.ik"] == 0
 
 
-def test_hands_of_earlier_versions_keep_working_without_controls():
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).with_name("earlier_version.blend")))
-    (hand,) = find_hands(bpy.context.scene)
+def test_a_hand_whose_control_bones_were_deleted_is_still_reset(hand):
     bpy.context.view_layer.objects.active = hand
+    bpy.ops.object.mode_set(mode="EDIT")
+    for bone in [bone for bone in hand.data.edit_bones if bone.name.startswith(("IK-", "CTL-"))]:
+        hand.data.edit_bones.remove(bone)
+    bpy.ops.object.mode_set(mode="OBJECT")
     for name in ("snap_ik_to_fk", "snap_fk_to_ik", "select_finger", "select_bone"):
         assert not getattr(bpy.ops.livehand, name).poll()
-    hand.animation_data.action = None
+    write_theta(RiggedHand.of(hand), np.full((16, 3), 0.1))
     assert bpy.ops.livehand.reset_pose() == {"FINISHED"}
     np.testing.assert_allclose(read(hand), 0, atol=1e-6)
 
@@ -97,7 +99,8 @@ def test_the_keying_set_brings_poses_back(hand):
     for frame, fist in ((1, 0.0), (11, 0.6)):
         scene.frame_set(frame)
         write_theta(RiggedHand.of(hand), np.full((16, 3), 0.02 * frame))
-        hand.livehand.fist, hand.livehand.pinky.spread = fist, -fist
+        write_slider(hand, "fist", fist)
+        write_slider(hand, "pinky.spread", -fist)
         poses[frame] = read(hand)
         press_i()
     for frame, theta in poses.items():
@@ -112,7 +115,7 @@ def test_one_click_keys_the_hand(hand):
     for frame, fist in ((1, 0.0), (11, 0.6)):
         scene.frame_set(frame)
         write_theta(RiggedHand.of(hand), np.full((16, 3), 0.02 * frame))
-        hand.livehand.fist = fist
+        write_slider(hand, "fist", fist)
         poses[frame] = read(hand)
         assert bpy.ops.livehand.key_hand() == {"FINISHED"}
     for frame, theta in poses.items():
@@ -128,7 +131,7 @@ def test_a_pose_is_mirrored_to_the_nearest_other_hand(turn_wrist):
     far.location.x = 3
     theta = theta_of(GESTURES["point"].angles_deg(), FingerAxes.of_default_hand(), np.array([0.2, -0.3, 0.4]))
     write_theta(RiggedHand.of(right), theta)
-    right.livehand.fist = 0.2
+    write_slider(right, "fist", 0.2)
     bpy.context.view_layer.objects.active = right
     mirrored = read(right) * MIRROR_AXIS_ANGLE
     if not turn_wrist:
@@ -166,7 +169,8 @@ def test_a_pose_pasted_flipped_on_the_other_hand_is_its_mirror_image(source):
 def test_targets_pasted_flipped_move_the_other_hand_symmetrically():
     right, left = (add_hand(bpy.context, load_default_hand().for_side(side)) for side in ("right", "left"))
     right.pose.bones["IK-index.R"].location = (0.01, -0.02, 0.02)
-    right.livehand.index.ik = left.livehand.index.ik = 1.0
+    write_slider(right, "index.ik", 1.0)
+    write_slider(left, "index.ik", 1.0)
     copy_and_paste_flipped(right, left)
     theta = read(right)
     assert np.abs(theta[1:4]).max() > 0.2

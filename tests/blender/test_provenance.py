@@ -11,12 +11,13 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence
 from livehand.livehand_blender.rig.build import add_hand
+from livehand.livehand_blender.rig.sliders import write_slider
 
 
 @pytest.fixture
 def shot_path(hand_scene, tmp_path):
     (armature,) = (thing for thing in hand_scene.objects if thing.type == "ARMATURE")
-    armature.livehand.beta = np.linspace(-1, 1, 10)
+    write_slider(armature, "beta", np.linspace(-1, 1, 10))
     for frame in (1, 3):
         armature.pose.bones["index1.R"].rotation_quaternion = (1, 0.1 * frame, 0, 0)
         armature.pose.bones["index1.R"].keyframe_insert("rotation_quaternion", frame=frame)

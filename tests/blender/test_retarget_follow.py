@@ -13,10 +13,10 @@ from livehand.backend.rigs.shape_fit import rest_nodes
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.rig.sliders import write_slider
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 
@@ -143,7 +143,7 @@ def test_the_influence_blends_a_hand_without_an_arm_from_its_own_pose(moving):
     wholly = evaluated_pose(bare)
     assert np.linalg.norm(wholly.transl) > 0.1
     for share in (0.0, 0.5, 1.0):
-        bare.livehand.follow = share
+        write_slider(bare, "follow", share)
         evaluate(bare)
         np.testing.assert_allclose(evaluated_pose(bare).theta[1:], share * wholly.theta[1:], atol=1e-4)
         np.testing.assert_allclose(evaluated_pose(bare).transl, share * wholly.transl, atol=1e-5)
@@ -155,7 +155,7 @@ def test_the_influence_blends_from_the_hands_own_pose(moving):
     carrier = RiggedHand.of(ours).forearm.name  # about its end the blend turns, so the wrist's way is an arc
     heads = {}
     for share in (0.0, 0.5, 1.0):
-        ours.livehand.follow = share
+        write_slider(ours, "follow", share)
         evaluate(ours)
         np.testing.assert_allclose(evaluated_pose(ours).theta[1:], share * wholly.theta[1:], atol=1e-4)
         evaluated = ours.evaluated_get(bpy.context.evaluated_depsgraph_get())
@@ -169,19 +169,19 @@ def test_the_influence_blends_from_the_hands_own_pose(moving):
 def test_finger_controls_and_limits_work_on_top(moving):
     made, ours = start(moving, 1)
     straight = evaluated_pose(ours)
-    ours.livehand.index.curl = 0.5
+    write_slider(ours, "index.curl", 0.5)
     evaluate(ours)
     curled = evaluated_pose(ours)
     added = np.linalg.norm(curled.theta - straight.theta, axis=1)
     assert added[1:4].min() > 0.3
     np.testing.assert_allclose(np.delete(added, [1, 2, 3]), 0, atol=1e-5)
-    ours.livehand.index.curl = 0.0
+    write_slider(ours, "index.curl", 0.0)
     theta = theta_of(GESTURES["fist"].angles_deg() * 1.6, FingerAxes.of_default_hand())
     made.pose_like(theta if made.side == "right" else theta * MIRROR_AXIS_ANGLE)
     made.armature.animation_data_clear()
     evaluate(ours)
     free = evaluated_pose(ours)
-    ours.livehand.limit_joints = True
+    write_slider(ours, "limit_joints", True)
     evaluate(ours)
     assert np.linalg.norm(evaluated_pose(ours).theta - free.theta, axis=1)[2] > 0.2
 
@@ -189,7 +189,7 @@ def test_finger_controls_and_limits_work_on_top(moving):
 def test_fingertip_ik_works_on_top(moving):
     _, ours = start(moving, 1)
     before = our_tips(ours)
-    ours.livehand.index.ik = 1.0
+    write_slider(ours, "index.ik", 1.0)
     evaluate(ours)
     moved = np.linalg.norm(our_tips(ours) - before, axis=1)
     assert moved[0] > 0.005
@@ -206,11 +206,11 @@ def test_moving_either_object_keeps_the_hand_on_its_source(moving):
 
 def test_shape_and_size_are_kept_without_fitting(moving):
     made, ours = start(moving, fits_shape=False)
-    assert tuple(ours.livehand.beta) == (0.0,) * 10
+    assert tuple(ours["beta"]) == (0.0,) * 10
     assert tuple(ours.scale) == (1.0, 1.0, 1.0)
     assert tip_errors_m(ours, made, [1]).max() < 0.03
     fitted = start(moving)[1]
-    assert np.abs(fitted.livehand.beta).max() > 0.1
+    assert np.abs(fitted["beta"]).max() > 0.1
 
 
 def test_a_linked_source_works_without_trusted_scripts(other_rigs, model, tmp_path):

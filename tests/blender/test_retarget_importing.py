@@ -17,9 +17,8 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
-from livehand.livehand_blender.rigs.importing import UNITS_M, import_rig, likely_unit
+from livehand.livehand_blender.rigs.importing import UNITS_M, all_data, import_rig, likely_unit
 from livehand.livehand_blender.rigs.rig_motion import read_upright
-from livehand.livehand_blender.scene.data_blocks import all_data
 from mathutils import Matrix
 
 # Blender's BVH importer does not close its file.
@@ -123,7 +122,7 @@ def test_a_bvh_with_known_answers(hand, model, tmp_path, fps):
         root = matrix_to_axis_angle(Y_UP @ axis_angle_to_matrix(theta[0]))
         np.testing.assert_allclose(pose.theta[0], root, atol=2e-4)
         np.testing.assert_allclose(pose.transl + nodes[0], Y_UP @ wrist / 100, atol=1e-4)
-    assert tuple(hand.livehand.beta) == (0.0,) * 10
+    assert tuple(hand["beta"]) == (0.0,) * 10
 
 
 def test_the_frame_rate_is_converted(hand, model, tmp_path):

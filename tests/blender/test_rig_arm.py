@@ -20,6 +20,7 @@ from livehand.livehand_blender.rig.pose import (
     write_theta,
     write_transl,
 )
+from livehand.livehand_blender.rig.sliders import write_slider
 
 TOLERANCE_M = 1e-5
 MODES = ("QUATERNION", "AXIS_ANGLE", "XYZ", "ZYX")
@@ -104,8 +105,8 @@ def test_keyed_beta_keeps_the_forearm_at_the_shaped_wrist(
     pose = arm_pose(2, armed_model.side)
     write_hand_pose(RiggedHand.of(armed_hand), pose)
     for frame, value in ((1, -2.0), (11, 2.0)):
-        armed_hand.livehand.beta = np.full(10, value)
-        armed_hand.keyframe_insert("livehand.beta", frame=frame)
+        write_slider(armed_hand, "beta", np.full(10, value))
+        armed_hand.keyframe_insert('["beta"]', frame=frame)
     for frame, value in ((1, -2.0), (6, 0.0)):
         bpy.context.scene.frame_set(frame)
         expected = backend_vertices(armed_model, replace(pose, beta=np.full(10, value)))
@@ -198,7 +199,7 @@ def test_the_wrist_stops_at_its_range_only_with_limited_joints(armed_hand, armed
     wrist.rotation_mode = "YZX"
     thumbwards = -1 if armed_model.side == "right" else 1  # of a turn about Z
     for limited, bend_deg, sideways_deg in ((False, 100, 50), (True, 70, 20)):
-        armed_hand.livehand.limit_joints = limited
+        write_slider(armed_hand, "limit_joints", limited)
         for wanted, expected in (((100, 0, 0), (bend_deg, 0, 0)), ((0, 0, 50 * thumbwards), (0, 0, sideways_deg))):
             wrist.rotation_euler = np.deg2rad(wanted)
             armed_hand.update_tag()

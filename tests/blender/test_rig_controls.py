@@ -19,16 +19,12 @@ from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose, write_theta
+from livehand.livehand_blender.rig.sliders import slider_path, write_slider
 
 
 def read(hand):
     hand.update_tag()
     return read_hand_pose(hand, bpy.context.evaluated_depsgraph_get())
-
-
-def set_control(hand, path, value):
-    owner, _, name = path.rpartition(".")
-    setattr(getattr(hand.livehand, owner) if owner else hand.livehand, name, value)
 
 
 def theta_of_controls(values, side):
@@ -41,7 +37,7 @@ def theta_of_controls(values, side):
 @pytest.mark.parametrize("path", CONTROLS)
 def test_a_control_is_its_gesture_scaled(hand, model, path):
     for value in (-0.2, 0.7):
-        set_control(hand, path, value)
+        write_slider(hand, path, value)
         np.testing.assert_allclose(read(hand).theta, theta_of_controls({path: value}, model.side), atol=2e-6)
 
 
@@ -52,7 +48,7 @@ def test_controls_sum_and_come_before_the_bones_own_rotation(
     write_hand_pose(RiggedHand.of(hand), pose)
     values = {"fist": 0.3, "index.curl": 0.2, "ring.spread": -0.4, "opposition": 0.5, "thumb.curl": 0.1}
     for path, value in values.items():
-        set_control(hand, path, value)
+        write_slider(hand, path, value)
     both = read(hand)
     wanted = axis_angle_to_matrix(theta_of_controls(values, model.side)) @ axis_angle_to_matrix(pose.theta)
     np.testing.assert_allclose(axis_angle_to_matrix(both.theta), wanted, atol=2e-6)
@@ -98,8 +94,8 @@ def test_writing_a_pose_resets_the_master_bones(hand, model, random_pose):
 
 def test_controls_can_be_keyed(hand, model):
     for frame, value in ((1, 0.0), (11, 1.0)):
-        hand.livehand.index.curl = value
-        hand.keyframe_insert("livehand.index.curl", frame=frame)
+        write_slider(hand, "index.curl", value)
+        hand.keyframe_insert(slider_path("index.curl"), frame=frame)
     bpy.context.scene.frame_set(11)
     np.testing.assert_allclose(read(hand).theta, theta_of_controls({"index.curl": 1}, model.side), atol=2e-6)
     bpy.context.scene.frame_set(1)
@@ -108,7 +104,9 @@ def test_controls_can_be_keyed(hand, model):
 
 @pytest.mark.parametrize("write", [write_theta, lambda hand, theta: keyframe_theta(hand, theta[None], [1])])
 def test_writing_a_pose_resets_the_controls(hand, random_pose, model, write):
-    hand.livehand.fist, hand.livehand.thumb.spread, hand.livehand.ring.ik = 0.5, 0.5, 1.0
+    write_slider(hand, "fist", 0.5)
+    write_slider(hand, "thumb.spread", 0.5)
+    write_slider(hand, "ring.ik", 1.0)
     pose = random_pose(1, model.side)
     write(RiggedHand.of(hand), pose.theta)
     assert np.abs(axis_angle_to_matrix(read(hand).theta) - axis_angle_to_matrix(pose.theta)).max() < 1e-5
@@ -117,9 +115,9 @@ def test_writing_a_pose_resets_the_controls(hand, random_pose, model, write):
 def test_the_controls_of_another_model_bend_about_its_bones():
     """Only the built-in hand has anatomical axes of its own."""
     hand = add_hand(bpy.context, replace(load_default_hand(), sha256="0" * 64))
-    hand.livehand.thumb.curl = 0.5
+    write_slider(hand, "thumb.curl", 0.5)
     by_control = read(hand).theta
-    hand.livehand.thumb.curl = 0.0
+    write_slider(hand, "thumb.curl", 0.0)
     for joint, flexion_deg in zip(finger_joints("thumb"), CONTROLS["thumb.curl"].thumb, strict=True):
         half = math.radians(flexion_deg[0]) / 4
         hand.pose.bones[bone_name(joint, "right")].rotation_quaternion = (math.cos(half), math.sin(half), 0, 0)
@@ -136,7 +134,8 @@ def test_a_linked_hand_can_be_controlled_through_an_override(hand, model, tmp_pa
     view_layer = bpy.context.view_layer
     view_layer.update()
     hand = wanted.objects[0].override_hierarchy_create(bpy.context.scene, view_layer, do_fully_editable=True)
-    hand.livehand.ring.curl, hand.livehand.opposition = 0.4, 0.3
+    write_slider(hand, "ring.curl", 0.4)
+    write_slider(hand, "opposition", 0.3)
     wanted_theta = theta_of_controls({"ring.curl": 0.4, "opposition": 0.3}, model.side)
     np.testing.assert_allclose(read(hand).theta, wanted_theta, atol=2e-6)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), ["thumb"])

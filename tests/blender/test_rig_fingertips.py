@@ -15,6 +15,7 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.fingertips import move_bones_to_ik, move_targets_to_fingertips
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
+from livehand.livehand_blender.rig.sliders import write_slider
 
 MOST_DEG = 0.5
 
@@ -47,20 +48,21 @@ def drag(hand, rng, reach_m):
 @pytest.mark.parametrize("seed", range(6))
 def test_fk_to_ik_and_back_restores_every_bone(hand, model, seed):
     write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
-    hand.livehand.fist, hand.livehand.index.spread = 0.1 * seed, 0.2
+    write_slider(hand, "fist", 0.1 * seed)
+    write_slider(hand, "index.spread", 0.2)
     before = read(hand)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
-    assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [1] * 5
+    assert [hand[f"{finger}.ik"] for finger in FINGERS] == [1] * 5
     assert apart_deg(read(hand), before) < MOST_DEG
     move_bones_to_ik(bpy.context, RiggedHand.of(hand), FINGERS)
-    assert [getattr(hand.livehand, finger).ik for finger in FINGERS] == [0] * 5
+    assert [hand[f"{finger}.ik"] for finger in FINGERS] == [0] * 5
     assert apart_deg(read(hand), before) < MOST_DEG
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_ik_to_fk_and_back_keeps_the_pose(hand, model, seed, evaluated_vertices, backend_vertices):
     write_hand_pose(RiggedHand.of(hand), natural_pose(seed, model.side))
-    hand.livehand.middle.curl = 0.1
+    write_slider(hand, "middle.curl", 0.1)
     before = read(hand)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     drag(hand, np.random.default_rng(seed), 0.006)
@@ -74,7 +76,7 @@ def test_ik_to_fk_and_back_keeps_the_pose(hand, model, seed, evaluated_vertices,
 
 
 def test_targets_move_to_the_fingertips_of_the_fk_pose(hand, model):
-    hand.livehand.fist = 0.3
+    write_slider(hand, "fist", 0.3)
     before = read(hand)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     drag(hand, np.random.default_rng(0), 0.006)
@@ -84,7 +86,7 @@ def test_targets_move_to_the_fingertips_of_the_fk_pose(hand, model):
 
 def test_fingertips_reach_their_targets_while_the_wrist_turns(hand, model):
     """From a half-closed hand, so that every finger can reach its target."""
-    hand.livehand.fist = 0.4
+    write_slider(hand, "fist", 0.4)
     move_targets_to_fingertips(bpy.context, RiggedHand.of(hand), FINGERS)
     wrist = hand.pose.bones[bone_name(0, model.side)]
     wrist.rotation_quaternion, wrist.location = (1, 0.04, 0.0, 0.04), (0.002, 0.004, -0.003)
@@ -114,7 +116,7 @@ def test_the_ik_slider_blends_and_affects_only_its_own_finger(hand, model):
     target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (0.03, -0.03, 0)
     angles = []
     for share in (0.0, 0.5, 1.0):
-        hand.livehand.index.ik = share
+        write_slider(hand, "index.ik", share)
         theta = read(hand).theta
         np.testing.assert_allclose(np.delete(theta, finger_joints("index"), axis=0), 0, atol=1e-6)
         angles.append(np.linalg.norm(theta))

@@ -14,6 +14,7 @@ from livehand.livehand_blender.rig.fingertips import move_targets_to_fingertips
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.limits import joint_limits_rad
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
+from livehand.livehand_blender.rig.sliders import write_slider
 
 
 def read(hand):
@@ -35,9 +36,9 @@ def test_a_joint_stops_at_the_published_angle_from_the_straight_finger(hand, mod
     for angle_deg, stop in zip((-100, 130), straight_range, strict=True):
         half = math.radians(angle_deg) / 2
         hand.pose.bones[bone_name(joint, model.side)].rotation_quaternion = (math.cos(half), math.sin(half), 0, 0)
-        hand.livehand.limit_joints = False
+        write_slider(hand, "limit_joints", False)
         assert flexion_deg(hand, joint, model.side) == pytest.approx(angle_deg, abs=1e-3)
-        hand.livehand.limit_joints = True
+        write_slider(hand, "limit_joints", True)
         assert flexion_deg(hand, joint, model.side) == pytest.approx(stop - bent, abs=1e-3)
 
 
@@ -54,13 +55,13 @@ def test_gestures_lie_within_the_limits(hand, model, gesture):
     theta = theta_of(GESTURES[gesture].angles_deg(), FingerAxes.of_default_hand())
     theta = theta if model.side == "right" else theta * MIRROR_AXIS_ANGLE
     write_theta(RiggedHand.of(hand), theta)
-    hand.livehand.limit_joints = True
+    write_slider(hand, "limit_joints", True)
     assert np.rad2deg(np.abs(read(hand) - theta).max()) < 6
 
 
 def test_limits_stop_an_excessive_fist_control(hand, model):
-    hand.livehand.limit_joints = True
-    hand.livehand.fist = 2.0
+    write_slider(hand, "limit_joints", True)
+    write_slider(hand, "fist", 2.0)
     assert np.rad2deg(np.linalg.norm(read(hand)[1:13], axis=1)).max() < 100
 
 
@@ -72,7 +73,7 @@ def test_a_fingertip_target_bends_no_joint_past_its_range(hand, model):
     target.location = np.array(target.bone.matrix_local.to_3x3()).T @ (towards_wrist, -0.02, 0)
     least = joint_limits_rad(model)[12, 0, 0]
     assert saddle_flexion_rad(hand, model.side) < least - 0.05
-    hand.livehand.limit_joints = True
+    write_slider(hand, "limit_joints", True)
     assert saddle_flexion_rad(hand, model.side) > least - 0.02
 
 

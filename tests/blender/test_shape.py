@@ -7,7 +7,7 @@ from livehand.livehand_blender.ui.shape import shape_names
 
 def test_match_measurements_fits_length_and_breadth(hand, model):
     assert bpy.ops.livehand.match_measurements(length_mm=200, breadth_mm=85) == {"FINISHED"}
-    measured = length_and_breadth_m(model, np.array(hand.livehand.beta))
+    measured = length_and_breadth_m(model, np.array(hand["beta"]))
     np.testing.assert_allclose(measured, [0.200, 0.085], atol=2e-4)
     hand.livehand.model_path = "/no/such/hand.npz"
     with pytest.raises(RuntimeError, match="no hand model at"):
@@ -16,11 +16,11 @@ def test_match_measurements_fits_length_and_breadth(hand, model):
 
 def test_random_shape_depends_on_the_seed_and_can_be_reset(hand, evaluated_vertices, model):
     bpy.ops.livehand.random_shape(seed=3, strength=0.5)
-    first = np.array(hand.livehand.beta)
+    first = np.array(hand["beta"])
     bpy.ops.livehand.random_shape(seed=4)
-    assert np.abs(first - hand.livehand.beta).max() > 0.3
+    assert np.abs(first - hand["beta"]).max() > 0.3
     bpy.ops.livehand.random_shape(seed=3, strength=0.5)
-    np.testing.assert_array_equal(hand.livehand.beta, first)
+    np.testing.assert_array_equal(hand["beta"], first)
     bpy.ops.livehand.reset_shape()
     np.testing.assert_allclose(evaluated_vertices(hand), model.v_template, atol=1e-6)
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.livehand_blender.hands.seen_hands import visible_hands
 from livehand.livehand_blender.hands.shot import read_shot
+from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
@@ -62,7 +62,7 @@ def test_a_hand_is_visible_if_its_mesh_is_even_with_a_hidden_armature(armature):
     assert visible_hands(bpy.context.evaluated_depsgraph_get())[0].name == armature.name
     mesh_of(armature).hide_viewport = True
     bpy.context.view_layer.update()
-    assert visible_hands(bpy.context.evaluated_depsgraph_get()) == []
+    assert visible_hands(bpy.context.evaluated_depsgraph_get()) == ()
 
 
 def test_all_visible_hands_are_found(armature):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from livehand.backend.records.light import Sky, sky_directions
-from livehand.livehand_blender.light.sky_suns import CloseUp, take_out_suns
+from livehand.livehand_blender.light.sky_suns import CloseUp, extract_suns
 from livehand.livehand_blender.light.world import smaller_map
 
 SIZE = (256, 512)
@@ -46,7 +46,7 @@ def test_energy_direction_and_angle_of_a_disc(towards, angle_deg):
     aside = towards + 0.01 * np.cross(towards, [0.6, 0.5, 0.4])  # the close-up is not aimed well
     # The map's own rendering of the sun may be anything.
     texels = disc_sky(sky_directions(*SIZE), towards, np.deg2rad(angle_deg + 0.9), radiance * 0.37, around)
-    without, (sun,) = take_out_suns(texels, [close_up_of(sky, aside / np.linalg.norm(aside))])
+    without, (sun,) = extract_suns(texels, [close_up_of(sky, aside / np.linalg.norm(aside))])
     expected = (radiance - around) * np.pi * np.sin(np.deg2rad(angle_deg) / 2) ** 2
     np.testing.assert_allclose(sun.rgb, expected, rtol=0.015)  # one ray a pixel here; Cycles takes several
     assert -sun.direction @ towards > np.cos(np.deg2rad(0.03))
@@ -62,7 +62,7 @@ def test_a_lamp_of_ten_degrees_stays_in_the_map():
         return disc_sky(directions, towards, np.deg2rad(10), np.full(3, 500.0), np.full(3, 0.1))
 
     texels = sky(sky_directions(*SIZE))
-    without, suns = take_out_suns(texels, [close_up_of(sky, towards)])
+    without, suns = extract_suns(texels, [close_up_of(sky, towards)])
     assert suns == []
     np.testing.assert_array_equal(without, texels)
 
@@ -73,7 +73,7 @@ def test_a_weak_glint_stays_in_the_map():
     def sky(directions):
         return disc_sky(directions, towards, np.deg2rad(0.5), np.full(3, 300.0), np.full(3, 1.0))
 
-    assert take_out_suns(sky(sky_directions(*SIZE)), [close_up_of(sky, towards)])[1] == []
+    assert extract_suns(sky(sky_directions(*SIZE)), [close_up_of(sky, towards)])[1] == []
 
 
 def test_two_suns():
@@ -84,7 +84,7 @@ def test_two_suns():
         return first + disc_sky(directions, other, np.deg2rad(1), np.array([0, 0, 900.0]), np.full(3, 0.01))
 
     close_ups = [close_up_of(sky, one), close_up_of(sky, other)]
-    without, suns = take_out_suns(sky(sky_directions(*SIZE)), close_ups)
+    without, suns = extract_suns(sky(sky_directions(*SIZE)), close_ups)
     assert [sun.rgb.argmax() for sun in suns] == [0, 2]
     assert without.max() < 0.1
 

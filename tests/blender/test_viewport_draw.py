@@ -7,13 +7,12 @@ import bpy
 import gpu
 import numpy as np
 import pytest
-from livehand.livehand_blender.render.viewport import viewport as viewport_module
-from livehand.livehand_blender.render.viewport.draw import ImageTexture, draw_message
-from livehand.livehand_blender.render.viewport.image import ViewportImage
-from livehand.livehand_blender.render.viewport.pace import Pace
-from livehand.livehand_blender.render.viewport.shared import ViewportShared
-from livehand.livehand_blender.render.viewport.view import Rectangle
-from livehand.livehand_blender.render.viewport.viewport import Viewport
+from livehand.livehand_blender.hands import visible_hands
+from livehand.livehand_blender.render.viewport import ImageTexture, Pace, Viewport, draw_message
+from livehand.livehand_blender.render import viewport as viewport_module
+from livehand.livehand_blender.render.viewport_image import ViewportImage
+from livehand.livehand_blender.render.viewport_shared import ViewportShared
+from livehand.livehand_blender.render.viewport_view import Rectangle
 from livehand.livehand_blender.rig.hand import find_hands
 from mathutils import Matrix
 
@@ -159,6 +158,25 @@ def test_the_hand_is_drawn_in_place_and_rendered_only_when_something_changes(dra
     assert len(renderer.shots) == count + 2
     moved = renderer.shots[-1].vertices - renderer.shots[0].vertices
     assert moved[:, 0] == pytest.approx(0.02, abs=1e-6)
+
+
+def test_the_hands_of_a_step_are_read_once(drawn, context, shared, monkeypatch):
+    """Hidden from Cycles' camera at the update, and drawn afterwards."""
+    viewport, engine, readings, read = Viewport(shared), Engine(), [], visible_hands._hand_instances
+    monkeypatch.setattr(visible_hands, "_hand_instances", lambda depsgraph: readings.append(1) or read(depsgraph))
+
+    def step():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        viewport.update(context, depsgraph)
+        meshes.append([mesh.name for mesh in viewport.hand_meshes(depsgraph)])
+        viewport.draw(engine, context, depsgraph)
+
+    meshes = []
+    for x in (0.0, 0.01):
+        find_hands(context.scene)[0].location.x = x
+        drawn(step)
+    assert meshes == [["LiveHand Mesh"]] * 2
+    assert len(readings) == 2
 
 
 def test_what_stands_before_the_hand_hides_it(drawn, context, shared):

@@ -6,8 +6,9 @@ import pytest
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import empty_frame
 from livehand.backend.render.session import Session
-from livehand.livehand_blender.render.viewport.image import ViewportRequest, viewport_image
-from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.hands.visible_hands import visible_hands
+from livehand.livehand_blender.render.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.render.viewport_image import ViewportRequest, viewport_image
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 
@@ -16,6 +17,11 @@ def view_space():
     """A 3D view's space; without a window Blender has one on its only screen, too."""
     areas = (area for window in bpy.context.window_manager.windows for area in window.screen.areas)
     return next(area.spaces.active for area in areas if area.type == "VIEW_3D")
+
+
+def hands_in_view():
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return read_viewport_hands(view_space(), depsgraph, visible_hands(depsgraph))
 
 
 def test_an_image_is_cropped_flipped_and_in_the_working_space():
@@ -37,7 +43,7 @@ def test_an_empty_frame_has_no_image():
 
 @pytest.fixture
 def hands(hand_scene):
-    return read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
+    return hands_in_view()
 
 
 def test_a_coarse_image_lies_where_the_full_one_does(hand_scene, hands, fake_renderer):
@@ -54,7 +60,7 @@ def test_a_coarse_image_lies_where_the_full_one_does(hand_scene, hands, fake_ren
 def test_two_hands_are_in_one_image(hand_scene, hands, fake_renderer):
     bpy.ops.livehand.add_hand(side="left")
     bpy.context.object.location = (-0.06, 0.06, -0.1)
-    both = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
+    both = hands_in_view()
     assert len(hands) == 1
     assert sorted(hand.pose.side for hand in both) == ["left", "right"]
     camera = read_camera(hand_scene.camera, hand_scene.render)
@@ -67,7 +73,7 @@ def test_two_hands_are_in_one_image(hand_scene, hands, fake_renderer):
 
 def test_a_hidden_hand_is_not_read_and_no_hand_gives_no_image(hand_scene, fake_renderer):
     mesh_of(find_hands(hand_scene)[0]).hide_set(True)
-    none = read_viewport_hands(view_space(), bpy.context.evaluated_depsgraph_get())
+    none = hands_in_view()
     assert none == ()
     camera = Camera(np.eye(3), np.eye(4), (4, 4))
     assert ViewportRequest(none, camera, np.eye(3)).render(Session(fake_renderer), 1.0, lambda: False) is None

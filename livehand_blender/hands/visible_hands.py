@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,8 +12,8 @@ import numpy as np
 from ..rig.hand import find_hands, hand_of_mesh, mesh_of
 
 
-class Place(NamedTuple):
-    """Tells the places of one object apart, within a frame and from frame to frame.
+class InstanceId(NamedTuple):
+    """Identify one instance of an object, within a frame and from frame to frame.
 
     Attributes:
         name: the object's full name.
@@ -24,8 +24,8 @@ class Place(NamedTuple):
     instancer: str = ""
 
     @classmethod
-    def of(cls, instance: bpy.types.DepsgraphObjectInstance) -> Place:
-        """The place of one of the depsgraph's instances."""
+    def of(cls, instance: bpy.types.DepsgraphObjectInstance) -> InstanceId:
+        """Identify one of the depsgraph's instances."""
         name = instance.object.original.name_full
         if not instance.is_instance:
             return cls(name)
@@ -37,52 +37,69 @@ _NO_NUMBER = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class SeenHand:
-    """A hand in one of the places in which a frame shows it.
+class VisibleHand:
+    """One instance of a hand that a frame shows.
 
     Attributes:
         armature: the original object.
         mesh: the original object.
-        place: of the mesh.
+        instance_id: of the mesh.
         matrix: [4, 4] of the mesh, to the world.
     """
 
     armature: bpy.types.Object
     mesh: bpy.types.Object
-    place: Place
+    instance_id: InstanceId
     matrix: np.ndarray
 
     @property
     def name(self) -> str:
         """The armature's full name, with the instancer's if there is one; no other hand of the frame has it."""
         name = self.armature.name_full
-        return f"{name} in {self.place.instancer}" if self.place.instancer else name
+        return f"{name} in {self.instance_id.instancer}" if self.instance_id.instancer else name
 
     @property
     def is_mirrored(self) -> bool:
         """Whether its scale turns the hand into one of the other side."""
         return bool(np.linalg.det(self.matrix[:3, :3]) < 0)
 
-    def at(self, depsgraph: bpy.types.Depsgraph) -> SeenHand:
-        """The hand in another frame; an instance that the frame does not have stays where it is."""
-        if not self.place.instancer:
-            return replace(self, matrix=np.array(self.mesh.evaluated_get(depsgraph).matrix_world))
-        again = (np.array(one.matrix_world) for one in depsgraph.object_instances if Place.of(one) == self.place)
-        return replace(self, matrix=next(again, self.matrix))
 
+def visible_hands(depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
+    """Find all hands whose mesh is visible in the depsgraph, sorted by name; the armature itself may be hidden.
 
-def visible_hands(depsgraph: bpy.types.Depsgraph) -> list[SeenHand]:
-    """All hands whose mesh is visible in the depsgraph, sorted by name; the armature itself may be hidden.
+    This iterates all instances of the frame, in Python: read the hands once a frame, and hand them on.
 
     Raises:
         LiveHandError: a hand of the scene has no mesh.
     """
     for hand in find_hands(depsgraph.scene):
         mesh_of(hand)
-    return sorted(_shown(depsgraph), key=lambda hand: hand.name)
+    return tuple(sorted(_hand_instances(depsgraph), key=lambda hand: hand.name))
 
 
-def _shown(depsgraph: bpy.types.Depsgraph) -> Iterator[SeenHand]:
+def hands_at(hands: Sequence[VisibleHand], depsgraph: bpy.types.Depsgraph) -> tuple[VisibleHand, ...]:
+    """Move hands to where the depsgraph's frame has them; an instance that it lacks stays where it is."""
+    matrices = _instance_matrices(depsgraph, {hand.instance_id.name for hand in hands if hand.instance_id.instancer})
+    return tuple(
+        replace(hand, matrix=matrices.get(hand.instance_id, hand.matrix))
+        if hand.instance_id.instancer
+        else replace(hand, matrix=np.array(hand.mesh.evaluated_get(depsgraph).matrix_world))
+        for hand in hands
+    )
+
+
+def _instance_matrices(depsgraph: bpy.types.Depsgraph, names: set[str]) -> dict[InstanceId, np.ndarray]:
+    """Matrix [4, 4] of each instance of the objects of these full names."""
+    if not names:
+        return {}
+    return {
+        InstanceId.of(instance): np.array(instance.matrix_world)
+        for instance in depsgraph.object_instances
+        if instance.is_instance and instance.object.original.name_full in names
+    }
+
+
+def _hand_instances(depsgraph: bpy.types.Depsgraph) -> Iterator[VisibleHand]:
     """Instances are valid for one step of the iteration only, so no reference to them is kept."""
     armatures: dict[int, bpy.types.Object | None] = {}
     for instance in depsgraph.object_instances:
@@ -93,4 +110,4 @@ def _shown(depsgraph: bpy.types.Depsgraph) -> Iterator[SeenHand]:
                 armatures[key] = hand_of_mesh(mesh)
             armature = armatures[key]
             if armature is not None:
-                yield SeenHand(armature, mesh, Place.of(instance), np.array(instance.matrix_world))
+                yield VisibleHand(armature, mesh, InstanceId.of(instance), np.array(instance.matrix_world))

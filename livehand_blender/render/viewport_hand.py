@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
-from ....backend.image.grade import Grade
-from ....backend.records.camera import Camera
-from ....backend.records.shot import HandPose, Shot
-from ....backend.render.frame_task import HandTask
-from ....backend.render.session import Device, Session
-from ...hands.seen_hands import Place, SeenHand, visible_hands
-from ...hands.shot import seen_hair, seen_pose, seen_vertices, seen_wrist_fade_m
-from ...light.light import SceneLight, read_hand_lights
-from ...light.local_triangles import LocalTriangles
-from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
+from ...backend.image.grade import Grade
+from ...backend.records.camera import Camera
+from ...backend.records.shot import HandPose, Shot
+from ...backend.render.frame_task import HandTask
+from ...backend.render.session import Device, Session
+from ..hands.shot import hand_hair, hand_pose, hand_vertices, hand_wrist_fade_m
+from ..hands.visible_hands import InstanceId, VisibleHand
+from ..light.light import SceneLight, read_hand_lights
+from ..light.solids import LocalTriangles
+from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
 @dataclass(frozen=True)
 class ViewportHand:
-    """One hand: its name, its mesh's place, files, device, grade and pose; its posed vertices [V, 3] in the world, m.
+    """One hand: its name, its mesh's id, files, device, grade and pose; its posed vertices [V, 3] in the world, m.
 
     Its light is the scene's; None: that of its avatar's capture.
     """
 
     name: str
-    place: Place
+    instance_id: InstanceId
     source: HandSource
     device: Device
     grade: Grade
@@ -48,33 +49,36 @@ class ViewportHand:
 
 
 def read_viewport_hands(
-    space: bpy.types.SpaceView3D, depsgraph: bpy.types.Depsgraph, local: LocalTriangles | None = None
+    space: bpy.types.SpaceView3D,
+    depsgraph: bpy.types.Depsgraph,
+    hands: Sequence[VisibleHand],
+    local: LocalTriangles | None = None,
 ) -> tuple[ViewportHand, ...]:
-    """All hands that a 3D view shows; `local` holds triangles of the scene that were read before.
+    """Read those of the scene's hands that a 3D view shows; `local` holds triangles that were read before.
 
     Raises:
-        LiveHandError: a hand lacks its mesh or a bone, or is not finite, or the world cannot be read.
+        LiveHandError: a hand lacks a bone or is not finite, or the world cannot be read.
     """
     device = read_device(depsgraph.scene)
-    shown = [hand for hand in visible_hands(depsgraph) if _is_in(space, hand)]
+    shown = [hand for hand in hands if _is_in(space, hand)]
     lights = read_hand_lights(depsgraph, shown, is_final=False, local=local)
     return tuple(
         ViewportHand(
             hand.name,
-            hand.place,
+            hand.instance_id,
             hand_source(hand.armature),
             device,
             read_grade(hand.armature.evaluated_get(depsgraph)),
-            seen_pose(hand, depsgraph),
-            seen_vertices(hand, depsgraph),
+            hand_pose(hand, depsgraph),
+            hand_vertices(hand, depsgraph),
             lights.get(hand.name),
-            seen_wrist_fade_m(hand, depsgraph),
-            seen_hair(hand, depsgraph),
+            hand_wrist_fade_m(hand, depsgraph),
+            hand_hair(hand, depsgraph),
         )
         for hand in shown
     )
 
 
-def _is_in(space: bpy.types.SpaceView3D, hand: SeenHand) -> bool:
+def _is_in(space: bpy.types.SpaceView3D, hand: VisibleHand) -> bool:
     """Whether a view shows it; in local view, instances follow what makes them."""
-    return bool(hand.place.instancer) or hand.mesh.visible_in_viewport_get(space)
+    return bool(hand.instance_id.instancer) or hand.mesh.visible_in_viewport_get(space)

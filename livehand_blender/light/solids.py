@@ -1,22 +1,59 @@
-"""The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change.
+"""Objects of the scene that may shadow or hide a hand: plain values, which may leave Blender's thread.
 
-Materials are asked once between two calls of `forget_unasked`: they change without a word about the objects that wear
-them, and a meadow of instances wears a few.
+Their triangles are read when first asked for, and kept until they change. Materials are asked once between two calls of
+`forget_unasked`: they change without a word about the objects that wear them, and a meadow of instances wears a few.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import bpy
 import numpy as np
 
-from ..hands.seen_hands import Place
+from ..hands.visible_hands import InstanceId
 from .albedo import albedo_of
-from .solid import Solid
+from .reach import bounding_balls
+
+MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+"""The types of objects that have triangles."""
 
 _Key = tuple[int, int]
 """An original object, which outlives its evaluations, and evaluated data: it may make instances of several."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One instance of an object; what is computed of it is kept.
+
+    Attributes:
+        instance_id: of the object.
+        local: [T, 3, 3] its triangles in its own space.
+        matrix: [4, 4] to the world.
+        albedo: [T, 3] of its triangles, if they were diffuse.
+    """
+
+    instance_id: InstanceId
+    local: np.ndarray
+    matrix: np.ndarray
+    albedo: np.ndarray
+
+    @cached_property
+    def triangles(self) -> np.ndarray:
+        """[T, 3, 3] in the world, m."""
+        return placed(self.local, self.matrix)
+
+    @cached_property
+    def balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres [T, 3] and radii [T] of balls around the triangles."""
+        return bounding_balls(self.triangles)
+
+
+def placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Points [..., 3] moved by a matrix [4, 4]."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 class _Read(NamedTuple):
@@ -33,7 +70,7 @@ class LocalTriangles:
     def __init__(self):
         self._kept: dict[_Key, _Read] = {}
         self._asked: set[_Key] = set()
-        self._solids: dict[Place, Solid] = {}
+        self._solids: dict[InstanceId, Solid] = {}
         self._albedos: dict[int, np.ndarray] = {}
 
     def of(self, thing: bpy.types.Object) -> np.ndarray:
@@ -49,18 +86,18 @@ class LocalTriangles:
             self._kept[key] = _Read(sources, *_triangles(thing))
         return self._kept[key]
 
-    def solid(self, place: Place, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
-        """An object in a place, with its matrix [4, 4]: the one of the last call if it is the same."""
+    def solid(self, instance_id: InstanceId, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
+        """An instance of an object, with its matrix [4, 4]: the solid of the last call if it is the same."""
         _, local, slot = self._read(thing)
-        known, albedo = self._solids.get(place), self._palette(thing)[slot]
+        solid, albedo = self._solids.get(instance_id), self._palette(thing)[slot]
         if (
-            known is None
-            or known.local is not local
-            or not np.array_equal(known.matrix, matrix)
-            or not np.array_equal(known.albedo, albedo)
+            solid is None
+            or solid.local is not local
+            or not np.array_equal(solid.matrix, matrix)
+            or not np.array_equal(solid.albedo, albedo)
         ):
-            known = self._solids[place] = Solid(place, local, matrix, albedo)
-        return known
+            solid = self._solids[instance_id] = Solid(instance_id, local, matrix, albedo)
+        return solid
 
     def forget_changed(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Drop what the depsgraph's last updates have changed; a motion as a whole changes nothing."""
@@ -71,7 +108,7 @@ class LocalTriangles:
         """Drop what nobody has asked for since the last call."""
         self._kept = {key: one for key, one in self._kept.items() if key in self._asked}
         locals_kept = {id(one.triangles) for one in self._kept.values()}
-        self._solids = {place: one for place, one in self._solids.items() if id(one.local) in locals_kept}
+        self._solids = {instance_id: one for instance_id, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
         self._albedos.clear()
 

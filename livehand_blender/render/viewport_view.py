@@ -11,9 +11,9 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ....backend.records.camera import Camera
-from ....backend.records.errors import LiveHandError
-from ...scene.camera import read_camera, render_region
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
+from ..scene.camera import read_camera, render_region
 
 _OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -100,8 +100,8 @@ def _camera_border(
 ) -> tuple[float, float, float, float]:
     """Left, top, right and bottom of the render border, px of a region that shows a camera's image."""
     scene = depsgraph.scene
-    seen_through = space.camera if space.use_local_camera else scene.camera
-    image = read_camera(seen_through.evaluated_get(depsgraph), scene.render).K
+    viewed_from = space.camera if space.use_local_camera else scene.camera
+    image = read_camera(viewed_from.evaluated_get(depsgraph), scene.render).K
     scale = camera.K[[0, 1], [0, 1]] / image[[0, 1], [0, 1]]
     border = render_region(scene.render)
     corner = np.array([border.x0_px, border.y0_px])

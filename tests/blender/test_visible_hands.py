@@ -11,11 +11,11 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.hands.proxy import hidden_from_camera, use_albedo
-from livehand.livehand_blender.hands.seen_hands import visible_hands
-from livehand.livehand_blender.hands.shot import read_shot, seen_vertices
+from livehand.livehand_blender.hands.shot import hand_vertices, read_shot
+from livehand.livehand_blender.hands.visible_hands import hands_at, visible_hands
 from livehand.livehand_blender.light.light import read_hand_lights
 from livehand.livehand_blender.render.engine import LiveHandRender
-from livehand.livehand_blender.render.frame_setup import read_frame_setup
+from livehand.livehand_blender.render.frame_setup import VisibleHands, read_frame_setup
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, all_hands, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import write_theta
@@ -106,11 +106,11 @@ def test_the_renderer_draws_a_mirrored_hand_as_the_hand_that_it_looks_like(hand_
 
 def frame_task(scene):
     from livehand.backend.render.frame_task import FrameTask
-    from livehand.livehand_blender.render.frame_setup import _load_hands, _read_hands
+    from livehand.livehand_blender.render.frame_setup import _read_hands
     from livehand.livehand_blender.scene.camera import read_camera
 
     depsgraph, hands = seen()
-    loaded = _load_hands(depsgraph, LiveHandRender.required_session())
+    loaded = VisibleHands.read(depsgraph).instances(depsgraph, LiveHandRender.required_session())
     camera = read_camera(scene.camera.evaluated_get(depsgraph), scene.render)
     return FrameTask((_read_hands(depsgraph, list(zip(loaded, hands, strict=True)), {}, camera),))
 
@@ -144,7 +144,8 @@ def test_an_instance_moves_with_its_empty_and_its_pose_from_frame_to_frame(insta
     depsgraph, (_, hand) = seen()
     instanced.frame_set(2)
     assert hand.matrix[0, 3] == pytest.approx(1)
-    assert hand.at(depsgraph).matrix[0, 3] == pytest.approx(2)
+    (moved,) = hands_at([hand], depsgraph)
+    assert moved.matrix[0, 3] == pytest.approx(2)
 
 
 def test_instances_render_blurred_with_their_own_cryptomatte(
@@ -161,8 +162,8 @@ def test_instances_render_blurred_with_their_own_cryptomatte(
     use_multilayer_exr(instanced)
     bpy.ops.render.render(write_still=True)
     channels = read_exr(tmp_path / "still.exr")
-    places = [shot.vertices[0, 0] - load_default_hand().v_template[0, 0] for shot in fake_session.made[-1].shots]
-    assert len({round(float(x), 4) for x in places}) == 4  # A stands still, B has three places
+    offsets = [shot.vertices[0, 0] - load_default_hand().v_template[0, 0] for shot in fake_session.made[-1].shots]
+    assert len({round(float(x), 4) for x in offsets}) == 4  # A stands still, B has three offsets
     assert channels["ViewLayer.Combined.A"].max() == 1
 
 
@@ -180,7 +181,7 @@ def test_instances_cast_shadows_on_each_other_but_not_on_themselves(instanced):
 
 
 def test_instances_are_hidden_from_cycles_camera_without_endless_updates(instanced):
-    depsgraph, _ = seen()
+    depsgraph, hands = seen()
     bpy.context.view_layer.update()
     updates = []
     bpy.app.handlers.depsgraph_update_post.append(lambda *_: updates.append(True))
@@ -190,7 +191,7 @@ def test_instances_are_hidden_from_cycles_camera_without_endless_updates(instanc
 
     try:
         for _ in range(4):  # as the view does at every update
-            with hidden_from_camera(depsgraph):
+            with hidden_from_camera(depsgraph, [hand.instance_id for hand in hands]):
                 assert cameras() == {False}
             bpy.context.view_layer.update()
         assert len(updates) == 1
@@ -249,7 +250,7 @@ def test_vertices_of_an_instance_are_in_the_world(instanced):
     bpy.context.view_layer.update()
     depsgraph, (_, hand) = seen()
     expected = 2 * load_default_hand().v_template + np.array([1.0, 0, 0])
-    np.testing.assert_allclose(seen_vertices(hand, depsgraph), expected, atol=1e-6)
+    np.testing.assert_allclose(hand_vertices(hand, depsgraph), expected, atol=1e-6)
 
 
 @pytest.fixture
@@ -267,17 +268,18 @@ def namesakes(hand_scene, fake_session, tmp_path):
 
 
 def test_namesakes_from_two_files_are_told_apart(namesakes, fake_session, fake_renderer, monkeypatch):
-    seen_names = {"LiveHand": "LiveHand Mesh", "LiveHand [hands.blend]": "LiveHand Mesh [hands.blend]"}
+    mesh_names = {"LiveHand": "LiveHand Mesh", "LiveHand [hands.blend]": "LiveHand Mesh [hands.blend]"}
     monkeypatch.setattr(fake_renderer, "mean_albedo", np.array([0.5, 0.3, 0.2]))
     engine = SimpleNamespace(camera_override=namesakes.camera, frame_set=lambda *_: None)
-    frame = read_frame_setup(engine, bpy.context.evaluated_depsgraph_get(), fake_session)
-    assert frame.meshes == seen_names
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    frame = read_frame_setup(engine, depsgraph, VisibleHands.read(depsgraph), fake_session)
+    assert frame.meshes == mesh_names
     depsgraph = bpy.context.evaluated_depsgraph_get()
     use_albedo(depsgraph, {"LiveHand Mesh [hands.blend]": [0.1, 0.2, 0.3]})
     colours = {
         thing.name_full: thing.active_material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value[0]
         for thing in depsgraph.objects
-        if thing.name_full in seen_names.values()
+        if thing.name_full in mesh_names.values()
     }
     assert colours["LiveHand Mesh [hands.blend]"] == pytest.approx(0.1)
     assert colours["LiveHand Mesh"] != pytest.approx(0.1)
@@ -285,5 +287,7 @@ def test_namesakes_from_two_files_are_told_apart(namesakes, fake_session, fake_r
 
 def test_namesakes_have_no_cryptomatte_of_their_own(namesakes, fake_session):
     namesakes.view_layers[0].use_pass_cryptomatte_object = True
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    hands = VisibleHands.read(depsgraph)
     with pytest.raises(LiveHandError, match=r"'LiveHand' and 'LiveHand \[hands.blend\]' are both"):
-        read_frame_setup(None, bpy.context.evaluated_depsgraph_get(), fake_session)
+        read_frame_setup(None, depsgraph, hands, fake_session)

@@ -1,0 +1,281 @@
+"""A 3D view in Rendered shading: the engine calls `update` when the scene changes and `draw` at every redraw."""
+
+from __future__ import annotations
+
+import logging
+import textwrap
+from collections import deque
+from statistics import median
+
+import blf
+import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
+
+from ...backend.records.errors import LiveHandError
+from ...backend.render.frame_task import is_equal
+from ...backend.render.preview_scheduler import StepOutcome
+from ..hands.visible_hands import InstanceId, VisibleHand, visible_hands
+from ..light.foreground import Foreground
+from ..light.solids import LocalTriangles
+from ..scene.colour import rec709_to_working_space
+from .viewport_hand import ViewportHand, read_viewport_hands
+from .viewport_image import ViewportImage, ViewportRequest, ViewportStep
+from .viewport_shared import ViewportShared
+from .viewport_view import Rectangle, RegionView, read_view
+
+LOGGER = logging.getLogger(__name__)
+
+_SIDES_PX = (128, 160, 192, 224, 256, 320, 384, 448, 512)
+_FIRST_PX = 256
+_WANTED_S = 1 / 24
+# A choice is made from several pictures: one alone may have waited for an avatar, a kernel or another program.
+_FEWEST, _MOST = 3, 5
+# A larger picture is tried only if it would take this share of the wanted time, so that sizes do not flicker.
+_SPARE = 0.8
+_FONT = 0
+_TEXT_PT = 12.0
+_MARGIN_PX = 20.0
+_TRIANGLES = ((0, 1, 2), (0, 2, 3))
+_WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
+
+
+def viewport_of(engine) -> Viewport:
+    """The engine's viewport, made at the first call: not every engine that Blender makes is for a view."""
+    if not hasattr(engine, "viewport"):
+        engine.viewport = Viewport(type(engine).viewport_shared)
+    return engine.viewport
+
+
+class Viewport:
+    """One 3D view, owned by the engine that Blender makes for it; it refers to no Blender object once it has read them.
+
+    Attributes:
+        has_image: whether the hands are drawn; if not, their meshes stand for them in Cycles' preview.
+    """
+
+    def __init__(self, shared: ViewportShared):
+        self._shared = shared
+        self._hands: tuple[ViewportHand, ...] = ()
+        self._problem = ""  # why the hands cannot be read
+        self._submitted: tuple[ViewportRequest, float, bool] | None = None
+        self._pace = Pace()
+        self._texture: ImageTexture | None = None
+        self.has_image = False
+        self._is_empty = False  # the newest image shows no hand
+        self._is_stale = True  # the scene has changed since it was read
+        self._visible: tuple[VisibleHand, ...] | None = None  # of the changed scene, from its update to its reading
+        self._triangles = LocalTriangles()
+        self._foreground: Foreground | None = None
+        self._message = ""  # the outcome of the last request, if it is not an image
+
+    def update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Note that the scene has changed."""
+        self._is_stale, self._visible = True, None
+        self._triangles.forget_changed(depsgraph)
+
+    def hand_meshes(self, depsgraph: bpy.types.Depsgraph) -> tuple[InstanceId, ...]:
+        """The meshes of all hands of a scene that has changed, which are read once for this and for the drawing.
+
+        Raises:
+            LiveHandError: a hand of the scene has no mesh.
+        """
+        self._visible = visible_hands(depsgraph)
+        return tuple(hand.instance_id for hand in self._visible)
+
+    def draw(self, engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Submit the view's request if it has changed, and draw the newest image."""
+        # Of the frames of an animation, only those are read that will be shown: one while the one before is rendered.
+        if self._is_stale and not self._shared.preview.is_waiting(self):
+            self._read(context, depsgraph)
+        message = self._problem
+        if not message:
+            try:
+                message = self._draw_view(engine, context, depsgraph, read_view(context, depsgraph))
+            except Exception as error:  # raised to Blender, it would keep the engine alive, and Cycles would crash
+                message = _message_of(error)
+        has_image = not message and (self._texture is not None or self._is_empty)
+        if has_image != self.has_image:
+            self.has_image = has_image
+            self._shared.timer.update_meshes()
+        if message:
+            draw_message(f"LiveHand: {message}", context.region.width, context.preferences.system.ui_scale)
+
+    def _read(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        self._is_stale = False
+        self._foreground = None
+        self._triangles.forget_unasked()
+        try:
+            visible = visible_hands(depsgraph) if self._visible is None else self._visible
+            self._hands = read_viewport_hands(context.space_data, depsgraph, visible, self._triangles)
+            self._problem = ""
+        except Exception as error:
+            self._hands, self._problem = (), _message_of(error)
+        self._visible = None
+
+    def _draw_view(
+        self,
+        engine: bpy.types.RenderEngine,
+        context: bpy.types.Context,
+        depsgraph: bpy.types.Depsgraph,
+        view: RegionView | None,
+    ) -> str:
+        """Draw the newest image; returns the message to draw with it."""
+        if view is None:
+            return ""
+        self._submit(engine, depsgraph, view, 1 / _pixel_size(context), context.screen.is_animation_playing)
+        self._receive()
+        if self._texture:
+            self._texture.draw(view.rectangle, context.region.height)
+        return self._message
+
+    def _submit(
+        self,
+        engine: bpy.types.RenderEngine,
+        depsgraph: bpy.types.Depsgraph,
+        view: RegionView,
+        scale: float,
+        is_playing: bool,
+    ) -> None:
+        """Ask for an image that keeps pace and, unless an animation plays, one of the full scale."""
+        if self._is_stale:  # another frame waits, and will be shown first
+            return
+        if self._foreground is None:
+            self._foreground = Foreground(depsgraph, {hand.instance_id for hand in self._hands}, self._triangles)
+        solids = self._foreground.before(depsgraph, view.camera, [hand.vertices for hand in self._hands])
+        request = ViewportRequest(self._hands, view.camera, rec709_to_working_space(), solids)
+        if self._submitted and is_equal((request, scale, is_playing), self._submitted):
+            return
+        if self._submitted is None and self._hands:
+            self._message = "loading the avatar"
+        self._submitted = request, scale, is_playing
+        moving, still = self._moving_step(request, scale), ViewportStep(request, self._shared.session, scale)
+        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
+        self._shared.timer.watch(self, engine)
+
+    def _moving_step(self, request: ViewportRequest, scale: float) -> ViewportStep:
+        moving_px = self._pace.side_px
+        moving_scale = min(scale, moving_px / max(request.camera.size_px))
+        return ViewportStep(request, self._shared.session, moving_scale, moving_px)
+
+    def _receive(self) -> None:
+        outcome = self._shared.preview.pop_outcome(self)
+        if outcome is not None:
+            self._keep_pace(outcome)
+            self._message = _message_of(outcome.error) if outcome.error else ""
+            self._texture = ImageTexture(outcome.value) if outcome.value else None
+            self._is_empty = not outcome.error and not outcome.value
+
+    def _keep_pace(self, outcome: StepOutcome) -> None:
+        step = outcome.step
+        if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
+            self._pace.record(step.moving_px, outcome.seconds)
+
+
+def _pixel_size(context: bpy.types.Context) -> int:
+    """Screen pixels along the side of a rendered pixel: the scene's *Pixel Size*, read as Cycles reads it."""
+    chosen = context.scene.render.preview_pixel_size
+    if chosen != "AUTO":
+        return int(chosen)
+    return 2 if context.preferences.system.pixel_size > 1.5 else 1
+
+
+def _message_of(error: Exception) -> str:
+    if isinstance(error, LiveHandError):
+        return str(error)
+    LOGGER.error("The 3D view failed", exc_info=error)
+    return f"stopped on an unexpected {type(error).__name__}: {error}"
+
+
+class Pace:
+    """Chooses the longer side of moving pictures by the time that the last ones took.
+
+    Time is taken to grow with the number of pixels. It grows less, so a smaller picture may have to be made smaller
+    once more, and a larger one is never too slow for that reason.
+    """
+
+    def __init__(self, wanted_s: float = _WANTED_S):
+        self._wanted_s = wanted_s
+        self._side_px = _FIRST_PX
+        self._seconds: deque[float] = deque(maxlen=_MOST)
+
+    @property
+    def side_px(self) -> int:
+        """The longer side of the next picture."""
+        return self._side_px
+
+    def record(self, side_px: int, seconds: float) -> None:
+        """Take note of the time of a picture of this longer side; one of an earlier choice does not count."""
+        if side_px != self._side_px:
+            return
+        self._seconds.append(seconds)
+        if len(self._seconds) < _FEWEST:
+            return
+        seconds = median(self._seconds)
+        side_px = self._affordable_px(seconds)
+        if side_px > self._side_px or (seconds > self._wanted_s and side_px < self._side_px):
+            self._side_px = side_px
+            self._seconds.clear()
+
+    def _affordable_px(self, seconds: float) -> int:
+        """The largest side with time to spare, if a picture of the present side takes so long."""
+        per_pixel_s = seconds / self._side_px**2
+        return max(
+            (side for side in _SIDES_PX if per_pixel_s * side**2 <= _SPARE * self._wanted_s), default=_SIDES_PX[0]
+        )
+
+
+class ImageTexture:
+    """An image on the GPU; created and drawn only in Blender's drawing callbacks.
+
+    Its colours are scene-linear: Blender applies the view transform to the whole view afterwards.
+    """
+
+    def __init__(self, image: ViewportImage):
+        height, width, _ = image.rgba.shape
+        pixels = gpu.types.Buffer("FLOAT", image.rgba.size, image.rgba.ravel())
+        self._texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=pixels)
+        self._box = image.box
+
+    def draw(self, rectangle: Rectangle, region_height_px: int) -> None:
+        """Draw the image over a rectangle of the region."""
+        left, top, right, bottom = self._box
+        left, right = rectangle.left + left, rectangle.left + right
+        top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
+        shader = gpu.shader.from_builtin("IMAGE")
+        quad = {"pos": _corners(left, bottom, right, top), "texCoord": _corners(0, 0, 1, 1)}
+        batch = batch_for_shader(shader, "TRIS", quad, indices=_TRIANGLES)
+        gpu.state.blend_set("ALPHA_PREMULT")
+        shader.uniform_sampler("image", self._texture)
+        batch.draw(shader)
+        gpu.state.blend_set("NONE")
+
+
+def draw_message(text: str, width_px: int, scale: float) -> None:
+    """Draw text on a dark box in the lower left of a region, wrapped to its width; `scale` is the interface's."""
+    blf.size(_FONT, _TEXT_PT * scale)
+    letter_px, line_px = blf.dimensions(_FONT, "n")[0], 1.6 * _TEXT_PT * scale
+    margin_px = _MARGIN_PX * scale
+    lines = textwrap.wrap(text, max(20, int((width_px - 4 * margin_px) / letter_px)))
+    _draw_box(
+        (margin_px / 2, margin_px / 2),
+        (max(blf.dimensions(_FONT, line)[0] for line in lines) + 1.5 * margin_px, (len(lines) + 1) * line_px),
+    )
+    blf.color(_FONT, *_WHITE)
+    for number, line in enumerate(reversed(lines)):
+        blf.position(_FONT, margin_px, margin_px + number * line_px, 0)
+        blf.draw(_FONT, line)
+
+
+def _draw_box(first_px: tuple[float, float], last_px: tuple[float, float]) -> None:
+    (left, bottom), (right, top) = first_px, last_px
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "TRIS", {"pos": _corners(left, bottom, right, top)}, indices=_TRIANGLES)
+    gpu.state.blend_set("ALPHA")
+    shader.uniform_float("color", _SHADE)
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def _corners(left: float, bottom: float, right: float, top: float) -> tuple[tuple[float, float], ...]:
+    return (left, bottom), (right, bottom), (right, top), (left, top)
