@@ -54,7 +54,6 @@ def load_renderer(avatar_path: Path, hand: HandModel, device: Device) -> HandRen
         hand,
         device=device.name,
         precision=device.precision,
-        has_rough_light=device.has_rough_light,
         has_skin_detail=device.has_skin_detail,
     )
 
