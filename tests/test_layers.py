@@ -44,6 +44,10 @@ ROWS = (
     ("livehand_blender.research", "tools"),
 )
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
+# One road: training takes the stages of frames, which `render` gives it, and adds a loss. The one exception is no
+# stage: the command warns of captures that show another version of the built-in skin.
+ONE_ROAD, ITS_STAGES = "backend.training", ("backend.light", "backend.surface")
+OFF_THE_ROAD = {("backend.training.command", "backend.surface.skin_version")}
 # numba may be missing: only these folders import it, and no other imports their modules but inside a function.
 NUMBA_ROOMS = ("backend.compute.cpu", "backend.compute.kernels")
 # What differs between systems is in one module each of this room; beside it, who owns a temporary folder, and reports.
@@ -153,6 +157,8 @@ def arrow_faults(name, room, imported, imported_room):
         return [f"{name} imports {imported}: the backend knows nothing of Blender"]
     if imported_room in BESIDE and room not in BESIDE:
         return [f"{name} imports {imported}: what ships imports nothing that lies beside it"]
+    if room == ONE_ROAD and imported_room in ITS_STAGES and (name, imported) not in OFF_THE_ROAD:
+        return [f"{name} imports {imported}: training takes the renderer's road, through backend.render"]
     rows = ROW_OF.get(room), ROW_OF.get(imported_room)
     if None in rows or room == imported_room or rows[1] < rows[0]:
         return []
@@ -227,6 +233,10 @@ SOUND = {
     "backend/hand/model.py": "from ..records.shot import Side",
     "backend/hand/files/__init__.py": "",
     "backend/hand/files/reading.py": "from ..model import HandModel",
+    "backend/light/__init__.py": "",
+    "backend/light/lighting.py": "",
+    "backend/surface/__init__.py": "",
+    "backend/surface/skin_version.py": "",
     "backend/field/__init__.py": "",
     "backend/field/field.py": "import torch",
     "backend/compute/__init__.py": "",
@@ -238,6 +248,9 @@ SOUND = {
     "backend/render/__init__.py": "",
     "backend/render/backends.py": "def choose():\n    from ..compute.cpu.backend import NumbaBackend\n"
     "if TYPE_CHECKING:\n    from ..compute.cpu import backend",
+    "backend/training/__init__.py": "",
+    "backend/training/command.py": "from ..surface.skin_version import is_current_skin",
+    "backend/training/step.py": "from ..render.backends import choose",
     "livehand_blender/__init__.py": "",
     "livehand_blender/cli.py": "from .rig.hand import read",
     "livehand_blender/rig/__init__.py": "",
@@ -290,6 +303,8 @@ def test_a_sound_tree_has_no_faults(tmp_path):
         ("livehand_blender/rig/pose.py", "from .. import cli", "imports livehand_blender.cli, whose room"),
         ("backend/render/backends.py", "from ..research import rows", "what ships imports nothing that lies beside it"),
         ("livehand_blender/cli.py", "from ..tools import commands", "what ships imports nothing that lies beside it"),
+        ("backend/training/step.py", "from ..light.lighting import openness", "takes the renderer's road"),
+        ("backend/training/step.py", "def f():\n    from ..surface import skin_version", "takes the renderer's road"),
         ("backend/surprise.py", "", "backend.surprise is in no room"),
         ("backend/surprise/thing.py", "", "backend.surprise.thing is in no room"),
         ("backend/compute/kernels/planes.py", "from ...records.errors import E", "imports backend.records.errors"),

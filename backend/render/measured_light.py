@@ -12,6 +12,7 @@ from torch.nn.functional import avg_pool2d, grid_sample
 
 from ..image.crop import Crop
 from ..image.surface_means import RayPlaces, SurfaceMeans, surface_means
+from ..light.lighting import LightFeatures, corrected
 from ..records.light import MeasuredLight
 
 # Sides, in measured pixels, of the squares whose mean is taken: the next larger one where the smaller hardly shows the
@@ -75,6 +76,19 @@ class AtRays(NamedTuple):
             known = self.means(known, self.places, stride)
         share = known[:, -1:]
         return torch.where(self.shows[:, None] | (share < _LEAST_KNOWN), values, known[:, :-1] / share.clamp(min=_TINY))
+
+    def corrected(
+        self,
+        features: LightFeatures,
+        normal: Float[Tensor, "R 3"],
+        direct: Float[Tensor, "R 3"],
+        indirect: Float[Tensor, "R 3"],
+    ) -> LightFeatures:
+        """Return what a light does at the rays, as bright as what was measured there (`measured_at`)."""
+        indirect = without_noise(self.filled(indirect), self.places, self.means)
+        features = corrected(features, normal, direct, indirect)
+        of_rays = self.filled(torch.cat([features.arriving, features.reflected], 1))
+        return features._replace(arriving=of_rays[:, :3], reflected=of_rays[:, 3:])
 
 
 def without_noise(

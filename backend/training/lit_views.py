@@ -6,7 +6,7 @@ mixture of the images of one instant shows the hand in the same mixture of their
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
@@ -18,37 +18,27 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..capture.capture import Capture, CaptureView
+from ..compute.reference import ReferenceBackend
 from ..evaluation.exposure import LEAST_LIT, WHITE, WHITE_SHARE
-from ..field.rays import CameraTensors, HandInView, view_directions
+from ..field.rays import CameraTensors, HandInView
 from ..field.sampler import SamplerConfig
 from ..geometry.mesh import PosedMesh
 from ..hand.model import HandModel
-from ..image.relighting import covered_pixels, doubled
 from ..image.srgb import linear_to_srgb
-from ..light.bounce import SkinPlaces
-from ..light.lamp_samples import LampSamples
-from ..light.light_samples import LightSamples
-from ..light.lighting import LightShadows
-from ..light.shadow_maps import MAX_DEPTH_IN_M, Bounds, PointShadows
-from ..light.sky_samples import SkySamples, division_of
-from ..light.surrounding_light import SurroundingLight
 from ..records.errors import LiveHandError
 from ..records.light import Light
-from ..render.known_skin import KnownSkin, skin_of_capture
-from ..render.lit_rays import (
+from ..records.shot import HandPose
+from ..render.known_skin import skin_of_capture
+from ..render.light_groups import LightGroups
+from ..render.light_visibility import (
     NO_OCCLUDERS,
-    HitSurface,
-    light_shadows,
-    occluding_triangles,
-    ray_positions,
-    skin_layers,
+    LightVisibility,
+    PackedVisibility,
+    light_visibility,
     sky_shadows,
-    surrounding_light,
-    with_parts,
 )
-from ..surface.fine_mesh import FineMesh, FineTemplate, on_surface
-from ..surface.ray_hits import RayHits
-from ..surface.skin_detail import PixelSkin, pixel_skin
+from ..render.posed_surface import SurfacePixels, SurfacePoser
+from ..render.primary_hits import LampSkins, PrimaryHits, primary_hits
 from .crop_store import CropStore
 from .views import TrainingView, TrainingViews
 
@@ -58,70 +48,40 @@ _LEFT_OUT = 0.2
 """Probability with which a group is left out, if another remains."""
 
 
-class SeenSkin(NamedTuple):
-    """What a view of R rays shows of a known skin.
-
-    Attributes:
-        pixels: of the full-size image.
-        hits: of the rays.
-    """
-
-    pixels: PixelSkin
-    hits: RayHits
-
-
 class ViewLight(NamedTuple):
     """The light of one instant, in G groups.
 
     Attributes:
-        skies: of the groups.
-        lamps: of all groups.
-        group_of_lamp: [L].
-        shadows: of sky and lamps at the rays' points.
-        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
-        position: [R, 3] of the rays' points, m.
-        places: of these on the mesh.
+        groups: sampled.
+        met: where the view's rays meet the skin.
+        visibility: of all groups together at these points.
         targets: [G, 3, 2h, 2w] linear premultiplied colours.
         alpha: [2h, 2w].
-        skin: what the view shows of it, where it is known.
-        around: light from what stands around; None: nothing does.
+        surface: what the view shows of the avatar's surface; None: it has none.
     """
 
-    skies: tuple[SkySamples, ...]
-    lamps: LampSamples
-    group_of_lamp: Tensor
-    shadows: LightShadows
-    open_sky: PointShadows
-    position: Tensor
-    places: SkinPlaces
+    groups: LightGroups
+    met: PrimaryHits
+    visibility: LightVisibility
     targets: Tensor
     alpha: Tensor
-    skin: SeenSkin | None
-    around: SurroundingLight | None
+    surface: SurfacePixels | None
 
 
 class MixedLight(NamedTuple):
     """One mixture of the light groups.
 
     Attributes:
-        samples: its light.
-        shadows: at the rays' points.
-        open_sky: shadows of the sky by the hand alone, as `sky_shadows` gives them.
-        position: [R, 3] of the rays' points, m.
-        places: of these on the mesh.
+        met: where the view's rays meet the skin.
+        visibility: of the mixture at these points.
         exposure: [] factor of linear colours before they are encoded.
-        skin: what the view shows of it, where it is known.
-        around: light from what stands around; None: nothing does.
+        surface: what the view shows of the avatar's surface; None: it has none.
     """
 
-    samples: LightSamples
-    shadows: LightShadows
-    open_sky: PointShadows
-    position: Tensor
-    places: SkinPlaces
+    met: PrimaryHits
+    visibility: LightVisibility
     exposure: Tensor
-    skin: SeenSkin | None
-    around: SurroundingLight | None
+    surface: SurfacePixels | None
 
     def encoded(self, linear: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         """Exposed and sRGB-encoded; values over 1 continue the curve."""
@@ -155,8 +115,8 @@ class LitTrainingViews(TrainingViews):
         super().__init__(capture, tuple(group[0] for group in instants), hand, sampler, device, seed)
         by_file = {group[0].file: group for group in instants}
         self._groups = [by_file[view.file] for view in self.views]
-        self._kept_light: dict[int, tuple] = {}
-        self._kept_skin: dict[int, SeenSkin] = {}
+        self._kept_light: dict[int, PackedVisibility] = {}
+        self._kept_surface: dict[int, SurfacePixels] = {}
         self._hand_poses = list(capture.poses)
 
     def get(self, index: int, jitter: int) -> TrainingView:
@@ -195,129 +155,87 @@ class LitTrainingViews(TrainingViews):
 
     def _light(self, index: int, view: TrainingView) -> ViewLight:
         lights = [self.capture.lights[entry.light].light for entry in self._groups[index] if entry.light is not None]
-        bounds = Bounds.of(view.mesh)
-        lamps = LampSamples.of(tuple(lamp for light in lights for lamp in light.lamps), bounds)
-        group_of_lamp = [group for group, light in enumerate(lights) for _ in light.lamps]
-        # In the same directions: those that a kept frame would take for their sum.
-        division = division_of((light.sky for light in lights), "fine")
-        skies = tuple(SkySamples.of(light.sky, self.device, division) for light in lights)
-        hand = HandInView(view.mesh, self.topology, view.camera)
-        layers, (pixel, directions, t, dt) = skin_layers(self.backend, hand), view.rays[:4]
-        skin = self._skin_at(index, view)
-        hits = None if skin is None else skin.hits
-        position = ray_positions(hand, layers.first, pixel, directions, t, dt, hits)
-        together = LightSamples(SkySamples.mixed(skies, torch.ones(len(skies), 3, device=self.device)), lamps)
-
-        def surface() -> HitSurface | None:
-            mesh = self._fine_mesh(index, view.mesh)
-            if mesh is None or hits is None:
-                return None
-            return HitSurface(mesh, hits.positions(view.camera, directions, position))
-
-        shadows, open_sky, around = self._shadows(index, hand, together, lights, position, surface)
-        linear = self._linear(index)
+        hand, surface = HandInView(view.mesh, self.topology, view.camera), self._surface_in(index, view)
+        hits = None if surface is None else surface.hits
+        met = primary_hits(self.backend, hand, view.rays, hits, None, ReferenceBackend().skin_places)
+        groups, linear = LightGroups.of(lights, view.mesh), self._linear(index)
         return ViewLight(
-            skies=skies,
-            lamps=lamps,
-            group_of_lamp=torch.tensor(group_of_lamp, dtype=torch.long, device=self.device),
-            shadows=shadows,
-            open_sky=open_sky,
-            position=position,
-            places=layers.places(hand, layers.first, pixel, position, hits),
+            groups=groups,
+            met=met,
+            visibility=self._visibility_in(index, met, lights[0], groups),
             targets=linear[:, :3],
             alpha=linear[0, 3],
-            skin=skin,
-            around=around,
+            surface=surface,
         )
 
     @cached_property
-    def _skin(self) -> KnownSkin | None:
-        return skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
-
-    @cached_property
-    def _fine_template(self) -> FineTemplate | None:
-        return None if self._skin is None else FineTemplate.of(self._skin.surface, self.hand, self.device)
+    def _surface(self) -> SurfacePoser | None:
+        skin = skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
+        return None if skin is None else SurfacePoser(skin, self.hand, self.device, self.backend)
 
     def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:
-        """The same, where a surface is known."""
-        hand, surface = super()._met_hand(index, mesh, camera), self._fine_mesh(index, mesh)
-        if surface is None:
-            return hand
-        return on_surface(hand, surface, self.backend.ray_hits(surface, camera, camera.every_pixel).depth)
+        """The same, where the avatar has a surface."""
+        hand = super()._met_hand(index, mesh, camera)
+        return hand if self._surface is None else self._surface.in_view(self._pose(index), hand).met(hand)
 
-    def _fine_mesh(self, index: int, mesh: PosedMesh) -> FineMesh | None:
-        """The known surface in the pose of an instant."""
-        if self._skin is None or self._fine_template is None:
+    def _pose(self, index: int) -> HandPose:
+        return self._hand_poses[self.views[index].pose_index]
+
+    def _surface_in(self, index: int, view: TrainingView) -> SurfacePixels | None:
+        """What an instant shows of the avatar's surface, computed once and kept in half precision."""
+        if self._surface is None:
             return None
-        pose = self._hand_poses[self.views[index].pose_index]
-        return self._skin.posed(self._fine_template, pose, mesh, self.topology.frames, self.backend)
+        if index not in self._kept_surface:
+            mesh = self._surface.mesh(self._pose(index), view.mesh, self.topology.frames)
+            shown = self._surface.shown(mesh, view.camera, view.rays.pixel)
+            self._kept_surface[index] = shown.halved()
+        return self._kept_surface[index].whole()
 
-    def _skin_at(self, index: int, view: TrainingView) -> SeenSkin | None:
-        """What an instant shows of the known skin, computed once and kept, but for depths, in half precision."""
-        if self._skin is None:
-            return None
-        if index not in self._kept_skin:
-            mesh, camera = self._fine_mesh(index, view.mesh), doubled(view.camera)
-            assert mesh is not None
-            seen = self.backend.seen_surface(mesh, camera)
-            pixel = covered_pixels(view.rays.pixel, view.camera.size_px)
-            views = view_directions(camera, pixel)
-            skin = pixel_skin(pixel, views, seen, mesh, camera, self._skin.maps)
-            depth, normal = self.backend.ray_hits(mesh, view.camera, view.rays.pixel)
-            halved = PixelSkin(*(_halved(values) for values in skin))
-            self._kept_skin[index] = SeenSkin(halved, RayHits(depth, normal.half()))
-        skin, (depth, normal) = self._kept_skin[index]
-        return SeenSkin(PixelSkin(*(_whole(values) for values in skin)), RayHits(depth, normal.float()))
-
-    def _shadows(
-        self,
-        index: int,
-        hand: HandInView,
-        samples: LightSamples,
-        lights: list[Light],
-        position: Tensor,
-        surface: Callable[[], HitSurface | None],
-    ) -> tuple[LightShadows, PointShadows, SurroundingLight | None]:
-        """The shadows of an instant, computed once and kept in a byte each; and the light of what stands around."""
+    def _visibility_in(self, index: int, met: PrimaryHits, light: Light, groups: LightGroups) -> LightVisibility:
+        """What reaches the points of an instant, computed once and kept in a byte each."""
+        samples = groups.together()
         if index not in self._kept_light:
-            occluders = occluding_triangles(lights[0], self.device)
-            of_cells = sky_shadows(self.backend, hand, occluders, position)
-            of_sky = with_parts(of_cells, samples.sky, self.backend, hand, occluders, position)
+            sky_visibility = sky_shadows(self.backend, met.hand, NO_OCCLUDERS.to(self.device), met.position)
             white = torch.ones(3, device=self.device)  # `step.render_view` knows better
-            known = surface()
-            skins = None if known is None else known.lamp_skins(is_finest=True)
-            shadows = light_shadows(self.backend, hand, samples, occluders, position, of_sky, white, lamp_skins=skins)
-            open_sky, around = of_cells, None
-            if len(occluders):
-                open_sky = sky_shadows(self.backend, hand, NO_OCCLUDERS.to(self.device), position)
-                around = surrounding_light(self.backend, hand, samples, lights[0])
-            kept = [_packed(one) for one in (shadows.sky, shadows.lamps, open_sky)]
-            self._kept_light[index] = (*kept, shadows.probes, around)
-        sky, lamps, open_sky, probes, around = self._kept_light[index]
-        return LightShadows(_unpacked(sky), _unpacked(lamps), probes), _unpacked(open_sky), around
+            visibility = light_visibility(
+                self.backend,
+                met.hand,
+                light,
+                samples,
+                met.position,
+                sky_visibility,
+                white,
+                None,
+                self._casters(index, met),
+            )
+            self._kept_light[index] = visibility.packed()
+        return self._kept_light[index].unpacked(samples)
+
+    def _casters(self, index: int, met: PrimaryHits) -> LampSkins | None:
+        """The skins that cast lamps' shadows, of the avatar's surface; None: it has none, the mesh casts them."""
+        if self._surface is None:
+            return None
+        mesh = self._surface.mesh(self._pose(index), met.hand.mesh, self.topology.frames)
+        return met.on_surface(mesh).lamp_skins(is_finest=True)
 
     def move_pose(self, pose_index: int, theta: Tensor, vertices: Tensor) -> None:
-        """As in `TrainingViews`; shadows and skin are computed again, too."""
+        """As in `TrainingViews`; shadows and surface are computed again, too."""
         super().move_pose(pose_index, theta, vertices)
         self._hand_poses[pose_index] = replace(self._hand_poses[pose_index], theta=theta.detach().cpu().numpy())
         for index, view in enumerate(self.views):
             if view.pose_index == pose_index:
                 self._kept_light.pop(index, None)
-                self._kept_skin.pop(index, None)
+                self._kept_surface.pop(index, None)
 
 
 def mixed(view: TrainingView, generator: torch.Generator) -> TrainingView:
     """The view in one mixture of its light groups, drawn from the generator; its target becomes that mixture."""
     light = view.light
     weights = group_weights(len(light.targets), generator).to(light.targets.device)
-    lamps = light.lamps._replace(rgb=light.lamps.rgb * weights[light.group_of_lamp])
-    sky = SkySamples.mixed(light.skies, weights)
     linear = torch.einsum("gchw,gc->chw", light.targets, weights)
-    samples = LightSamples(sky, lamps)
-    exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.position.mean(0)))
-    mixture = MixedLight(
-        samples, light.shadows, light.open_sky, light.position, light.places, exposure, light.skin, light.around
-    )
+    samples = light.groups.mixed(weights)
+    exposure = exposure_of(linear, light.alpha, LEAST_LIT * samples.unblocked(light.met.position.mean(0)))
+    mixture = MixedLight(light.met, light.visibility.lit_by(samples), exposure, light.surface)
     target = torch.cat([mixture.encoded(linear), light.alpha[None]])
     return view._replace(light=mixture, target=target)
 
@@ -359,22 +277,3 @@ def _check_occluders(capture: Capture, instants: list[tuple[CaptureView, ...]]) 
                 f"images of one pose and camera must have the same occluders, got others in {group[0].file} than in "
                 f"{group[1].file}; give them different camera indices"
             )
-
-
-def _halved(values: Tensor) -> Tensor:
-    """In half precision; whole numbers as they are."""
-    return values.half() if values.is_floating_point() else values
-
-
-def _whole(values: Tensor) -> Tensor:
-    return values.float() if values.is_floating_point() else values
-
-
-def _packed(shadows: PointShadows) -> tuple[Tensor, Tensor]:
-    """A byte for each share and depth."""
-    return (shadows.lit * 255).round().byte(), (shadows.depth_in_m * (255 / MAX_DEPTH_IN_M)).round().byte()
-
-
-def _unpacked(packed: tuple[Tensor, Tensor]) -> PointShadows:
-    lit, depth_in = packed
-    return PointShadows(lit.float() / 255, depth_in.float() * (MAX_DEPTH_IN_M / 255))

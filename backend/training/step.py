@@ -7,25 +7,21 @@ from math import isfinite
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..avatars.avatar import Avatar
 from ..capture.capture import CaptureView
-from ..compute.precision import Precision, autocast, in_precision
+from ..compute.precision import Precision, autocast
+from ..compute.reference import ReferenceBackend
 from ..field.rays import HandInView
 from ..field.relightable import LitField
 from ..field.volume import Composite
 from ..image.maps import image_of, low_resolution_maps
-from ..image.relighting import at_full_size, lit_image, relit, relit_rays
 from ..image.superres import NoSuperRes
-from ..light.lighting import openness, reflectance
-from ..light.sky_samples import SkySamples
 from ..records.errors import LiveHandError
-from ..render.lit_rays import features_among, skin_layers, split_points, surface_points
-from ..surface.clear_rays import without_strays
-from ..surface.skin_detail import with_skin
+from ..render.gbuffer import RelightableNetworks
+from ..render.primary_hits import skin_at_full_size
 from .clock import Clock
 from .config import TrainConfig
 from .lit_views import MixedLight, mixed
@@ -183,48 +179,26 @@ def render_view(avatar: Avatar, views: TrainingViews, view: TrainingView, precis
             if isinstance(avatar.superres, NoSuperRes):
                 return Rendered(avg_pool2d(image[None], 2)[0], image)
             return Rendered(torch.cat([maps[:3], maps[-1:]]), image)
-    return _render_lit(avatar.field, avatar.superres, composite, hand, views, view, precision)
+    networks = RelightableNetworks.of(avatar.field, avatar.superres, ReferenceBackend(), precision)
+    return _render_lit(networks, composite, view, views.backend)
 
 
 def _render_lit(
-    field: LitField,
-    superres: nn.Module,
-    gathered: Composite,
-    hand: HandInView,
-    views: TrainingViews,
-    view: TrainingView,
-    precision: Precision,
+    networks: RelightableNetworks, gathered: Composite, view: TrainingView, backend: ReferenceBackend
 ) -> Rendered:
     """Decode gathered rays and light them; colours are exposed and sRGB-encoded as the view's target."""
     light: MixedLight = view.light
+    met, surface, size_px = light.met, light.surface, view.camera.size_px
     gathered = gathered._replace(channels=gathered.channels.float())
-    directions = torch.nn.functional.normalize(view.rays.directions, dim=-1)
-    hits = light.skin.hits if light.skin else None
-    points = surface_points(field, gathered, light.position, directions, light.places, hits)
-    at_points, _ = split_points(light.open_sky, len(points.position))
-    open_to = openness(SkySamples.of(None, views.device), at_points, points.normal)
-    with autocast(views.device, precision):
-        low = field.decode(gathered, directions, open_to)
-    probes = light.shadows.probes._replace(albedo=_mean_albedo(low))
-    shadows = light.shadows._replace(probes=probes)
-    features = features_among(light.around, light.samples, shadows, light.open_sky, points, views.backend)
-    pixel, size_px = view.rays.pixel, view.camera.size_px
-    coloured = low._replace(channels=light.encoded(relit_rays(low, points, features)))
-    maps, _ = low_resolution_maps(coloured, pixel, size_px)
-    skin = skin_layers(views.backend, at_full_size(hand)).first
-    told = points if hits is None else without_strays(points, low.alpha, hits, skin.edge_m)
-    image = lit_image(in_precision(superres, views.device, precision), low, told, pixel, hand.camera, skin)
-    alpha = image.alpha  # of a known skin, too: else its density would learn nothing
-    if light.skin is not None:
-        image = with_skin(image, light.skin.pixels)
-    colours = light.encoded(relit(image, features, pixel, size_px))
+    rays = networks.decoded(met, gathered, light.visibility.sky_visibility)
+    features = light.visibility.with_albedo(rays.mean_albedo).features(rays.points, backend)
+    coloured = rays.low._replace(channels=light.encoded(rays.colours(features)))
+    maps, _ = low_resolution_maps(coloured, met.pixel, size_px)
+    image = networks.enlarged(met, rays, skin_at_full_size(backend, met.hand, None))
+    alpha = image.alpha  # of the avatar's surface, too: else its density would learn nothing
+    image = image if surface is None else surface.detailed(image)
+    colours = light.encoded(networks.backend.relit(image, features, met.pixel, size_px))
     return Rendered(maps, torch.cat([colours, alpha[None]]))
-
-
-@torch.no_grad()
-def _mean_albedo(low: Composite) -> Float[Tensor, " 3"]:
-    """Of the skin that a view shows."""
-    return (reflectance(low.channels).sum(0) / low.alpha.sum().clamp(min=1)).clamp(max=1)
 
 
 def _has_finite_gradients(parts: TrainedParts) -> bool:

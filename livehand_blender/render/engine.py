@@ -221,7 +221,7 @@ class LiveHandRender(CyclesEngine):
 
     def _render_hands(self, task: FrameTask) -> tuple[ExposureFrames, ...] | None:
         """Render the hands; returns None if the user has stopped the render."""
-        from ...backend.render.renderer import RenderStopped  # torch, which a renderer has imported already
+        from ...backend.render.progress import RenderStopped  # torch, which a renderer has imported already
 
         session = self.required_session()
 

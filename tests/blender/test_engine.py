@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.frame import DEPTH_BACKGROUND
-from livehand.backend.render.renderer import RenderStopped
+from livehand.backend.render.progress import RenderStopped
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of

@@ -21,7 +21,7 @@ from livehand.backend.light.lighting import SurfacePoints, diffuse_light
 from livehand.backend.light.shadow_maps import Bounds
 from livehand.backend.records.light import Lamp, Light
 from livehand.backend.records.shot import Shot
-from livehand.backend.render.lit_rays import (
+from livehand.backend.render.light_visibility import (
     NO_OCCLUDERS,
     features_among,
     light_shadows,

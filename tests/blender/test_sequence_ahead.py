@@ -12,7 +12,7 @@ from livehand.backend.batch.frame_file import check_frame
 from livehand.backend.batch.progress import ShotTally
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.render.renderer import RenderStopped
+from livehand.backend.render.progress import RenderStopped
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence

@@ -8,8 +8,8 @@ import gpu
 import numpy as np
 import pytest
 from livehand.livehand_blender.hands import visible_hands
-from livehand.livehand_blender.render.viewport import ImageTexture, Pace, Viewport, draw_message
 from livehand.livehand_blender.render import viewport as viewport_module
+from livehand.livehand_blender.render.viewport import ImageTexture, Pace, Viewport, draw_message
 from livehand.livehand_blender.render.viewport_image import ViewportImage
 from livehand.livehand_blender.render.viewport_shared import ViewportShared
 from livehand.livehand_blender.render.viewport_view import Rectangle

@@ -16,7 +16,7 @@ from livehand.backend.light.sky_samples import SKY_DIRECTIONS, SkySamples
 from livehand.backend.light.surrounding_light import SurroundingLight, cell_of, sky_cells
 from livehand.backend.light.surroundings import MOST_PATCHES, Patches, PatchPoints
 from livehand.backend.records.light import Lamp, Light
-from livehand.backend.render.lit_rays import surrounding_light
+from livehand.backend.render.light_visibility import surrounding_light
 from torch.nn.functional import normalize
 
 RED = np.array([[0.8, 0.2, 0.1]])

@@ -23,7 +23,8 @@ from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.render.renderer import Renderer, RenderStopped
+from livehand.backend.render.progress import RenderStopped
+from livehand.backend.render.renderer import Renderer
 
 pytestmark = pytest.mark.slow
 
@@ -218,7 +219,7 @@ def test_an_avatar_of_a_left_hand_takes_left_poses_as_they_are(hand):
     pose = a_pose(side="left")
     vertices = vertices_of(left, pose)
     shot = Shot(pose, vertices, a_camera(vertices.mean(0)))
-    np.testing.assert_array_equal(renderer._canonical_theta(shot.pose), pose.theta)
+    np.testing.assert_array_equal(renderer.pipeline.canonical_theta(shot.pose), pose.theta)
     assert iou(renderer.render(shot).alpha > 0.5, outline(shot, left.f)[0]) > 0.85
 
 

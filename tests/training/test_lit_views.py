@@ -19,10 +19,11 @@ from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Light, Sky
 from livehand.backend.records.shot import Shot
+from livehand.backend.render import gbuffer
+from livehand.backend.render.posed_surface import SurfacePixels
 from livehand.backend.render.renderer import Renderer
-from livehand.backend.training import step
 from livehand.backend.training.config import LossConfig, TrainConfig
-from livehand.backend.training.lit_views import LitTrainingViews, SeenSkin, exposure_of, group_weights, mixed
+from livehand.backend.training.lit_views import LitTrainingViews, exposure_of, group_weights, mixed
 from livehand.backend.training.loop import Training, train
 from livehand.backend.training.setup import TrainingSetup, sky_of
 from livehand.backend.training.step import render_view
@@ -40,10 +41,11 @@ def test_images_of_one_instant_are_one_view(lit_views, lit_capture):
     assert len(lit_views) == 6
     view = lit_views.get(0, 0)
     assert view.light.targets.shape[0] == 2
-    assert view.light.lamps.rgb.tolist() == [[3, 3, 3]]
-    assert view.light.group_of_lamp.tolist() == [1]
-    assert view.light.skies[1].flux.abs().max() == 0
-    assert view.light.shadows.sky.lit.shape == (64, len(view.rays.pixel))
+    groups = view.light.groups
+    assert groups.lamps.rgb.tolist() == [[3, 3, 3]]
+    assert groups.group_of_lamp.tolist() == [1]
+    assert groups.skies[1].flux.abs().max() == 0
+    assert view.light.visibility.shadows.sky.lit.shape == (64, len(view.rays.pixel))
 
 
 def test_a_mixture_is_the_sum_of_weighted_images_and_lights(lit_views):
@@ -53,8 +55,9 @@ def test_a_mixture_is_the_sum_of_weighted_images_and_lights(lit_views):
     one = mixed(view, generator)
     linear = (view.light.targets * weights[:, :, None, None]).sum(0)
     torch.testing.assert_close(one.target[:3], one.light.encoded(linear))
-    torch.testing.assert_close(one.light.samples.sky.flux, view.light.skies[0].flux * weights[0])
-    torch.testing.assert_close(one.light.samples.lamps.rgb, view.light.lamps.rgb * weights[1])
+    samples, groups = one.light.visibility.samples, view.light.groups
+    torch.testing.assert_close(samples.sky.flux, groups.skies[0].flux * weights[0])
+    torch.testing.assert_close(samples.lamps.rgb, groups.lamps.rgb * weights[1])
 
 
 def test_weights_are_varied_and_never_all_zero():
@@ -84,9 +87,9 @@ def test_noise_is_not_exposed_where_no_light_arrives(lit_views):
 
 def test_occluders_shadow_the_light_but_not_the_coefficients(lit_views):
     index = next(i for i, view in enumerate(lit_views.views) if view.camera_index == 1)
-    light = lit_views.get(index, 0).light
-    assert light.shadows.lamps.lit.max() == 0
-    assert light.open_sky.lit.mean() > light.shadows.sky.lit.mean()
+    visibility = lit_views.get(index, 0).light.visibility
+    assert visibility.shadows.lamps.lit.max() == 0
+    assert visibility.sky_visibility.lit.mean() > visibility.shadows.sky.lit.mean()
 
 
 def test_light_groups_among_other_objects_are_refused(lit_capture, hand, small, cpu):
@@ -113,9 +116,9 @@ def known_skin_views(lit_capture, hand, small, cpu):
 
 def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, lit_views, lit_config, hand):
     """Colours are the surface's; alpha stays the field's, which would else learn nothing of it."""
-    assert lit_views.get(0, 0).light.skin is None
+    assert lit_views.get(0, 0).light.surface is None
     view = mixed(known_skin_views.get(0, 0), torch.Generator().manual_seed(5))
-    skin, hits = view.light.skin
+    skin, hits = view.light.surface
     avatar = new_avatar("a", hand.name, hand.sha256, lit_config, seed=1)
     even = skin._replace(albedo=torch.ones_like(skin.albedo), nail=0 * skin.nail)
     variants = {
@@ -126,7 +129,8 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
     }
     shown = {}
     for name, of_skin in variants.items():
-        light = view.light._replace(skin=of_skin and SeenSkin(of_skin, hits))
+        met = view.light.met._replace(hits=of_skin and hits)
+        light = view.light._replace(surface=of_skin and SurfacePixels(of_skin, hits), met=met)
         shown[name] = render_view(avatar, known_skin_views, view._replace(light=light)).image.detach()
         torch.testing.assert_close(shown[name][3], shown["none"][3])
     assert shown["dark"][:3].sum() < 0.9 * shown["even"][:3].sum()
@@ -135,7 +139,8 @@ def test_a_known_skin_is_trained_with_its_outline_and_detail(known_skin_views, l
     lengths = hits.normal.norm(dim=-1)[hits.depth.isfinite()]
     assert len(lengths) > 0.7 * len(hits.depth)
     torch.testing.assert_close(lengths, torch.ones(len(lengths)), atol=2e-3, rtol=0)
-    turned = view.light._replace(skin=SeenSkin(even, hits._replace(normal=-hits.normal)))
+    met = view.light.met._replace(hits=hits._replace(normal=-hits.normal))
+    turned = view.light._replace(surface=SurfacePixels(even, met.hits), met=met)
     dark = render_view(avatar, known_skin_views, view._replace(light=turned)).image.detach()
     assert dark[:3].sum() < 0.9 * shown["even"][:3].sum()
     torch.testing.assert_close(skin.normal.norm(dim=-1), torch.ones(len(skin.row)), atol=2e-3, rtol=0)
@@ -154,7 +159,7 @@ def test_clear_rays_beside_a_known_skin_lend_no_light(known_skin_views, lit_conf
         some = torch.arange(len(alpha))[:, None] % 3 > 0
         return points._replace(position=points.position + some * 100 * edge_m * points.view)
 
-    monkeypatch.setattr(step, "without_strays", without_most)
+    monkeypatch.setattr(gbuffer, "without_strays", without_most)
     other = render_view(avatar, known_skin_views, view).image.detach()
     assert (other[:3] - plain[:3]).abs().amax(0).gt(1e-3).sum() > 100
     assert torch.equal(other[3], plain[3])
@@ -162,11 +167,11 @@ def test_clear_rays_beside_a_known_skin_lend_no_light(known_skin_views, lit_conf
 
 def test_a_pose_that_moves_gets_its_skin_anew(known_skin_views):
     views = known_skin_views
-    before, hits_before = views.get(0, 0).light.skin
+    before, hits_before = views.get(0, 0).light.surface
     theta = torch.as_tensor(views.capture.poses[views.views[0].pose_index].theta, dtype=torch.float32) + 0.3
     mesh = views.get(0, 0).mesh
     views.move_pose(views.views[0].pose_index, theta, mesh.vertices + 0.002)
-    after, hits_after = views.get(0, 0).light.skin
+    after, hits_after = views.get(0, 0).light.surface
     assert not torch.equal(hits_before.depth, hits_after.depth)
     assert len(before.row) != len(after.row) or not torch.equal(before.albedo, after.albedo)
 
@@ -182,11 +187,12 @@ def test_windows_of_a_sky_cast_soft_shadows_in_training_too(lit_capture, hand, s
     view = LitTrainingViews(capture, capture.of_split("train"), hand, small.sampler, cpu, 0).get(0, 0)
     kept = LightSamples.of(replace(window[0].light, penumbra="fine"), Bounds.of(view.mesh)).sky
     assert len(kept.towards) > SKY_DIRECTIONS
-    for sky in view.light.skies:
+    groups, visibility = view.light.groups, view.light.visibility
+    for sky in groups.skies:
         assert torch.equal(sky.towards, kept.towards)
-    torch.testing.assert_close(view.light.skies[0].flux, kept.flux)
-    assert len(view.light.shadows.sky.lit) == len(kept.towards)
-    assert len(view.light.open_sky.lit) == SKY_DIRECTIONS
+    torch.testing.assert_close(groups.skies[0].flux, kept.flux)
+    assert len(visibility.shadows.sky.lit) == len(kept.towards)
+    assert len(visibility.sky_visibility.lit) == SKY_DIRECTIONS
 
 
 def test_the_avatar_keeps_the_sky_of_the_capture(lit_capture, painted_capture):

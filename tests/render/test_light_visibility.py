@@ -20,20 +20,22 @@ from livehand.backend.light.sky_samples import SKY_DIRECTIONS
 from livehand.backend.light.visibility import direction_frames
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
-from livehand.backend.render.lit_rays import (
+from livehand.backend.render.light_visibility import (
     NO_OCCLUDERS,
     SKY_MAP_PX,
-    HitSurface,
-    SkinLayers,
     features_among,
     light_shadows,
-    ray_positions,
-    shows_alone,
     sky_shadows,
     split_points,
-    surface_points,
     surrounding_light,
     with_parts,
+)
+from livehand.backend.render.primary_hits import (
+    HitSurface,
+    SkinLayers,
+    ray_positions,
+    shows_alone,
+    surface_points,
 )
 from livehand.backend.surface.fine_mesh import FineMesh
 from livehand.backend.surface.part_edges import SurfaceBones

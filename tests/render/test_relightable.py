@@ -18,7 +18,7 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.backend.records.light import Lamp, Light, Sky, sky_directions
 from livehand.backend.records.shot import HandPose, Shot
-from livehand.backend.render.lit_rays import HitSurface
+from livehand.backend.render.primary_hits import HitSurface
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.surface_maps import surface_maps
 
@@ -153,7 +153,7 @@ def test_clear_rays_of_a_known_surface_are_filled(hand, renderer, shot, monkeypa
         return low._replace(channels=low.channels / 2, alpha=low.alpha)
 
     before = renderer.render(shot)
-    monkeypatch.setattr("livehand.backend.render.lit_hand.filled", half_as_bright)
+    monkeypatch.setattr("livehand.backend.render.relightable.filled", half_as_bright)
     after = Renderer(renderer.avatar, hand, "cpu").render(shot)
     assert after.rgb.mean() < 0.9 * before.rgb.mean()
 
@@ -180,9 +180,9 @@ def test_of_what_moves_lamps_shadows_are_of_the_meshs_faces_on_the_surface(rende
         HitSurface, "lamp_skin", lambda surface, faces: asked.append(lamp_skin(surface, faces)) or asked[-1]
     )
     moving = renderer.render(replace(shot, is_moving=True, light=light))
-    ((mesh, faces, _),), lit = asked, renderer._last.hand
-    assert torch.equal(faces, lit.hand.topology.faces)
-    assert torch.equal(mesh.vertices, lit.surface.mesh.vertices[: len(shot.vertices)])
+    ((mesh, faces, _),), kept = asked, renderer.pipeline._last.gbuffer
+    assert torch.equal(faces, kept.met.hand.topology.faces)
+    assert torch.equal(mesh.vertices, kept.layer.hit.mesh.vertices[: len(shot.vertices)])
     resting = renderer.render(replace(shot, light=light))
     on_hand = resting.alpha > 0.99
     assert 0 < np.abs(moving.rgb - resting.rgb)[on_hand].mean() < 0.08 * resting.rgb[on_hand].mean()
@@ -190,13 +190,14 @@ def test_of_what_moves_lamps_shadows_are_of_the_meshs_faces_on_the_surface(rende
 
 def test_pixels_on_edges_of_the_known_surface_show_both_parts(renderer, shot):
     renderer.render(shot)
-    lit = renderer._last.hand
-    backend, edges = renderer._backend, lit.edges
+    pipeline = renderer.pipeline
+    kept, backend = pipeline._last.gbuffer, pipeline.backend
+    edges, image = kept.layer.edges, kept.image
     assert len(edges.pixel) > 10
-    features = lit.features(backend, LIGHT)
-    sharp = replace(lit, edges=None).colours(backend, features)
-    found = lit.colours(backend, features)
-    torch.testing.assert_close(found, backend.blended(sharp, lit.image.alpha, lit.image.depth, edges))
+    features = pipeline.features(kept, pipeline.visibility(kept, LIGHT), LIGHT)
+    sharp = pipeline.colours(replace(kept, layer=None), features)
+    found = pipeline.colours(kept, features)
+    torch.testing.assert_close(found, backend.blended(sharp, image.alpha, image.depth, edges))
     changed = (found - sharp).abs().amax(0).flatten() > 1e-3 * float(sharp.max())
     assert 5 < changed.sum() == changed[edges.pixel].sum()
 
@@ -304,7 +305,7 @@ def test_hair_of_the_left_hand_is_the_mirror_image_of_that_of_the_right(hand, re
         for one in (replace(shot, light=even), left)
     ]
     right, mirrored = changes[0], changes[1][:, ::-1]
-    assert len(renderer._hairs.corners) > 2000  # the arm's, too
+    assert len(renderer.pipeline.surface.hairs.corners) > 2000  # the arm's, too
     assert np.abs(right - mirrored).mean() < 0.05 * np.abs(right).mean()
 
 

@@ -1,0 +1,134 @@
+"""The avatar's surface over a posed hand, in frames and in training: its mesh, where rays meet it, its hair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from ..compute.reference import ReferenceBackend
+from ..field.rays import CameraTensors, HandInView, view_directions
+from ..geometry.local_rotation import LocalFrames
+from ..geometry.mesh import PosedMesh
+from ..hand.model import HandModel
+from ..image.relighting import LitImage, covered_pixels, doubled
+from ..records.shot import HandPose, Shot
+from ..records.side import Side
+from ..surface.detail_maps import DetailMaps
+from ..surface.fine_mesh import FineMesh, FineTemplate, LevelsOfDetail, on_surface
+from ..surface.hair_growth import Hairs
+from ..surface.hairs import PosedHairs
+from ..surface.ray_hits import RayHits
+from ..surface.skin_detail import PixelSkin, pixel_skin, with_skin
+from .known_skin import KnownSkin, hairs_on
+
+
+class SurfaceInView(NamedTuple):
+    """The avatar's surface in a pose and a view.
+
+    Attributes:
+        maps: of its detail.
+        mesh: posed.
+        hits: where the rays of all low-resolution pixels meet it.
+        hairs: on it; None: it shows none.
+    """
+
+    maps: DetailMaps
+    mesh: FineMesh
+    hits: RayHits
+    hairs: PosedHairs | None = None
+
+    def met(self, hand: HandInView) -> HandInView:
+        """Return the hand as rays of its field meet it, which end on the surface."""
+        return on_surface(hand, self.mesh, self.hits.depth)
+
+
+class SurfacePixels(NamedTuple):
+    """What the R rays of a view and its full-size image show of the surface: all that training keeps of it.
+
+    Attributes:
+        pixels: of the full-size image.
+        hits: of the rays.
+    """
+
+    pixels: PixelSkin
+    hits: RayHits
+
+    def detailed(self, image: LitImage) -> LitImage:
+        """Return the image with the surface's outline and detail, with gradients to its colours."""
+        return with_skin(image, self.pixels)
+
+    def halved(self) -> SurfacePixels:
+        """Return the same in half precision, but for whole numbers and the rays' depths."""
+        pixels = (values.half() if values.is_floating_point() else values for values in self.pixels)
+        return SurfacePixels(PixelSkin(*pixels), self.hits._replace(normal=self.hits.normal.half()))
+
+    def whole(self) -> SurfacePixels:
+        """Return the same in single precision."""
+        pixels = (values.float() if values.is_floating_point() else values for values in self.pixels)
+        return SurfacePixels(PixelSkin(*pixels), self.hits._replace(normal=self.hits.normal.float()))
+
+
+@dataclass(frozen=True)
+class SurfacePoser:
+    """Poses the avatar's surface over the meshes of its hand.
+
+    Attributes:
+        skin: the surface and its detail.
+        hand: the model of the meshes, of either side.
+        device: of the tensors.
+        backend: poses and rasterises.
+    """
+
+    skin: KnownSkin
+    hand: HandModel
+    device: torch.device
+    backend: ReferenceBackend
+
+    def posed(self, shot: Shot, hand: HandInView) -> SurfaceInView:
+        """Return the surface of a shot: of what moves, in fewer faces if the view allows it, and without hairs."""
+        levels = self.levels(shot.pose.side)
+        template = levels.seen_in(hand) if shot.is_moving else levels.finest
+        surface = self.in_view(shot.pose, hand, template)
+        if shot.hair == 0 or shot.is_moving:
+            return surface
+        return surface._replace(hairs=PosedHairs.of(self.hairs.first(shot.hair), surface.mesh, self.skin.hair_albedo))
+
+    def in_view(self, pose: HandPose, hand: HandInView, template: FineTemplate | None = None) -> SurfaceInView:
+        """Return the surface over a hand in this pose; `template` as in `mesh`."""
+        mesh = self.mesh(pose, hand.mesh, hand.topology.frames, template)
+        hits = self.backend.ray_hits(mesh, hand.camera, hand.camera.every_pixel)
+        return SurfaceInView(self.skin.maps, mesh, hits)
+
+    def shown(self, mesh: FineMesh, camera: CameraTensors, pixel: Int[Tensor, " R"]) -> SurfacePixels:
+        """Return what rays at `pixel` of a low-resolution camera show of the posed surface, and their image."""
+        full, covered = doubled(camera), covered_pixels(pixel, camera.size_px)
+        seen = self.backend.seen_surface(mesh, full)
+        pixels = pixel_skin(covered, view_directions(full, covered), seen, mesh, full, self.skin.maps)
+        return SurfacePixels(pixels, self.backend.ray_hits(mesh, camera, pixel))
+
+    def mesh(
+        self, pose: HandPose, mesh: PosedMesh, frames: LocalFrames, template: FineTemplate | None = None
+    ) -> FineMesh:
+        """Return the surface over a mesh; `template`: in how many faces, None for all of them."""
+        template = self.levels(pose.side).finest if template is None else template
+        return self.skin.posed(template, pose, mesh, frames, self.backend)
+
+    def levels(self, side: Side) -> LevelsOfDetail:
+        """Return the templates of a side, which are made at its first use."""
+        if side not in self._levels:
+            self._levels[side] = LevelsOfDetail.of(self.skin.surface, self.hand.for_side(side), self.device)
+        return self._levels[side]
+
+    @cached_property
+    def hairs(self) -> Hairs:
+        """Of either hand."""
+        return hairs_on(self.levels("right").finest, self.hand.for_side("right"))
+
+    @cached_property
+    def _levels(self) -> dict[Side, LevelsOfDetail]:
+        return {}

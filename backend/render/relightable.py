@@ -1,0 +1,237 @@
+"""The pipeline of a relightable avatar: a G-buffer that is kept while only the light changes, and its light.
+
+    1 pose         `pipeline`, `posed_surface`      the mesh; the avatar's surface over it, if it has one
+    2 crop, 3 rays, 4 field    `pipeline`           what the field gathers along the rays
+    5 visibility   `light_visibility`               shadows of sky, lamps, the hand and nearby geometry
+    6 light        `light_visibility`, `measured_light`    what arrives at the rays' points
+    7 G-buffer     `gbuffer`                        coefficients, normals, alpha and depth at full size
+    8 develop      image x light -> scene-linear, in the whole image
+
+The G-buffer comes before the light: a lamp that moves costs its shadow maps and one product.
+
+Training (`training.step`) takes the same stages with a loss at its end. What frames have and training has not is in
+this module alone, each for a reason; the effect of none of it on training has been measured in dB:
+
+- rays that are added and filled where the field is clear (`surface.clear_rays`): training would learn from inventions;
+- the opacity of the rays in the choice of the surface that they show (`primary_hits`): training keeps its shadows;
+- the depth of the avatar's surface, not of the mesh, in the choice of the rays that light a pixel;
+- the field met on the moved mesh (`surface.fine_mesh.on_surface`): training moves the shell that it traces alone;
+- light smoothed over neighbouring rays, as the picture shows the steps between rays and the loss averages over them;
+- the skin's albedo at each vertex where it lights itself, which needs a field that is already trained: training takes
+  the mean of what its view shows;
+- fewer samples of soft lamps where the skin lights itself: training takes few everywhere.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..compute.precision import Precision
+from ..field.relightable import LitField
+from ..field.sampler import SamplerConfig
+from ..image.decode import linear_frame
+from ..image.maps import depth_profile
+from ..image.relighting import LitImage, SkinDepth, doubled
+from ..image.surface_means import RayPlaces, smoothed_light
+from ..light.lamp_samples import LampSamples
+from ..light.light_samples import LightSamples
+from ..light.lighting import LightFeatures
+from ..records.frame import Frame, empty_frame
+from ..records.light import Light, Sky
+from ..records.shot import Shot
+from ..records.surface_mesh import SurfaceMesh
+from ..surface.clear_rays import completed, filled
+from ..surface.hairs import seen_hairs, with_hairs
+from .albedo import vertex_albedo
+from .gbuffer import DecodedRays, GBuffer, RelightableNetworks, SurfaceLayer
+from .known_skin import skin_of
+from .light_visibility import NO_OCCLUDERS, LightVisibility, light_visibility, sky_shadows
+from .measured_light import AtRays, measured_at
+from .pipeline import Pipeline, PosedShot
+from .posed_surface import SurfaceInView, SurfacePoser
+from .primary_hits import LampSkins, PrimaryHits, primary_hits, skin_at_full_size
+from .progress import RenderProgress
+
+_EVEN_SKY = Sky(np.ones((1, 1, 3)))
+
+
+class _Last(threading.local):
+    """Of each thread, the last G-buffer that it rendered, for the next light that falls on it; None before."""
+
+    gbuffer: GBuffer | None = None
+
+
+@dataclass(frozen=True)
+class RelightablePipeline(Pipeline):
+    """Renders frames in the shot's light, or in the capture's.
+
+    Attributes:
+        has_skin_detail: whether outline, normals and detail are those of the avatar's surface, if it has one.
+    """
+
+    has_skin_detail: bool = True
+
+    def render(self, shot: Shot, progress: RenderProgress) -> Frame:
+        """Render a frame; raises what `Renderer.render` raises."""
+        progress.begin("pose")
+        gbuffer = self._last.gbuffer
+        if gbuffer is None or not gbuffer.shows(shot):
+            posed = self.posed(shot)
+            if posed is None:
+                return empty_frame(shot.camera.size_px)
+            gbuffer = self._last.gbuffer = self.gbuffer(posed, progress)
+        progress.begin("light")
+        light = shot.light or Light(sky=self.avatar.sky or _EVEN_SKY)
+        with self.backend.threads_of_frame(gbuffer.crop.pixels):
+            visibility = self.visibility(gbuffer, light)
+            features = self.features(gbuffer, visibility, light)
+            return replace(self.developed(gbuffer, features), is_lit=shot.light is not None)
+
+    def gbuffer(self, posed: PosedShot, progress: RenderProgress) -> GBuffer:
+        """Render all that does not depend on the light."""
+        with self.backend.threads_of_frame(posed.crop.pixels):
+            conditions = self.conditions(posed, posed.hand.mesh.vertices.new_zeros(len(posed.shot.vertices), 0))
+            progress.begin("rasterise")
+            surface = None if self.surface is None else self.surface.posed(posed.shot, posed.hand)
+            rays = self.rays(posed.hand if surface is None else surface.met(posed.hand), conditions, progress)
+            progress.begin("light")
+            rays, hits = (rays, None) if surface is None else completed(rays, surface.hits)
+            met = primary_hits(self.backend, posed.hand, rays, hits, rays, self.backend.skin_places)
+            sky_visibility = sky_shadows(self.backend, met.hand, NO_OCCLUDERS.to(self.device), met.position)
+            progress.begin("field")
+            networks = self._networks_of(posed.shot, progress)
+            decoded = networks.decoded(met, rays.composite, sky_visibility)
+            progress.begin("superres")
+            if surface is None:
+                layer, skin = None, skin_at_full_size(self.backend, posed.hand, rays)
+                image = networks.enlarged(met, decoded, skin)
+                profile = depth_profile(rays._replace(composite=decoded.low), posed.crop, posed.shot.camera.size_px)
+            else:
+                image, layer = self._on_surface(met, surface, decoded, networks)
+                profile = None
+            rest = decoded.points, sky_visibility, image, self._skin_albedo, profile, layer
+            return GBuffer(posed.shot, posed.crop, met, *rest)
+
+    def visibility(self, gbuffer: GBuffer, light: Light) -> LightVisibility:
+        """Cast the shadows of a light."""
+        samples = LightSamples.of(light, gbuffer.bounds)
+        # Light that the hand sheds on itself is soft whatever its shadows.
+        at_probes = LampSamples.of(light.lamps, gbuffer.bounds) if light.penumbra == "fine" else None
+        hand, position, albedo = gbuffer.met.hand, gbuffer.met.position, gbuffer.albedo
+        given = samples, position, gbuffer.sky_visibility, albedo, at_probes, _lamp_skins(gbuffer, light)
+        return light_visibility(self.backend, hand, light, *given)
+
+    def features(self, gbuffer: GBuffer, visibility: LightVisibility, light: Light) -> LightFeatures:
+        """Return what the light does at the rays' points, smoothed over neighbours on the same surface."""
+        hand, points, means = gbuffer.met.hand, gbuffer.points, self.backend.surface_means
+        places = RayPlaces.of(points, gbuffer.met.pixel, hand.camera.size_px, hand.mesh.scale)
+        features = smoothed_light(visibility.features(points, self.backend), places, means)
+        if light.measured is None:
+            return features
+        direct, indirect = measured_at(light.measured, gbuffer.crop, gbuffer.met.pixel, gbuffer.shot.camera.size_px)
+        at_rays = AtRays(gbuffer.is_measured(light.measured), places, means)
+        return at_rays.corrected(features, points.normal, direct, indirect)
+
+    def colours(self, gbuffer: GBuffer, features: LightFeatures) -> Float[Tensor, "3 H W"]:
+        """Return scene-linear colours of the crop's skin, premultiplied by alpha."""
+        image, met = gbuffer.image, gbuffer.met
+        colours = self.backend.relit(image, features, met.pixel, met.hand.camera.size_px)
+        if gbuffer.layer is None:
+            return colours
+        return self.backend.blended(colours, image.alpha, image.depth, gbuffer.layer.edges)
+
+    def developed(self, gbuffer: GBuffer, features: LightFeatures) -> Frame:
+        """Return the frame in a light."""
+        colours, alpha, depth = self.colours(gbuffer, features), gbuffer.image.alpha, gbuffer.image.depth
+        hairs = None if gbuffer.layer is None else gbuffer.layer.hairs
+        if hairs is not None:
+            colours, alpha = with_hairs(colours, alpha, hairs, features)
+            depth = hairs.depth
+        return linear_frame(colours, alpha, depth, gbuffer.crop, gbuffer.shot.camera.size_px, gbuffer.profile)
+
+    @torch.inference_mode()
+    def posed_surface(self, shot: Shot) -> SurfaceMesh | None:
+        """Return the avatar's surface as frames that are kept show it; None: it has none."""
+        if self.surface is None:
+            return None
+        fine = self.surface.mesh(shot.pose, self.mesh(shot), self.topology_of(shot).frames)
+        return SurfaceMesh(fine.vertices.cpu().numpy(), fine.faces.cpu().numpy())
+
+    def forget(self) -> None:
+        """Forget this thread's G-buffer."""
+        self._last.gbuffer = None
+
+    @property
+    def sampler(self) -> SamplerConfig:
+        """How rays that meet the hand are sampled."""
+        config = self.avatar.config.sampler
+        return config if self.surface is None else config.at_surface
+
+    @property
+    def mean_albedo(self) -> np.ndarray:
+        """[3] linear diffuse reflectance of the skin."""
+        return self._vertex_albedo.mean(0)
+
+    @cached_property
+    def surface(self) -> SurfacePoser | None:
+        """The avatar's surface; None: it has none, or it is not wanted."""
+        skin = skin_of(self.avatar, self.device) if self.has_skin_detail else None
+        return None if skin is None else SurfacePoser(skin, self.hand, self.device, self.backend)
+
+    def _on_surface(
+        self, met: PrimaryHits, surface: SurfaceInView, rays: DecodedRays, networks: RelightableNetworks
+    ) -> tuple[LitImage, SurfaceLayer]:
+        """The image with the outline and the detail of the avatar's surface, and that."""
+        full, edge_m = doubled(met.hand.camera), met.mesh_depth.edge_m
+        assert met.hits is not None
+        rays = rays._replace(low=filled(rays.low, met.pixel, met.hand.camera.size_px, met.hits, edge_m))
+        seen = self.backend.seen_surface(surface.mesh, full)
+        image = networks.enlarged(met, rays, SkinDepth(seen.depth, edge_m))
+        image = self.backend.detailed_image(image, seen, surface.mesh, full, surface.maps)
+        hairs = None if surface.hairs is None else seen_hairs(surface.hairs, full, image.depth, met.pixel)
+        return image, SurfaceLayer(
+            met.on_surface(surface.mesh), SkinDepth(surface.hits.depth, edge_m), seen.edges, hairs
+        )
+
+    def _networks_of(self, shot: Shot, progress: RenderProgress) -> RelightableNetworks:
+        precision = self.precision_of(shot)
+        if precision not in self._networks:
+            field, superres = self.field, self.copied(self.avatar.superres)
+            assert isinstance(field, LitField)
+            self._networks[precision] = RelightableNetworks.of(field, superres, self.backend, precision)
+        networks = self._networks[precision]
+        return replace(networks, superres=progress.cancellable(networks.superres))
+
+    @cached_property
+    def _networks(self) -> dict[Precision, RelightableNetworks]:
+        """In the precisions that have been asked for."""
+        return {}
+
+    @cached_property
+    def _vertex_albedo(self) -> np.ndarray:
+        return vertex_albedo(self.avatar, self.hand)
+
+    @cached_property
+    def _skin_albedo(self) -> Tensor:
+        return self.tensor(self._vertex_albedo)
+
+    @cached_property
+    def _last(self) -> _Last:
+        return _Last()
+
+
+def _lamp_skins(gbuffer: GBuffer, light: Light) -> LampSkins | None:
+    """The skins that cast lamps' shadows; of what moves, the mesh's own faces, with their corners on the surface."""
+    if gbuffer.layer is None:
+        return None
+    if not gbuffer.shot.is_moving:
+        return gbuffer.layer.hit.lamp_skins(light.penumbra == "fine")
+    rough = gbuffer.layer.hit.lamp_skin(gbuffer.met.hand.topology.faces)
+    return LampSkins(rough, rough)
