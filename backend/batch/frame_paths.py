@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from .folders import not_written
 from .frame_file import BrokenFrameError, check_frame, is_finished
+from .frame_records import FrameRecord, read_records
+
+FORMATS = ("exr", "png")
+"""Of frames."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,15 @@ class FramePaths:
             return is_finished(path, size_px) and path.stat().st_mtime_ns >= since_ns
 
         return [name for name in formats if not is_there(self.path(name))]
+
+    def exist(self, formats: Sequence[str]) -> bool:
+        """Whether the frame has a file in each of these formats; they are not read."""
+        return all(self.path(name).is_file() for name in formats)
+
+    def records(self, formats: Sequence[str]) -> list[FrameRecord]:
+        """The records of the frame's files, of which those in these formats may exist."""
+        present = [name for name in formats if self.path(name).is_file()]
+        return read_records(self.path("json"), present)
 
     def remove_parts(self) -> None:
         """Remove every process's temporary files of this frame; only the holder of its lease may call this."""
@@ -77,14 +91,29 @@ class FrameParts:
     def publish(self) -> None:
         """Rename every file to its final name.
 
+        The images that they replace are removed first: whenever this ends, none lies beside another one's record.
+
         Raises:
             LiveHandError: one cannot be renamed.
         """
         for part, final in self._paths.items():
-            try:
+            with _named_in_errors(final):
+                part.stat()  # all are there, or nothing is removed
+        for final in self._paths.values():
+            if final.suffix != ".json":
+                with _named_in_errors(final):
+                    final.unlink(missing_ok=True)
+        for part, final in self._paths.items():
+            with _named_in_errors(final):
                 part.replace(final)
-            except OSError as error:
-                raise not_written(final, str(error.strerror)) from error
+
+
+@contextlib.contextmanager
+def _named_in_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise not_written(path, str(error.strerror)) from error
 
 
 def frames_with_leftovers(folder: Path, stem: str) -> list[int]:

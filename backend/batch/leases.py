@@ -15,6 +15,7 @@ import os
 import re
 import tempfile
 import threading
+import time
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from .lease_owner import read_owner, signature
 
 REFRESH_S = 15.0
 STALE_S = 120.0
-"""A lease that was not refreshed for so long is dead, whoever owns it."""
+"""A lease that was not refreshed for so long, by its time or as this process has seen, is dead, whoever owns it."""
 UNSIGNED_S = 1.0
 """An older lease that names no owner is dead: owners sign right after creating theirs, and look again after that."""
 
@@ -58,6 +59,7 @@ class FrameLeases:
     def __init__(self, folder: Path, stem: str, refresh_s: float = REFRESH_S):
         self._folder, self._stem, self._refresh_s = folder, stem, refresh_s
         self._held: dict[int, Lease] = {}
+        self._seen: dict[Path, tuple[int, float]] = {}  # another's lease -> its time, and since when it is seen with it
         self._has_ended = threading.Event()
         self._thread = threading.Thread(target=self._refresh, name="livehand leases", daemon=True)
 
@@ -137,7 +139,7 @@ class FrameLeases:
     def _is_live(self, path: Path) -> bool:
         """Whether the lease's owner may still be at work."""
         try:
-            age_s = self._now_s() - path.stat().st_mtime
+            age_s = self._age_s(path)
         except FileNotFoundError:
             return False
         try:
@@ -147,6 +149,13 @@ class FrameLeases:
         if owner is None:
             return age_s < UNSIGNED_S
         return age_s < STALE_S and not owner.has_ended()
+
+    def _age_s(self, path: Path) -> float:
+        """How long ago a lease was refreshed; if its time lies in the future, as long as it was seen with that time."""
+        changed_ns = path.stat().st_mtime_ns
+        if self._seen.get(path, (None,))[0] != changed_ns:
+            self._seen[path] = (changed_ns, time.monotonic())
+        return max(self._now_s() - changed_ns / 1e9, time.monotonic() - self._seen[path][1])
 
     def _now_s(self) -> float:
         """The time by the clock that dates the folder's files, which may be another machine's."""

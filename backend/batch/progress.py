@@ -9,16 +9,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from .shot_version import others_message, others_text
+
 FrameState = Literal["written", "skipped", "left"]
 _RANK: dict[FrameState, int] = {"left": 0, "skipped": 1, "written": 2}
 
 
 @dataclass(frozen=True)
 class ShotOpened:
-    """A shot was opened; `frames` frames of it are to be rendered."""
+    """A shot was opened; `frames` frames of it are to be rendered. `version` is the digest of its `ShotVersion`."""
 
     folder: str
     frames: int
+    version: str | None = None
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,9 @@ class FrameProgress:
         frame: its number in the scene.
         number: its place in the list, from 1.
         count: of the list.
-        state: `written` now, `skipped` because it existed, or `left` to another process that is rendering it.
+        state: `written` now, `skipped` because it existed, or `left` for now to another process that is rendering it.
         seconds: the time it took; None unless it was written.
+        differs: in what its files that stay differ from what would be rendered now; see `ShotVersion.differences`.
     """
 
     frame: int
@@ -38,11 +42,13 @@ class FrameProgress:
     count: int
     state: FrameState
     seconds: float | None = None
+    differs: tuple[str, ...] = ()
 
     def __str__(self):
-        states = {"skipped": "already there", "left": "left to another process"}
+        states = {"skipped": "already there", "left": "waiting for another process"}
         outcome = states[self.state] if self.seconds is None else f"{self.seconds:.2f} s"
-        return f"frame {self.frame} ({self.number}/{self.count}): {outcome}"
+        other = f", {others_text(self.differs)}" if self.differs else ""
+        return f"frame {self.frame} ({self.number}/{self.count}): {outcome}{other}"
 
 
 @dataclass(frozen=True)
@@ -66,8 +72,10 @@ _NAME_OF = {kind: name for name, kind in EVENT_NAMES.items()}
 
 
 def to_record(shot: Path, event: Event) -> dict[str, Any]:
-    """An event as one JSON object."""
+    """An event as one JSON object; what differs is left out where nothing does."""
     record = asdict(event)
+    if not record.get("differs", True):
+        del record["differs"]
     if record.get("seconds") is not None:
         record["seconds"] = round(record["seconds"], 3)
     return {"event": _NAME_OF[type(event)], "file": str(shot), **record}
@@ -76,6 +84,8 @@ def to_record(shot: Path, event: Event) -> dict[str, Any]:
 def from_record(record: dict[str, Any]) -> tuple[Path, Event]:
     """The arguments that `to_record` was given."""
     values = {name: value for name, value in record.items() if name not in ("event", "file")}
+    if "differs" in values:
+        values["differs"] = tuple(values["differs"])
     return Path(record["file"]), EVENT_NAMES[record["event"]](**values)
 
 
@@ -87,6 +97,8 @@ class ShotTally:
         folder: of its frames.
         count: of the frames to render; None until the shot is opened.
         states: frame -> the best state that any process reported.
+        differences: frame -> in what its files that stay differ from what would be rendered now.
+        versions: the digests of the shot's versions that were opened.
         warnings: each message once.
         errors: each message once.
     """
@@ -94,6 +106,8 @@ class ShotTally:
     folder: Path
     count: int | None = None
     states: dict[int, FrameState] = field(default_factory=dict)
+    differences: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    versions: set[str] = field(default_factory=set)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
     _seconds: list[float] = field(default_factory=list)
@@ -101,13 +115,14 @@ class ShotTally:
     def add(self, event: Event) -> bool:
         """Count an event; returns whether it says something new."""
         match event:
-            case ShotOpened(frames=count):
+            case ShotOpened(frames=count, version=version):
                 is_new, self.count = self.count is None, count
-            case FrameProgress(frame=frame, state=state, seconds=seconds):
+                self.versions |= {version} if version else set()
+            case FrameProgress(frame=frame, state=state, seconds=seconds, differs=differs):
                 before = self.states.get(frame)
                 is_new = before is None or _RANK[state] > _RANK[before]
                 if is_new:
-                    self.states[frame] = state
+                    self.states[frame], self.differences[frame] = state, differs
                 if seconds is not None:
                     self._seconds.append(seconds)
             case Warned(message=message) | Failed(message=message):
@@ -119,6 +134,11 @@ class ShotTally:
     def number_of(self, state: FrameState) -> int:
         """The number of frames that ended in this state."""
         return Counter(self.states.values())[state]
+
+    @property
+    def others(self) -> str | None:
+        """What to tell of frames that stay and are of another version; None if there are none."""
+        return others_message(self.differences.values())
 
     def missing(self, with_left: bool) -> str | None:
         """Says how many frames no process has finished, including those left to another one if `with_left`."""
@@ -140,5 +160,6 @@ class ShotTally:
             "frames": self.count or 0,
             **{state: self.number_of(state) for state in ("written", "skipped", "left")},
             "seconds_per_frame": round(self.seconds_per_frame, 3),
+            "of_other_versions": sum(map(bool, self.differences.values())),
             "error": "; ".join(self.errors) or None,
         }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Sequence
@@ -13,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ..records.camera import Camera
+from ..records.errors import LiveHandError
 from ..records.shot import HandPose
+from .digests import file_digest
+from .shot_version import ShotVersion
 
 
 @dataclass(frozen=True)
@@ -34,17 +36,30 @@ class HandRecord:
 
 
 def frame_record(
-    shot: Path, frame: int, size_px: tuple[int, int], camera: Camera, hands: Sequence[HandRecord]
+    shot: Path,
+    frame: int,
+    size_px: tuple[int, int],
+    camera: Camera,
+    hands: Sequence[HandRecord],
+    formats: Sequence[str],
+    version: ShotVersion,
 ) -> dict[str, Any]:
-    """The provenance of a frame as a JSON object.
+    """The provenance of a frame's files as a JSON object.
 
     Args:
         shot: the .blend.
         frame: its number.
-        size_px: (width, height) of the frame's file.
+        size_px: (width, height) of the frame's files.
         camera: of the rendered region, which is the whole image unless the scene has a render border.
         hands: all hands in the frame.
+        formats: of the files.
+        version: of the shot.
+
+    Raises:
+        LiveHandError: a hand's avatar or model is not one that the version names.
     """
+    records = [_hand_record(hand) for hand in hands]
+    _check_that_files_stayed(hands, records, version)
     return {
         "livehand": livehand_version(),
         "shot": str(shot.resolve()),
@@ -55,7 +70,9 @@ def frame_record(
             "cam2world": camera.cam2world.tolist(),
             "size_px": list(camera.size_px),
         },
-        "hands": [_hand_record(hand) for hand in hands],
+        "hands": records,
+        "formats": list(formats),
+        "version": version.to_record(),
     }
 
 
@@ -82,12 +99,17 @@ def _hand_record(hand: HandRecord) -> dict[str, Any]:
         "avatar": {
             "name": hand.avatar_name,
             "path": str(hand.avatar_path.resolve()),
-            "sha256": _file_sha256(hand.avatar_path, hand.avatar_path.stat().st_mtime_ns),
+            "sha256": file_digest(hand.avatar_path),
         },
     }
 
 
-@cache
-def _file_sha256(path: Path, changed_ns: int) -> str:
-    """Computed once per file and modification time."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _check_that_files_stayed(
+    hands: Sequence[HandRecord], records: Sequence[dict[str, Any]], version: ShotVersion
+) -> None:
+    for hand, record in zip(hands, records, strict=True):
+        if record["avatar"]["sha256"] not in version.avatars:
+            raise LiveHandError(
+                f"the avatar {hand.avatar_path} must stay as it is while a shot is rendered, it was changed; run the "
+                "same command again"
+            )

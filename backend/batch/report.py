@@ -12,6 +12,8 @@ from typing import Any
 from ..system.command import say, warn
 from .progress import Event, EventHandler, Failed, FrameProgress, ShotTally, Warned, to_record
 
+_TOTALS = ("frames", "written", "skipped", "left", "of_other_versions")
+
 
 class RunReport:
     """Prints the events of all shots, as text or one JSON object a line, and totals them.
@@ -45,6 +47,13 @@ class RunReport:
             kind = "warning: " if isinstance(event, Warned) else ""
             warn(f"livehand render: {shot}: {kind}{event.message}")
 
+    def compare_versions(self) -> bool:
+        """Warn of frames that stay and are of another version; returns whether there are any. The last event."""
+        for shot, tally in self.tallies.items():
+            if tally.others:
+                self.add(shot, Warned(tally.others))
+        return any(tally.others for tally in self.tallies.values())
+
     @property
     def has_failed(self) -> bool:
         """Whether any shot has failed."""
@@ -54,7 +63,7 @@ class RunReport:
         """The totals, and those of each shot."""
         files = [tally.result(shot) for shot, tally in self.tallies.items()]
         seconds = [file["seconds_per_frame"] for file in files if file["written"]]
-        totals = {key: sum(file[key] for file in files) for key in ("frames", "written", "skipped", "left")}
+        totals = {key: sum(file[key] for file in files) for key in _TOTALS}
         return {
             "folder": str(self._output),
             **totals,

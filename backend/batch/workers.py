@@ -14,18 +14,20 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from queue import SimpleQueue
 
+from ..records.errors import LiveHandError
 from ..system.command import FAILED, INTERRUPTED, OK
 from ..system.signals import ask_this_process_to_stop
-from .progress import Failed, FrameProgress, from_record
+from .progress import Failed, FrameProgress, ShotOpened, from_record
 from .report import RunReport
 
 GRACE_S = 30.0
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport) -> None:
+def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport, may_refuse: bool = False) -> None:
     """Run this process's command in several worker processes, and wait for all of them.
 
     Args:
@@ -33,9 +35,11 @@ def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport
         jobs: the number of workers.
         began_ns: see `SequencePlan`.
         report: gets the workers' events.
+        may_refuse: workers render nothing beside frames of another version.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the workers have stopped.
+        LiveHandError: they opened two versions of a shot; they have stopped.
     """
     command = [*_this_program(argv), *argv, "--json", "--worker", str(began_ns)]
     workers = [
@@ -44,10 +48,10 @@ def run_workers(argv: Sequence[str], jobs: int, began_ns: int, report: RunReport
     ]
     try:
         _merge(workers, report)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, LiveHandError):
         _stop(workers)
         raise
-    _report_missing_frames(workers, report)
+    _report_missing_frames(workers, report, may_refuse)
 
 
 def stop_with_parent() -> None:
@@ -68,7 +72,7 @@ def _this_program(argv: Sequence[str]) -> list[str]:
     executable = (bpy and bpy.app.binary_path) or sys.executable
     if argv and sys.orig_argv[-len(argv) :] == list(argv):
         return [executable, *sys.orig_argv[1 : -len(argv)]]
-    return [sys.executable, "-m", f"{str(__package__).removesuffix('.backend.batch')}.livehand_blender.cli"]
+    return [sys.executable, "-P", "-m", f"{str(__package__).removesuffix('.backend.batch')}.livehand_blender.cli"]
 
 
 def _environment(jobs: int) -> dict[str, str]:
@@ -82,12 +86,23 @@ def _merge(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
     not_written: list[tuple] = []
     for record in _records(workers):
         shot, event = from_record(record)
-        if not isinstance(event, FrameProgress) or event.state == "written":
+        if isinstance(event, ShotOpened):
+            report.add(shot, event)
+            _check_version(shot, report)
+        elif not isinstance(event, FrameProgress) or event.state == "written":
             report.add(shot, event)
         else:
             not_written.append((shot, event))
     for shot, event in sorted(not_written, key=lambda item: item[1].state != "skipped"):
         report.add(shot, event)
+
+
+def _check_version(shot: Path, report: RunReport) -> None:
+    if len(report.tallies[shot].versions) > 1:
+        raise LiveHandError(
+            f"{shot} and the files that it reads must stay as they are while workers open them, they opened "
+            f"{len(report.tallies[shot].versions)} versions; run the same command again"
+        )
 
 
 def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
@@ -96,8 +111,9 @@ def _records(workers: Sequence[subprocess.Popen[str]]) -> Iterator[dict]:
 
     def read(worker: subprocess.Popen[str]) -> None:
         assert worker.stdout is not None
-        for line in worker.stdout:
-            lines.put(line)
+        with worker.stdout as printed:
+            for line in printed:
+                lines.put(line)
         worker.wait()  # at once: until then the process counts as alive, and its leases are not superseded
         lines.put(None)
 
@@ -124,12 +140,13 @@ def _stop(workers: Sequence[subprocess.Popen[str]]) -> None:
             worker.kill()
 
 
-def _report_missing_frames(workers: Sequence[subprocess.Popen[str]], report: RunReport) -> None:
+def _report_missing_frames(workers: Sequence[subprocess.Popen[str]], report: RunReport, may_refuse: bool) -> None:
     """Make every incomplete shot fail, even if a worker was lost; frames left to a lost worker are missing."""
     codes = sorted({worker.returncode for worker in workers} - {OK})
     is_lost = any(code != FAILED for code in codes)
     ends = ", ".join(f"signal {-code}" if code < 0 else f"exit code {code}" for code in codes)
     for shot, tally in report.tallies.items():
         missing = tally.missing(with_left=is_lost)
-        if missing and not tally.errors:
+        has_refused = may_refuse and tally.others
+        if missing and not tally.errors and not has_refused:
             report.add(shot, Failed(f"{missing} missing: a worker process failed ({ends}); run the same command again"))

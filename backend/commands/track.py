@@ -17,7 +17,7 @@ from ..records.errors import LiveHandError
 from ..records.side import SIDES, Side
 from ..system.command import Command, warn
 from ..system.figure import check_plot_name, new_figure, save_figure
-from ..tracking.sighted_take import filmed_take
+from ..tracking.sighted_take import filmed_take, frames_of_film
 from .doubt_plot import PANEL_IN, draw_doubt
 
 if TYPE_CHECKING:
@@ -82,12 +82,12 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         )
     model = load_hand_model(args.hand or (WITHOUT_ARM if args.capture else DEFAULT_HAND))
     video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
-    found = track_frames(_shown(video.frames(), video.count), tracker)
+    found = track_frames(_shown(frames_of_film(video), video.count), tracker)
     take = filmed_take(found, video.fps, args.fov, args.video)
+    write_take(take, args.output)  # before minutes of fitting, which may fail
     fits: dict[Side, TakeFit] = {}
     for side, hand in take.hands.items():
         fits[side] = fit_take(hand, take.times, take.camera, model, side, take.fps)
-    write_take(take, args.output)
     if args.plot:
         figure = new_figure(PANEL_IN[0], PANEL_IN[1] * len(fits))
         draw_doubt(figure, fits)

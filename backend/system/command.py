@@ -1,7 +1,8 @@
 """The commands of the `livehand` program, and how they run: parse, call, print.
 
-Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 130 interrupted, by
-Ctrl-C, SIGTERM or SIGHUP. With `--json` the last line of stdout is one JSON object: what the function returned.
+Exit codes: 0 done, 1 a `LiveHandError` (its message on stderr, no traceback), 2 wrong usage, 3 with `--strict` what was
+there before is of another version, 130 interrupted, by Ctrl-C, SIGTERM or SIGHUP. With `--json` the last line of stdout
+is one JSON object: what the function returned.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..records.errors import LiveHandError
+from .memory import memory_message
 from .signals import stopping_as_at_ctrl_c
 from .stdout import print_nowhere
 from .thread_limits import allow_cpu_for_mps, limit_spinning
 
-OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, USAGE, OTHER_VERSION, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 class FailedInPart(Exception):
-    """A command failed in part and has reported why: its result is printed, and the exit code is 1."""
+    """A command failed in part and has reported why: its result is printed, and the exit code is 1, or as given."""
 
-    def __init__(self, result: Mapping[str, Any]):
+    def __init__(self, result: Mapping[str, Any], code: int = FAILED):
         super().__init__()
-        self.result = result
+        self.result, self.code = result, code
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,16 @@ def run_commands(program: str, about: str, commands: Mapping[str, Command], argv
     except KeyboardInterrupt:
         warn(f"{program} {args.command}: interrupted")
         return INTERRUPTED
+    except (MemoryError, RuntimeError) as error:
+        message = memory_message(error)
+        if message is None:
+            raise
+        warn(f"{program} {args.command}: {message}")
+        return FAILED
+
+
+MOST_PIXELS = 1 << 27
+"""Of an image, about 16k x 8k: its passes take 3 GB."""
 
 
 def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
@@ -79,7 +91,10 @@ def parse_size_px(text: str, smallest: int = 4) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(
             f"must be WIDTHxHEIGHT in px ({smallest} to 65536), such as 334x512, got {text!r}"
         )
-    return int(match[1]), int(match[2])
+    width, height = int(match[1]), int(match[2])
+    if width * height > MOST_PIXELS:
+        raise argparse.ArgumentTypeError(f"must have at most {MOST_PIXELS} pixels, got {text!r} ({width * height})")
+    return width, height
 
 
 def parse_count(text: str, smallest: int = 1) -> int:
@@ -115,7 +130,7 @@ def _result_and_code(command: Command, args: argparse.Namespace) -> tuple[dict[s
     try:
         return dict(command.run(args)), OK
     except FailedInPart as failure:
-        return dict(failure.result), FAILED
+        return dict(failure.result), failure.code
 
 
 def _parser(program: str, about: str, commands: Mapping[str, Command]) -> argparse.ArgumentParser:

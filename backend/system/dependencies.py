@@ -49,9 +49,10 @@ def install_command(requirements: tuple[Requirement, ...], target: Path | None =
         requirements: what to install.
         target: a folder on this Python's path to install into; None: its own site-packages.
 
-    numpy is held at the version in use: a newer one in `target` would come first and break Blender's own add-ons.
+    A `pip.py` in the current folder is not run (-P). numpy is held at the version in use: a newer one in `target` would
+    come first and break Blender's own add-ons.
     """
     wanted = [requirement.pip for requirement in requirements] + [f"numpy=={metadata.version('numpy')}"]
     quoted = " ".join(f'"{name}"' for name in wanted)
     option = f'--target "{target}" ' if target else ""
-    return f'"{sys.executable}" -m pip install {option}{quoted}'
+    return f'"{sys.executable}" -P -m pip install {option}{quoted}'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from collections.abc import Generator
 
 # Iterations of a waiting loop: the library's default is 300,000, which takes 8 ms and more.
@@ -34,14 +35,43 @@ def usable_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+_own = threading.local()
+_usual: dict[
+    int, int
+] = {}  # of the threads that have other numbers for a while; torch has no default beside the newest
+
+
+def own_threads() -> int:
+    """Ask torch for the number of threads that the calling thread has.
+
+    torch gives a new thread the number that was set last, wherever: one that is born while another renders a small
+    frame would have that one's single thread for good. It gets the usual number instead.
+    """
+    import torch
+
+    count = torch.get_num_threads()
+    if not getattr(_own, "is_known", False):
+        _own.is_known = True
+        usual = max(list(_usual.values()), default=count)
+        if count < usual:
+            torch.set_num_threads(usual)
+            return usual
+    return count
+
+
 @contextlib.contextmanager
 def thread_limit(count: int) -> Generator[None, None, None]:
     """Inside the context, torch and the kernels use `count` threads for what the calling thread asks of them."""
     import torch
 
-    usual = torch.get_num_threads()
+    usual, ident = own_threads(), threading.get_ident()
+    is_outermost = ident not in _usual
+    if is_outermost:
+        _usual[ident] = usual
     torch.set_num_threads(count)
     try:
         yield
     finally:
         torch.set_num_threads(usual)
+        if is_outermost:
+            del _usual[ident]

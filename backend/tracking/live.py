@@ -68,7 +68,8 @@ class LiveTracker:
         root = str(Path(__file__).parents[2])
         order = {"name": source.name, "is_file": source.is_file, "hands": most_hands}
         order["weights"] = None if weights is None else str(weights)
-        command = [sys.executable, "-c", _START, json.dumps([root, *sys.path]), json.dumps(order)]
+        path = [root, *filter(None, sys.path)]  # an empty one is the current folder
+        command = [sys.executable, "-I", "-c", _START, json.dumps(path), json.dumps(order)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._lock = threading.Lock()
         self._newest: LiveFrame | None = None

@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..motion.landmarks.take_file import FilmedTake
 from ..motion.landmarks.take_fit import FilmCamera, FilmedHand
+from ..motion.motion import MOST_FRAMES
 from ..records.errors import LiveHandError
 from ..records.side import Side
+from ..system.command import warn
 
 if TYPE_CHECKING:
     from .takes import VideoSightings
+    from .video import Video, VideoFrame
+
+
+def frames_of_film(video: Video) -> Iterator[VideoFrame]:
+    """The frames of a film of bounded length; where it turns out longer than it said, they end with a warning.
+
+    Raises:
+        LiveHandError: it says that it is longer; before the first frame.
+    """
+    if video.count > MOST_FRAMES:
+        raise LiveHandError(
+            f"{video.path} must have at most {MOST_FRAMES} frames, got {video.count}; cut it into parts"
+        )
+    return _bounded(video)
+
+
+def _bounded(video: Video) -> Iterator[VideoFrame]:
+    for index, frame in enumerate(video.frames()):
+        if max(index, frame.time_s * video.fps) >= MOST_FRAMES:
+            warn(f"{video.path}: a take lasts at most {MOST_FRAMES} frames; those after frame {index} are left out")
+            return
+        yield frame
 
 
 def filmed_take(found: VideoSightings, fps: float, fov_deg: float | None, path: Path) -> FilmedTake:

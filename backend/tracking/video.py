@@ -17,6 +17,7 @@ from ..records.errors import LiveHandError
 from ..system.camera_device import CameraDevice, camera_device
 from ..system.command import warn
 from ..system.regular_file import check_regular
+from .film_clock import FilmClock
 from .tone_mapping import HLG, PQ, tone_mapped
 
 if TYPE_CHECKING:
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
 INSTALL_VIDEO = 'pip install "livehand[video]"'
 _CONTAINERS = "mov,mp4,m4a,3gp,matroska,webm,avi,mpegts,mpeg,asf,ogg,flv,mxf,gif"
-_DEFAULT_FPS = 30.0
+_DEFAULT_FPS, _FPS_RANGE = 30.0, (0.1, 1000.0)
+_LEAST_SHARE, _MOST_NOMINAL_FPS = 0.1, 240.0  # a mean rate below that share of the nominal one is no rate
+_DOUBTFUL_COUNT = 100_000  # an estimate of so many frames may come from a jump of the clock, so they are counted
 _MOST_SIDE_PX = 8192
 _QUARTER_DEG = 90
 
@@ -79,16 +82,19 @@ class Video:
             yield DecodedFrame(time_s, frame)
 
     def _decoded(self, converted: Callable[[Any], Any]) -> Iterator[tuple[float, Any]]:
-        error_types, start, last, got = _errors(), None, -1.0, 0
+        error_types, got = _errors(), 0
+        clock = FilmClock(self.fps, has_jumps=self.device is None)
         with _opened(self.path, self.device) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             try:
                 for frame in container.decode(stream):
-                    start, time_s = _time(frame, start, got, self.fps)
-                    if time_s <= last:  # a time that repeats or goes back
-                        time_s = last + 1 / self.fps
-                    last, got = time_s, got + 1
+                    had_jumps = clock.jumps
+                    time_s = clock.time_s(frame.time)
+                    if clock.jumps > had_jumps == 0:
+                        jump = f"jumps by {clock.jump_s:.0f} s after frame {got}"
+                        warn(f"{self.path}: its clock {jump}; each jump counts as one frame")
+                    got += 1
                     yield time_s, converted(frame)
             except error_types as error:
                 if not got:
@@ -107,11 +113,14 @@ def open_video(path: Path) -> Video:
     check_regular(path)
     with _opened(path) as container:
         stream = container.streams.video[0]
-        fps = float(stream.average_rate or stream.guessed_rate or _DEFAULT_FPS)
+        fps = _rate(stream)
         seconds = float(stream.duration * stream.time_base) if stream.duration and stream.time_base else 0.0
         if not seconds and container.duration:
             seconds = container.duration / 1e6
-        return Video(path, fps, int(stream.frames or round(seconds * fps)))
+        is_counted = bool(stream.frames)
+        count = int(stream.frames or round(seconds * fps))
+    is_doubtful = not is_counted and count > _DOUBTFUL_COUNT
+    return Video(path, fps, _count_frames(path) if is_doubtful else count)
 
 
 def open_camera(name: str) -> Video:
@@ -123,7 +132,7 @@ def open_camera(name: str) -> Video:
     device = camera_device(name)
     with _opened(Path(name), device) as container:
         stream = container.streams.video[0]
-        return Video(Path(name), float(stream.average_rate or stream.guessed_rate or _DEFAULT_FPS), 0, device)
+        return Video(Path(name), _rate(stream), 0, device)
 
 
 def _opened(path: Path, device: CameraDevice | None = None) -> av.container.InputContainer:
@@ -164,12 +173,21 @@ def _errors() -> tuple[type[Exception], ...]:
     return (import_av().error.FFmpegError,)
 
 
-def _time(frame: Any, start: float | None, index: int, fps: float) -> tuple[float | None, float]:
-    """The first frame's time, and this one's after it, s."""
-    if frame.time is None:
-        return start, index / fps
-    start = frame.time if start is None else start
-    return start, frame.time - start
+def _rate(stream: Any) -> float:
+    """Frames per second: the mean, unless jumps of the clock have spoilt it, or nothing is known."""
+    mean, nominal = float(stream.average_rate or 0), float(stream.guessed_rate or 0)
+    is_spoilt = mean < _LEAST_SHARE * nominal and nominal <= _MOST_NOMINAL_FPS
+    rate = nominal if is_spoilt else mean or nominal
+    return rate if _FPS_RANGE[0] <= rate <= _FPS_RANGE[1] else _DEFAULT_FPS
+
+
+def _count_frames(path: Path) -> int:
+    """Of a file, without decoding them."""
+    with _opened(path) as container:
+        try:
+            return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))
+        except _errors():
+            return 0
 
 
 def _upright(frame: Any) -> np.ndarray:

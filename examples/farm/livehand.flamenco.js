@@ -1,4 +1,5 @@
 // Flamenco 3 job type: one shot in chunks, each a task. Put it into the Manager's `scripts` folder; see docs/use/farms.md.
+// A task that fails is tried again by the Manager, and goes on where it ended. Exit codes: docs/use/exit_codes.md.
 
 const JOB_TYPE = {
     label: "LiveHand",

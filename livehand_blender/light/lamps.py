@@ -12,6 +12,7 @@ from math import atan, pi, sin, tan
 import bpy
 import numpy as np
 
+from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Lamp
 from ..scene.colour import in_rec709
 from ..scene.node_values import used_nodes
@@ -23,6 +24,7 @@ _ELLIPTIC = {"DISK", "ELLIPSE"}
 _ONE_SIZE = {"SQUARE", "DISK"}
 # Cycles' own factor between the power and the "radiance" of a point without a radius.
 _UNNORMALIZED_POINT = 4.0
+_SMALLEST_SCALE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,18 @@ class LinkedLamp:
 
 
 def read_lamps(depsgraph: bpy.types.Depsgraph) -> tuple[LinkedLamp, ...]:
-    """All lamps that give diffuse light in the evaluated frame, instances included."""
+    """All lamps that give diffuse light in the evaluated frame, instances included; one that is scaled to 0 gives none.
+
+    Raises:
+        LiveHandError: a lamp's place, size or strength is not finite.
+    """
     groups = {group.name for group in depsgraph.view_layer.lightgroups}
     lamps = []
     for instance in depsgraph.object_instances:
         thing = instance.object
         if thing.type == "LIGHT" and instance.show_self and _is_lit(thing):
-            lamp = _lamp(thing, np.array(instance.matrix_world, np.float64), groups)
-            if lamp.rgb.any():
+            lamp = _named_lamp(thing, np.array(instance.matrix_world, np.float64), groups)
+            if lamp is not None and lamp.rgb.any():
                 linking = thing.light_linking
                 receivers, blockers = LinkRule.of(linking.receiver_collection), LinkRule.of(linking.blocker_collection)
                 lamps.append(LinkedLamp(lamp, receivers, blockers, getattr(thing.data, "use_soft_falloff", False)))
@@ -72,6 +78,19 @@ def _is_lit(thing: bpy.types.Object) -> bool:
     """Whether a lamp gives light to diffuse surfaces; a portal only guides Cycles' sampling."""
     settings = getattr(thing.data, "cycles", None)
     return thing.visible_diffuse and not (thing.data.type == "AREA" and settings and settings.is_portal)
+
+
+def _named_lamp(thing: bpy.types.Object, matrix: np.ndarray, groups: set[str]) -> Lamp | None:
+    """The lamp; None if it is scaled to 0. An error names it."""
+    if np.linalg.norm(matrix[:3, :3], axis=0).min() < _SMALLEST_SCALE:
+        LOGGER.warning("Lamp '%s' is scaled to 0; it gives no light", thing.name)
+        return None
+    try:
+        return _lamp(thing, matrix, groups)
+    except LiveHandError as error:
+        raise LiveHandError(
+            f"lamp '{thing.name}': {error}; look at its transform, its settings and their drivers"
+        ) from error
 
 
 def _lamp(thing: bpy.types.Object, matrix: np.ndarray, groups: set[str]) -> Lamp:

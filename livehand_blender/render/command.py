@@ -11,12 +11,11 @@ from typing import Any
 
 from ...backend.avatars.library import SKINS, avatar_path
 from ...backend.batch.folders import folders_of, writable_folder
+from ...backend.batch.frame_paths import FORMATS
 from ...backend.batch.frame_selection import ALL, parse_chunk, parse_frames
 from ...backend.batch.report import RunReport
 from ...backend.batch.workers import run_workers, stop_with_parent
-from ...backend.system.command import INTERRUPTED, FailedInPart, parse_count, parse_size_px
-
-FORMATS = ("exr", "png")
+from ...backend.system.command import INTERRUPTED, OTHER_VERSION, FailedInPart, parse_count, parse_size_px
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +51,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", type=parse_formats, default=("exr",), metavar="exr|png|exr,png")
     parser.add_argument("--overwrite", action="store_true", help="also render frames that already exist")
     parser.add_argument(
+        "--strict",
+        action="store_true",
+        help=f"render nothing beside frames of another version (avatar, .blend, ...); exit code {OTHER_VERSION}",
+    )
+    parser.add_argument(
+        "--file-outputs",
+        choices=("keep", "mute", "move"),
+        default="keep",
+        help="File Output nodes that write outside DIR: keep them (with a warning), mute them, or move them into DIR",
+    )
+    parser.add_argument(
         "--jobs", type=parse_count, default=1, metavar="N", help="worker processes that share the frames"
     )
     # Passed to worker processes: when the run began, see SequencePlan.
@@ -66,7 +76,7 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
         in_blender: a context in which LiveHand's classes are registered with Blender.
 
     Raises:
-        FailedInPart: a shot failed.
+        FailedInPart: a shot failed, or with `--strict` frames that stay are of another version.
     """
     folders = folders_of(args.shots, args.output)
     report = RunReport(folders, args.output, args.json, is_quiet=args.worker is not None)
@@ -74,11 +84,14 @@ def run(args: argparse.Namespace, in_blender: Callable[[], AbstractContextManage
         _work(args, folders, report, in_blender)
     elif args.jobs > 1:
         with writable_folder(args.output) as began_ns:
-            run_workers(args.argv, args.jobs, began_ns, report)
+            run_workers(args.argv, args.jobs, began_ns, report, may_refuse=args.strict)
     else:
         _render(args, folders, report, in_blender)
+    differs = args.worker is None and report.compare_versions()
     if report.has_failed:
         raise FailedInPart(report.result())
+    if differs and args.strict:
+        raise FailedInPart(report.result(), OTHER_VERSION)
     return report.result()
 
 
@@ -104,6 +117,8 @@ def _render(args: argparse.Namespace, folders: Mapping[Path, Path], report: RunR
                 chunk=args.chunk,
                 formats=args.format,
                 overwrite=args.overwrite,
+                is_strict=args.strict,
+                file_outputs=args.file_outputs,
                 began_ns=args.worker,
                 avatar=args.avatar,
                 size_px=args.size,

@@ -25,6 +25,7 @@ from ...backend.render.frame_queue import FrameQueue
 from ...backend.render.frame_task import ExposureFrames, FrameTask
 from ...backend.render.picture import Picture, compose_picture, surface_of
 from ...backend.render.session import Session
+from ...backend.system.memory import memory_message
 from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
 from ..scene.settings import ENGINE
 from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
@@ -139,6 +140,9 @@ class LiveHandRender(CyclesEngine):
         except KeyboardInterrupt:
             self.report({"ERROR"}, "LiveHand was interrupted")
         except BaseException as error:
+            if message := memory_message(error):
+                self.report({"ERROR"}, f"LiveHand: {message}")
+                return
             LOGGER.exception("The render failed")
             self.report({"ERROR"}, f"LiveHand stopped on an unexpected {type(error).__name__}: {error}")
 

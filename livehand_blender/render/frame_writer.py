@@ -10,10 +10,12 @@ from pathlib import Path
 import bpy
 
 from ...backend.batch.folders import not_written
-from ...backend.batch.frame_paths import FrameParts, FramePaths
+from ...backend.batch.frame_paths import FORMATS, FrameParts, FramePaths
+from ...backend.batch.frame_records import joined_records, kept_records
 from ...backend.batch.interruption import Interruption
 from ...backend.batch.leases import FrameLeases, Lease
 from ...backend.batch.provenance import HandRecord, frame_record, save_record
+from ...backend.batch.shot_version import ShotVersion
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_queue import FrameQueue
 from ...backend.render.frame_task import HandTask
@@ -31,6 +33,7 @@ class FrameWriter:
     Attributes:
         scene: with the plan applied.
         shot: the .blend of the scene.
+        version: of the shot.
         output: the scene's output settings before the plan was applied.
         session: the engine's session.
         queue: the session's queue.
@@ -39,6 +42,7 @@ class FrameWriter:
 
     scene: bpy.types.Scene
     shot: Path
+    version: ShotVersion
     output: OutputSettings
     session: Session
     queue: FrameQueue
@@ -56,11 +60,19 @@ class FrameWriter:
         """
         if lease.generation:
             paths.remove_parts()
+        try:
+            return self._write(paths, formats, leases, lease)
+        except LiveHandError:
+            if leases.holds(lease):
+                raise
+            return False  # whoever took the frame over, while this process slept, has removed what it had saved
+
+    def _write(self, paths: FramePaths, formats: Sequence[str], leases: FrameLeases, lease: Lease) -> bool:
         with blender_silenced(), FrameParts(paths, lease.token) as parts:
             record_path = parts.path("json")  # published first, so that no frame is ever without it
             self.scene.frame_set(paths.frame)
             self._save_images(paths.frame, formats, parts)
-            self._save_record(paths.frame, record_path)
+            self._save_record(paths, formats, record_path)
             is_ours = leases.holds(lease)
             if is_ours:
                 parts.publish()
@@ -95,12 +107,16 @@ class FrameWriter:
         except RuntimeError as error:
             raise not_written(path, blender_message(error)) from error
 
-    def _save_record(self, frame: int, path: Path) -> None:
+    def _save_record(self, paths: FramePaths, formats: Sequence[str], path: Path) -> None:
+        """Save a record of the new files, beside those of the frame's others, which are not rendered again."""
+        others = [name for name in FORMATS if name not in formats]
+        kept = kept_records(paths.records(others), [name for name in others if paths.exist([name])])
         size_px, region = output_size_px(self.scene.render), render_region(self.scene.render)
         camera = read_camera(self.scene.camera, self.scene.render).cropped(region.x0_px, region.y0_px, region.size_px)
         hands = [self._hand_record(task) for task in self._hand_tasks()]
+        record = frame_record(self.shot, paths.frame, size_px, camera, hands, formats, self.version)
         try:
-            save_record(frame_record(self.shot, frame, size_px, camera, hands), path)
+            save_record(joined_records(kept, record), path)
         except OSError as error:
             raise not_written(path, str(error.strerror)) from error
 

@@ -10,9 +10,12 @@ import bpy
 
 from ...backend.batch.frame_selection import ALL, Chunk
 from ...backend.records.errors import LiveHandError
+from ...backend.system.command import MOST_PIXELS
 from ..rig.hand import all_hands
+from ..scene.camera import output_size_px
 from ..scene.file_paths import operator_path
 from ..scene.settings import ENGINE
+from .file_outputs import FileOutputs
 from .hand_source import set_avatar
 
 
@@ -27,6 +30,8 @@ class SequencePlan:
         chunk: the part of these frames to render.
         formats: of each frame, `exr` (multilayer) and `png`; all are saved from one render.
         overwrite: also render frames that were finished when the run began.
+        is_strict: render nothing if a frame that stays is of another version.
+        file_outputs: what becomes of File Output nodes that write outside the folder.
         began_ns: when the run began, by the clock that dates the folder's files; None: when this sequence begins.
         avatar: for every hand of the scene.
         size_px: (width, height) at 100 %.
@@ -40,6 +45,8 @@ class SequencePlan:
     chunk: Chunk = ALL
     formats: Sequence[str] = ("exr",)
     overwrite: bool = False
+    is_strict: bool = False
+    file_outputs: FileOutputs = "keep"
     began_ns: int | None = None
     avatar: Path | None = None
     size_px: tuple[int, int] | None = None
@@ -72,7 +79,7 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
     """Set the engine and the plan's settings in the open scene, in memory only.
 
     Raises:
-        LiveHandError: the scene is stereo.
+        LiveHandError: the scene is stereo, or its frames have too many pixels.
     """
     render = scene.render
     if render.use_multiview:
@@ -84,6 +91,12 @@ def apply_plan(scene: bpy.types.Scene, plan: SequencePlan) -> None:
     if plan.size_px:
         render.resolution_x, render.resolution_y = plan.size_px
         render.resolution_percentage = 100
+    width, height = output_size_px(render)
+    if width * height > MOST_PIXELS:
+        raise LiveHandError(
+            f"a frame must have at most {MOST_PIXELS} pixels, got {width} x {height}; make the scene's resolution "
+            "smaller, or give --size"
+        )
     if plan.device:
         scene.livehand.device = plan.device
     if plan.precision:

@@ -15,6 +15,7 @@ from gpu_extras.batch import batch_for_shader
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal
 from ...backend.render.preview_scheduler import StepOutcome
+from ...backend.system.memory import memory_message
 from ..hands.visible_hands import InstanceId, VisibleHand, visible_hands
 from ..light.foreground import Foreground
 from ..light.solids import LocalTriangles
@@ -183,6 +184,8 @@ def _pixel_size(context: bpy.types.Context) -> int:
 def _message_of(error: Exception) -> str:
     if isinstance(error, LiveHandError):
         return str(error)
+    if message := memory_message(error):
+        return message
     LOGGER.error("The 3D view failed", exc_info=error)
     return f"stopped on an unexpected {type(error).__name__}: {error}"
 

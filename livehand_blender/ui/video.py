@@ -88,7 +88,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
                 self.report({"WARNING"}, f"Check the {side} hand: {doubt}")
 
     def _tracked(self, context: bpy.types.Context, path: Path) -> FilmedTake:
-        from ...backend.tracking.sighted_take import filmed_take
+        from ...backend.tracking.sighted_take import filmed_take, frames_of_film
         from ...backend.tracking.takes import track_frames
         from ...backend.tracking.tracker import HandTracker
         from ...backend.tracking.video import VideoFrame, open_video
@@ -106,7 +106,7 @@ class LIVEHAND_OT_import_video(bpy.types.Operator, ImportHelper):
         try:
             if importlib.util.find_spec("av") is not None:
                 video = open_video(path)
-                fps, found = video.fps, track_frames(shown(video.frames(), video.count), tracker)
+                fps, found = video.fps, track_frames(shown(frames_of_film(video), video.count), tracker)
             else:
                 with closing(Movie(path)) as movie:
                     fps = movie.fps

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 
 import pytest
+from livehand.backend.batch import leases as leases_module
 from livehand.backend.batch.leases import STALE_S, UNSIGNED_S, FrameLeases
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.system.process_identity import process_space
@@ -74,6 +75,27 @@ def test_only_dead_leases_are_superseded_and_then_removed(leases, tmp_path, dead
     assert names(tmp_path) == [".wave_0001.claim", ".wave_0001.claim.1"]
     leases.release(lease)
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("content", ["owned", "unsigned"])
+def test_a_lease_of_the_future_is_dead_when_it_was_seen_unchanged_for_long(leases, tmp_path, monkeypatch, content):
+    """As of a machine whose clock was wrong, or a folder whose clock was set back."""
+    path = leave(tmp_path, place="another machine", age_s=-1e6)
+    if content == "unsigned":
+        path.write_text("")
+        os.utime(path, (time.time() + 1e6,) * 2)
+    patience_s = STALE_S if content == "owned" else UNSIGNED_S
+    now_s = [time.monotonic()]
+    monkeypatch.setattr(leases_module.time, "monotonic", lambda: now_s[0])
+    assert leases.acquire(1) is None
+    now_s[0] += 0.9 * patience_s
+    assert leases.acquire(1) is None
+    os.utime(path, (time.time() + 2e6,) * 2)  # its owner lives
+    assert leases.acquire(1) is None
+    now_s[0] += 0.9 * patience_s
+    assert leases.acquire(1) is None
+    now_s[0] += 0.2 * patience_s
+    assert leases.acquire(1).generation == 1
 
 
 def test_an_unsigned_lease_is_dead_after_a_second(leases, tmp_path):

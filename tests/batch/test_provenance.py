@@ -2,13 +2,19 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+import pytest
 from livehand.backend.batch.provenance import HandRecord, frame_record, save_record
+from livehand.backend.batch.shot_version import ShotVersion
 from livehand.backend.records.camera import Camera
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+
+VERSION = ShotVersion("1", "4.5", "5407", {}, frozenset(), frozenset(), (8, 6), {})
 
 
 def test_a_record_has_the_camera_and_every_hand(tmp_path):
@@ -16,7 +22,9 @@ def test_a_record_has_the_camera_and_every_hand(tmp_path):
     avatar.write_bytes(b"avatar")
     camera = Camera(np.diag([50.0, 50.0, 1.0]), np.eye(4), (4, 3))
     hand = HandRecord(HandPose.rest("left"), "mine", avatar, "ab12")
-    save_record(frame_record(Path("wave.blend"), 7, (8, 6), camera, [hand]), tmp_path / "wave_0007.json")
+    version = replace(VERSION, avatars=frozenset([hashlib.sha256(b"avatar").hexdigest()]))
+    record = frame_record(Path("wave.blend"), 7, (8, 6), camera, [hand], ("exr", "png"), version)
+    save_record(record, tmp_path / "wave_0007.json")
     assert json.loads((tmp_path / "wave_0007.json").read_text()) == {
         "livehand": metadata.version("livehand"),
         "shot": str(Path("wave.blend").resolve()),
@@ -33,6 +41,8 @@ def test_a_record_has_the_camera_and_every_hand(tmp_path):
                 "avatar": {"name": "mine", "path": str(avatar), "sha256": hashlib.sha256(b"avatar").hexdigest()},
             }
         ],
+        "formats": ["exr", "png"],
+        "version": version.to_record(),
     }
 
 
@@ -43,5 +53,17 @@ def test_the_hash_of_an_avatar_follows_its_file(tmp_path):
     for content in (b"one", b"another"):
         avatar.write_bytes(content)
         hand = HandRecord(HandPose.rest(), "mine", avatar, "ab12")
-        hashes.append(frame_record(Path("w.blend"), 1, (8, 6), camera, [hand])["hands"][0]["avatar"]["sha256"])
+        version = replace(VERSION, avatars=frozenset([hashlib.sha256(content).hexdigest()]))
+        record = frame_record(Path("w.blend"), 1, (8, 6), camera, [hand], ("exr",), version)
+        hashes.append(record["hands"][0]["avatar"]["sha256"])
     assert hashes == [hashlib.sha256(content).hexdigest() for content in (b"one", b"another")]
+
+
+def test_an_avatar_that_changes_while_a_shot_is_rendered_is_an_error(tmp_path):
+    avatar = tmp_path / "mine.safetensors"
+    avatar.write_bytes(b"another")
+    version = replace(VERSION, avatars=frozenset([hashlib.sha256(b"one").hexdigest()]))
+    hand = HandRecord(HandPose.rest(), "mine", avatar, "ab12")
+    camera = Camera(np.diag([50.0, 50.0, 1.0]), np.eye(4), (4, 3))
+    with pytest.raises(LiveHandError, match=r"mine\.safetensors must stay as it is"):
+        frame_record(Path("w.blend"), 1, (8, 6), camera, [hand], ("exr",), version)

@@ -24,9 +24,10 @@ EVENTS = (
     FrameProgress(3, 3, 4, "left"),
     Failed("no camera"),
 )
+OTHER = FrameProgress(4, 4, 4, "skipped", differs=("avatars", "settings"))
 
 
-@pytest.mark.parametrize("event", EVENTS)
+@pytest.mark.parametrize("event", [*EVENTS, OTHER, ShotOpened("out", 4, "5407")])
 def test_an_event_survives_json(event):
     assert from_record(json.loads(json.dumps(to_record(SHOT, event)))) == (SHOT, event)
 
@@ -52,7 +53,7 @@ def test_text_has_a_line_per_frame_and_problems_on_stderr(capsys):
     assert out.splitlines() == [
         "frame 1 (1/4): already there",
         "frame 2 (2/4): 0.50 s",
-        "frame 3 (3/4): left to another process",
+        "frame 3 (3/4): waiting for another process",
     ]
     assert err.splitlines() == [
         "livehand render: wave.blend: warning: image 'a' cannot be read",
@@ -70,3 +71,19 @@ def test_a_worker_prints_json_only(capsys):
     out, err = capsys.readouterr()
     assert [from_record(json.loads(line)) for line in out.splitlines()] == [(SHOT, event) for event in EVENTS]
     assert err == ""
+
+
+def test_frames_of_another_version_are_named_and_counted(capsys):
+    report = RunReport({SHOT: Path("out")}, Path("out"), as_json=False)
+    for event in (*EVENTS[:2], OTHER):
+        report.add(SHOT, event)
+    assert report.compare_versions()
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == "frame 4 (4/4): already there, of another avatar, of other settings"
+    assert err == (
+        "livehand render: wave.blend: warning: 1 frame is of another version (1 of another avatar, 1 of other "
+        "settings); --overwrite renders it again, another folder keeps both\n"
+    )
+    assert report.result()["of_other_versions"] == 1
+    report.add(SHOT, FrameProgress(4, 4, 4, "written", 0.1))  # by another worker
+    assert not report.compare_versions()

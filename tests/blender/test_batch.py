@@ -9,12 +9,15 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import bpy
 import pytest
+from livehand.backend.batch import leases
 from livehand.backend.batch.frame_file import is_finished
+from livehand.backend.batch.frame_paths import FrameParts, FramePaths
 from livehand.backend.batch.leases import FrameLeases
 from livehand.backend.system.process_identity import process_space
 from livehand.livehand_blender import cli
@@ -135,17 +138,52 @@ def test_an_unreadable_texture_is_a_warning_and_rendering_continues(
     assert result["written"] == 1
 
 
-def test_frames_of_another_process_are_left_to_it(shot_path, tmp_path, fake_session, capsys):
+ELSEWHERE = json.dumps({"place": "another machine", "pid": 1})
+
+
+def test_a_run_renders_the_frames_of_a_worker_that_died_elsewhere(
+    shot_path, tmp_path, fake_session, capsys, monkeypatch
+):
+    """A farm's task that says done is done: nobody else will render what the dead worker had leased."""
     (tmp_path / "out").mkdir()
-    lease = tmp_path / "out" / ".wave_0002.claim"
-    lease.write_text(json.dumps({"place": "another machine", "pid": 1}))
+    (tmp_path / "out" / ".wave_0002.claim").write_text(ELSEWHERE)
+    monkeypatch.setattr(leases, "STALE_S", 3.0)
     capsys.readouterr()
     assert render(shot_path, "-o", tmp_path / "out") == 0
-    *_, progress, summary = capsys.readouterr().out.splitlines()
-    assert progress == "frame 2 (2/3): left to another process"
-    assert "3 frames (2 written, 0 already there, 1 left to other processes)" in summary
-    assert lease.exists()
-    assert not (tmp_path / "out" / "wave_0002.exr").exists()
+    *_, waiting, progress, summary = capsys.readouterr().out.splitlines()
+    assert waiting == "frame 2 (2/3): waiting for another process"
+    assert re.fullmatch(r"frame 2 \(2/3\): [0-9.]+ s", progress)
+    assert "3 frames (3 written, 0 already there)" in summary
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 3
+    assert hidden(tmp_path / "out") == []
+
+
+def test_a_run_ends_after_the_live_process_that_renders_its_last_frame(shot_path, tmp_path, fake_session, capsys):
+    lease, last = tmp_path / "out" / ".wave_0002.claim", tmp_path / "out" / "wave_0002.exr"
+    assert render(shot_path, "-o", tmp_path / "out") == 0
+    aside = last.rename(tmp_path / "aside.exr")
+    lease.write_text(ELSEWHERE)
+    ends = threading.Timer(1.5, lambda: (aside.rename(last), lease.unlink()))
+    ends.start()
+    capsys.readouterr()
+    assert render(shot_path, "-o", tmp_path / "out") == 0
+    assert not ends.is_alive()
+    assert capsys.readouterr().out.splitlines()[-3:-1] == [
+        "frame 2 (2/3): waiting for another process",
+        "frame 2 (2/3): already there",
+    ]
+
+
+def test_a_run_that_waits_stops_when_it_is_asked_to(program, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".wave_0002.claim").write_text(ELSEWHERE)
+    process = program()
+    for line in process.stdout:
+        if "waiting" in line:
+            break
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=10) == 130
+    assert hidden(tmp_path / "out") == [".wave_0002.claim"]
 
 
 def test_leftovers_of_dead_processes_are_removed_and_those_of_live_ones_are_not(
@@ -176,11 +214,42 @@ def test_the_lease_of_a_worker_that_dies_once_its_frame_is_finished_is_removed(
     assert hidden(tmp_path / "out") == []
 
 
-def test_a_frame_whose_lease_is_superseded_meanwhile_is_dropped(shot_path, tmp_path, fake_session, capsys, monkeypatch):
-    monkeypatch.setattr(FrameLeases, "holds", lambda self, lease: lease.frame != 2)
+def test_a_frame_whose_lease_is_superseded_meanwhile_is_dropped_and_looked_at_again(
+    shot_path, tmp_path, fake_session, capsys, monkeypatch
+):
+    asked = []
+
+    def holds(self, lease):
+        asked.append(lease.frame)
+        return asked != [1, 2]
+
+    monkeypatch.setattr(FrameLeases, "holds", holds)
     assert render(shot_path, "-o", tmp_path / "out") == 0
-    assert "1 left to other processes" in capsys.readouterr().out
-    assert len(list((tmp_path / "out").glob("*.exr"))) == 2
+    assert asked == [1, 2, 3, 2]
+    assert "3 frames (3 written, 0 already there)" in capsys.readouterr().out
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 3
+    assert hidden(tmp_path / "out") == []
+
+
+def test_a_worker_that_slept_while_its_frame_was_taken_over_goes_on(
+    shot_path, tmp_path, fake_session, dead_pid, monkeypatch, capsys
+):
+    """It finds its temporary files gone, which is no full disk; the other one has died since."""
+    check, taken = FrameParts.check, []
+
+    def sleep_and_check(self, part, size_px):
+        if "wave_0002" in part.name and not taken:
+            taken.append(part)
+            owner = {"place": process_space(), "pid": dead_pid}
+            (tmp_path / "out" / ".wave_0002.claim.1").write_text(json.dumps(owner))
+            FramePaths(tmp_path / "out", "wave", 2).remove_parts()
+        check(self, part, size_px)
+
+    monkeypatch.setattr(FrameParts, "check", sleep_and_check)
+    assert render(shot_path, "-o", tmp_path / "out") == 0
+    out, err = capsys.readouterr()
+    assert (err, len(taken)) == ("", 1)
+    assert "3 frames (3 written, 0 already there)" in out
     assert hidden(tmp_path / "out") == []
 
 
@@ -290,19 +359,24 @@ def test_a_run_killed_three_times_is_complete_in_the_end(shot_path, tmp_path):
     assert report["leftovers"] == []
 
 
+@pytest.mark.parametrize(("deletes_in", "gone"), [((1, 2, 3), "the lease of frame 1 is gone"), ((2,), "1 of 3 frames")])
 def test_an_output_folder_that_is_deleted_meanwhile_is_an_error(
-    shot_path, tmp_path, fake_session, fake_renderer, monkeypatch, capsys
+    shot_path, tmp_path, fake_session, monkeypatch, capsys, deletes_in, gone
 ):
-    draw = fake_renderer.render
+    """A frame that is still rendered is rendered again, but what was reported as written is lost."""
+    begun = []
 
-    def delete_and_draw(self, *arguments):
-        shutil.rmtree(tmp_path / "out", ignore_errors=True)
-        return draw(self, *arguments)
+    def holds(self, lease):
+        begun.append(lease.frame)
+        if lease.frame in deletes_in and (deletes_in != (2,) or begun.count(2) == 1):
+            shutil.rmtree(tmp_path / "out")
+            (tmp_path / "out").mkdir()
+        return lease.path.exists()
 
-    monkeypatch.setattr(fake_renderer, "render", delete_and_draw)
-    assert render(shot_path, "-o", tmp_path / "out", "--frames", "1") == 1
+    monkeypatch.setattr(FrameLeases, "holds", holds)
+    assert render(shot_path, "-o", tmp_path / "out") == 1
     err = capsys.readouterr().err
-    assert f"the output folder {tmp_path / 'out'} must stay while frames are rendered" in err
+    assert f"the output folder {tmp_path / 'out'} must stay while frames are rendered, {gone}" in err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there, two slashes begin a share's name")

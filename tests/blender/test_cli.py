@@ -39,10 +39,13 @@ def test_render_ends_with_one_json_line(shot_path, tmp_path):
     assert done.returncode == 0, done.stderr
     *progress, last = done.stdout.splitlines()
     result = json.loads(last)
-    assert set(result) == {"folder", "frames", "written", "skipped", "left", "seconds_per_frame", "files"}
+    assert set(result) == {"folder", "frames", "written", "skipped", "left", "seconds_per_frame", "files"} | {
+        "of_other_versions"
+    }
     assert result["folder"] == str(tmp_path / "out")
     assert (result["frames"], result["written"], result["skipped"]) == (2, 2, 0)
     shot, *frames = map(json.loads, progress)
+    assert len(shot.pop("version")) == 64
     assert shot == {"event": "shot", "file": str(shot_path), "folder": str(tmp_path / "out"), "frames": 2}
     assert all(frame.pop("seconds") > 0 for frame in frames)
     assert frames == [
@@ -82,6 +85,21 @@ def test_no_command_is_a_usage_error(capsys):
 def test_sizes_and_formats_are_read():
     assert parse_size_px("334x512") == (334, 512)
     assert parse_formats("png,exr,png") == ("png", "exr")
+    assert parse_size_px("65536x2048") == (65536, 2048)
+
+
+def test_a_size_of_gigabytes_is_a_usage_error(tmp_path, capsys):
+    assert cli.main(["render", "x.blend", "-o", str(tmp_path / "out"), "--size", "65536x65536"]) == 2
+    assert "must have at most 134217728 pixels, got '65536x65536'" in capsys.readouterr().err
+
+
+def test_a_scene_of_gigabytes_is_an_error(hand_scene, shot_path, tmp_path, fake_session, capsys):
+    hand_scene.render.resolution_x = hand_scene.render.resolution_y = 65536
+    bpy.ops.wm.save_mainfile()
+    arguments = ["render", str(shot_path), "-o", str(tmp_path / "out"), "--frames", "1"]
+    assert cli.main(arguments) == 1
+    assert "a frame must have at most 134217728 pixels, got 65536 x 65536" in capsys.readouterr().err
+    assert cli.main([*arguments, "--size", "48x64"]) == 0
 
 
 def no_hand(scene, path):

@@ -240,6 +240,29 @@ def test_a_lamp_that_takes_light_away_is_left_out_with_a_warning(patch, caplog):
     assert "Lamp 'Point' takes light away" in caplog.text
 
 
+@pytest.mark.parametrize("scale", [(0, 0, 0), (1, 0, 1), (1, 1, 0)])
+@pytest.mark.parametrize("kind", ["SUN", "POINT", "SPOT", "AREA"])
+def test_a_lamp_that_is_scaled_to_0_gives_no_light_and_is_named(patch, caplog, kind, scale):
+    lamp = probe.add_lamp(kind, 10, ABOVE, scale=scale)
+    probe.add_lamp("POINT", 5, ABOVE)
+    (other,) = probe.light_now().lamps
+    assert other.rgb.max() == pytest.approx(5)
+    assert f"Lamp '{lamp.name}' is scaled to 0; it gives no light" in caplog.text
+
+
+@pytest.mark.parametrize("where", ["location", "scale", "energy", "color"])
+def test_a_lamp_that_is_not_finite_is_named(patch, where):
+    lamp = probe.add_lamp("AREA", 10, ABOVE)
+    if where in ("location", "scale"):
+        getattr(lamp, where)[1] = float("nan")
+    elif where == "color":
+        lamp.data.color = (1, float("nan"), 1)
+    else:
+        lamp.data.energy = float("inf")
+    with pytest.raises(LiveHandError, match=rf"lamp '{lamp.name}': .* must be .*finite.*; look at its transform"):
+        probe.light_now()
+
+
 def test_lamps_of_instances_and_hidden_lamps(patch, tmp_path):
     lamp = probe.add_lamp("SPOT", 10, (0, 0, 1), spot_size=1.0)
     collection = bpy.data.collections.new("Rig")

@@ -125,7 +125,7 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     monkeypatch.setattr(dependencies, "REQUIREMENTS", (*dependencies.REQUIREMENTS, fake))
     assert fake in dependencies.missing_requirements()
     command = dependencies.install_command((fake,))
-    assert command == f'"{sys.executable}" -m pip install "fake>=1" "numpy=={np.__version__}"'
+    assert command == f'"{sys.executable}" -P -m pip install "fake>=1" "numpy=={np.__version__}"'
     assert hand_source.packages_folder() is None
     monkeypatch.setattr(
         hand_source, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))

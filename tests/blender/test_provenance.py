@@ -7,7 +7,7 @@ from importlib import metadata
 import bpy
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import load_default_hand
+from livehand.backend.hand.model_file import DEFAULT_HAND, builtin_hand_path, load_default_hand
 from livehand.livehand_blender.render.plan import SequencePlan
 from livehand.livehand_blender.render.sequence import write_sequence
 from livehand.livehand_blender.rig.build import add_hand
@@ -39,9 +39,20 @@ def test_the_record_holds_what_the_renderer_got(shot_path, tmp_path, fake_sessio
     assert [record["frame"] for record in found] == [1, 3]
     assert found[0]["hands"][0]["theta"] != found[1]["hands"][0]["theta"]
     for record, shot in zip(found, renderer.shots, strict=True):
-        assert set(record) == {"livehand", "shot", "frame", "size_px", "camera", "hands"}
+        assert set(record) == {"livehand", "shot", "frame", "size_px", "camera", "hands", "formats", "version"}
         assert record["livehand"] == metadata.version("livehand")
         assert (record["shot"], record["size_px"]) == (str(shot_path), [48, 64])
+        assert record["formats"] == ["exr"]
+        assert record["version"] == {
+            "livehand": metadata.version("livehand"),
+            "blender": bpy.app.version_string,
+            "shot": hashlib.sha256(shot_path.read_bytes()).hexdigest(),
+            "linked": {},
+            "avatars": [hashlib.sha256(b"avatar").hexdigest()],
+            "hand_models": [hashlib.sha256(builtin_hand_path(DEFAULT_HAND).read_bytes()).hexdigest()],
+            "size_px": [48, 64],
+            "settings": {"device": "auto", "precision": "fp32"},
+        }
         assert record["camera"] == {
             "K": shot.camera.K.tolist(),
             "cam2world": shot.camera.cam2world.tolist(),

@@ -146,6 +146,7 @@ def test_wrong_guesses_are_never_written(moving_scene, save_shot, tmp_path, fake
     [
         (LiveHandError, "^frame 2: no more$"),
         (ZeroDivisionError, "^frame 2: LiveHand stopped on an unexpected ZeroDivisionError: no more$"),
+        (MemoryError, "^frame 2: more memory must be free than there is; make the image smaller"),
     ],
 )
 def test_an_error_in_the_thread_names_its_frame(

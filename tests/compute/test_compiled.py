@@ -5,10 +5,12 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from livehand.backend.compute.kernels.compiled import compiled, compiled_loosely, writable_cache
+from livehand.backend.compute.kernels.cache_folder import writable_cache
+from livehand.backend.compute.kernels.compiled import compiled, compiled_loosely
 
 
 def test_single_precision_stays_single():
@@ -105,6 +107,70 @@ def test_a_folder_of_somebody_else_is_not_taken(no_home, monkeypatch):
     monkeypatch.setattr(os, "getuid", lambda: 12345)
     own(no_home).mkdir(mode=0o700)
     assert writable_cache("") is None
+
+
+@pytest.fixture
+def caches(no_home, monkeypatch):
+    """A shared folder in which the user's cache is configured to lie."""
+    (no_home.parent / "shared").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(no_home.parent / "shared" / "cache"))
+    return no_home.parent / "shared"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+def test_a_configured_cache_is_made_for_the_user_alone(caches, monkeypatch):
+    before = os.umask(0)
+    try:
+        assert writable_cache("") == caches / "cache" / "livehand"
+    finally:
+        os.umask(before)
+    assert {(caches / name).stat().st_mode & 0o777 for name in ("cache", "cache/livehand")} == {0o700}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.parametrize("above", ["shared", "cache"])
+def test_a_cache_that_others_could_replace_is_not_taken(caches, no_home, above):
+    """As with HOME=/tmp, where /tmp/.cache belongs to whoever was first."""
+    assert writable_cache("") == caches / "cache" / "livehand"
+    folder = caches if above == "shared" else caches / "cache"
+    folder.chmod(0o777)
+    assert writable_cache("") == own(no_home)
+    folder.chmod(0o1777)  # as temporary folders are: what lies there stays its owner's
+    assert writable_cache("") == caches / "cache" / "livehand"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+def test_a_cache_that_others_can_write_to_is_left_for_another(caches, no_home):
+    cache = caches / "cache"
+    assert writable_cache("") == cache / "livehand"
+    (cache / "livehand").chmod(0o777)
+    assert writable_cache("") == cache / "livehand-kernels"
+    (cache / "livehand-kernels").rmdir()
+    (cache / "livehand-kernels").symlink_to(no_home)
+    assert writable_cache("") == own(no_home)
+
+
+@pytest.mark.skipif(not hasattr(os, "chown") or os.getuid() != 0, reason="needs root, who may give files away")
+@pytest.mark.parametrize("given", ["cache", "cache/livehand"])
+def test_a_cache_of_somebody_else_is_not_taken(caches, no_home, given):
+    assert writable_cache("") == caches / "cache" / "livehand"
+    os.chown(caches / given, 12345, 12345)
+    assert writable_cache("") == (own(no_home) if given == "cache" else caches / "cache" / "livehand-kernels")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no groups")
+@pytest.mark.parametrize(
+    ("name", "members", "is_private"), [("me", [], True), ("me", ["you"], False), ("staff", [], False)]
+)
+def test_a_group_of_the_users_own_is_nobody_else(caches, no_home, monkeypatch, name, members, is_private):
+    import grp
+    import pwd
+
+    assert writable_cache("") == caches / "cache" / "livehand"
+    (caches / "cache").chmod(0o770)
+    monkeypatch.setattr(pwd, "getpwuid", lambda user: SimpleNamespace(pw_name="me"))
+    monkeypatch.setattr(grp, "getgrgid", lambda group: SimpleNamespace(gr_name=name, gr_mem=members))
+    assert writable_cache("") == (caches / "cache" / "livehand" if is_private else own(no_home))
 
 
 def test_windows_has_no_user_numbers(no_home, monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.compute.cpu.threads import in_parallel, kernel_threads, on_all_threads, threads_of_frame
+from livehand.backend.system.thread_limits import thread_limit
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
@@ -131,3 +132,35 @@ def test_a_frame_of_one_thread_stays_on_one(three_threads):
     torch.set_num_threads(1)
     with threads_of_frame(1000):
         assert (torch.get_num_threads(), kernel_threads()) == (1, 1)
+
+
+@pytest.mark.parametrize("limited", [lambda: threads_of_frame(100), lambda: thread_limit(1)])
+def test_a_thread_that_is_born_while_another_renders_has_its_own_number(limited):
+    usual, within, over, found = torch.get_num_threads(), Event(), Event(), []
+    torch.set_num_threads(5)
+
+    def render():
+        with limited():
+            within.set()
+            over.wait(60)
+
+    def ask():
+        found.append((kernel_threads(), torch.get_num_threads()))
+        over.wait(60)
+        with threads_of_frame(100):
+            found.append((kernel_threads(), torch.get_num_threads()))
+        found.append((kernel_threads(), torch.get_num_threads()))
+
+    try:
+        renders, born = Thread(target=render), Thread(target=ask)
+        renders.start()
+        assert within.wait(60)
+        born.start()
+        while not found and born.is_alive():
+            born.join(0.01)
+        over.set()
+        born.join(60)
+        renders.join(60)
+    finally:
+        torch.set_num_threads(usual)
+    assert found == [(5, 5), (5, 1), (5, 5)]

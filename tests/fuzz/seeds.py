@@ -1,12 +1,14 @@
 """A small sound file of every kind that is read, and the reader of each."""
 
 import argparse
+import importlib.util
 import io
 import json
 import pickle
 import struct
 import zlib
 from dataclasses import dataclass
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -17,8 +19,10 @@ from livehand.backend.avatars import file as avatar_files
 from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
 from livehand.backend.avatars.metadata import HEADER_KEY, read_metadata
 from livehand.backend.batch.frame_file import is_finished
+from livehand.backend.batch.frame_records import joined_records, kept_records, read_records, record_of
 from livehand.backend.batch.frame_selection import parse_chunk, parse_frames
 from livehand.backend.batch.lease_owner import read_owner, signature
+from livehand.backend.batch.shot_version import ShotVersion, others_message
 from livehand.backend.capture.capture import Capture, CaptureView, load_capture, save_capture_index
 from livehand.backend.capture.exr import read_exr, write_exr
 from livehand.backend.capture.importers.interhand import read_cameras, read_fits, read_images
@@ -42,6 +46,9 @@ from livehand.backend.records.shot import HandPose
 from livehand.backend.research.baselines.weights_file import load_network, save_method
 from livehand.backend.research.comparison.grid import load_pictures, save_pictures
 from livehand.backend.system.command import parse_size_px
+from livehand.backend.system.json_file import read_json
+from livehand.backend.tracking import sighted_take, video
+from livehand.backend.tracking.film_clock import FilmClock
 from livehand.backend.training.checkpoint import Progress, TrainState, load_checkpoint, save_checkpoint
 from livehand.livehand_blender.render.command import parse_formats
 from mutation import changed_array, mutated_bytes, mutated_json, mutated_npz
@@ -334,6 +341,52 @@ def own_file_seeds():
     yield Seed("comparison", "pictures.npz", Path("pictures.npz").read_bytes(), load_pictures, mutated_npz)
 
 
+def record_seeds():
+    """What a resumed run reads of frames that stay."""
+    version = ShotVersion("1", "4.5", "5407", {"/a.png": "51"}, frozenset("a"), frozenset("h"), (8, 6), {"d": "cpu"})
+    new = {"frame": 1, "formats": ["png"], "version": version.to_record()}
+    record = joined_records([{**new, "formats": ["exr"], "hands": [{"side": "left"}]}], new)
+
+    def read(path):
+        records = read_records(path, ("exr", "png"))
+        others_message(version.differences(record_of(records, name)) for name in ("exr", "png"))
+        json.dumps(joined_records(kept_records(records, ["exr"]), new))
+
+    yield Seed("record", "wave_0001.json", json.dumps(record).encode(), read, mutated_json)
+
+
+def film_seeds():
+    """Films, and the times that one gives its frames."""
+    times = json.dumps([0, 0.04, 0.08, 95443.7, 95443.74, None]).encode()
+    yield Seed("film clock", "times.json", times, _read_times, mutated_json)
+    if importlib.util.find_spec("av") is None:
+        return
+    import av
+
+    for name in ("film.mkv", "film.mp4", "film.ts"):
+        with av.open(name, "w") as container:
+            stream = container.add_stream("mpeg4", rate=30)
+            stream.width, stream.height, stream.pix_fmt = 16, 16, "yuv420p"
+            for _ in range(4):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((16, 16, 3), np.uint8), "rgb24")))
+            container.mux(stream.encode(None))
+        yield Seed("film", name, Path(name).read_bytes(), _read_film)
+
+
+def _read_times(path):
+    given = read_json(path)
+    given = given if isinstance(given, list) else []
+    clock = FilmClock(25.0)
+    got = [clock.time_s(one) for one in given if one is None or (isinstance(one, int | float) and abs(one) < 1e12)]
+    assert all(before < after for before, after in pairwise([-1.0, *got]))
+
+
+def _read_film(path):
+    with patch.object(video, "warn"), patch.object(sighted_take, "warn"):
+        for _ in islice(sighted_take.frames_of_film(video.open_video(path)), 20):
+            pass
+
+
 def _unsigned(raw, rng):
     """A checkpoint as of the versions without checksums, with other progress or other tensors."""
     tensors = _changed_tensors(_tensors(raw), rng)
@@ -375,11 +428,12 @@ def _parsed_as(name, parse):
 def all_seeds():
     """Every seed; those of poses and hands are also inspected. Written beside the working directory's cases."""
     seeds = [*motion_seeds(), *hand_seeds(), *avatar_seeds(), *capture_seeds(), *picture_seeds()]
-    seeds += [*own_file_seeds(), *argument_seeds()]
+    seeds += [*own_file_seeds(), *record_seeds(), *film_seeds(), *argument_seeds()]
+    of_its_own = ("interhand", "method", "comparison", "record", "film clock")
     readable = (".npz", ".pkl", ".json", ".safetensors", ".npy", ".csv")
     inspected = [
         Seed("inspect", seed.name, seed.raw, inspect, seed.change)
         for seed in seeds
-        if seed.name.endswith(readable) and seed.reader not in ("interhand", "method", "comparison")
+        if seed.name.endswith(readable) and seed.reader not in of_its_own
     ]
     return seeds + inspected

@@ -1,10 +1,13 @@
 """Kills commands at random moments and repeats them until they are done: nothing may be lost, twice or half written.
 
-    python tests/kills/run.py [--kills 200] [--commands render jobs poses train capture import compare track] [--seed 0]
+    python tests/kills/run.py [--kills 200] [--commands render jobs containers poses train ...] [--seed 0]
 
 Each command runs once undisturbed. Then, in new folders, it is killed with SIGKILL up to four times, at random moments
 of its work, and repeated until it ends by itself. After every kill each file with a final name must be whole, and in
 the end all files must be there, equal to the undisturbed run's, and no others.
+
+`containers` is two processes that render into one folder and seem to be in two containers. One of them is killed, or
+stopped until its leases are dead and then let go; the other one, alone, must end with 0 and all frames.
 """
 
 import argparse
@@ -31,6 +34,7 @@ from PIL import Image
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from contents import content, is_same  # noqa: E402
+from small_livehand import STALE_S  # noqa: E402
 
 EXAMPLES = HERE.parents[1] / "examples"
 PICTURES = HERE.parent / "tracking" / "pictures"
@@ -48,12 +52,14 @@ class Killed:
         output: the name in the output's folder that `-o` gets; none: that folder.
         is_done: what the program answers when there is nothing left to do, if that is an error.
         writes_last: it writes its only file at its end; the moments of the kills are drawn from all its time.
+        containers: how many processes run it at the same time.
     """
 
     arguments: Callable[[Path], list]
     output: str = ""
     is_done: str | None = None
     writes_last: bool = False
+    containers: int = 1
 
 
 def _render(inputs):
@@ -87,6 +93,10 @@ def _compare(inputs):
     return ["compare", inputs / "capture", *rows.split(), *"--speed-frames 1 --speed-size 48x64 --split test".split()]
 
 
+def _reenact(inputs):
+    return ["reenact", _track(inputs)[1], "--device", "cpu"]
+
+
 def _track(inputs):
     """A film of both hands; needs PyAV, and the tracker's networks in their folder (`livehand fetch-tracker`)."""
     import av
@@ -108,12 +118,14 @@ def _track(inputs):
 COMMANDS = {
     "render": Killed(_render),
     "jobs": Killed(lambda inputs: [*_render(inputs), "--jobs", "3"]),
+    "containers": Killed(_render, containers=2),
     "poses": Killed(lambda inputs: ["render", EXAMPLES / "take.json", "--size", "64x64"]),
     "train": Killed(_train, "a.safetensors"),
     "capture": Killed(_capture),
     "import": Killed(_import, "capture", "a new capture needs an empty folder"),
     "compare": Killed(_compare),
     "track": Killed(_track, "take.npz", writes_last=True),
+    "reenact": Killed(_reenact),
 }
 
 
@@ -161,7 +173,11 @@ class Survivor:
         number = 0
         while self.kills < kills and number < 5 * kills:
             number += 1
-            self._round(self._folder / f"killed{number}", min(MOST_KILLS_A_RUN, kills - self.kills))
+            folder = self._folder / f"killed{number}"
+            if self._killed.containers > 1:
+                self._round_of_containers(folder)
+            else:
+                self._round(folder, min(MOST_KILLS_A_RUN, kills - self.kills))
 
     def _round(self, folder, kills):
         written = []
@@ -187,7 +203,36 @@ class Survivor:
             self.complaints.append(f"written twice: {sorted(f for f in set(written) if written.count(f) > 1)}")
         self._compare(folder)
 
-    def _start(self, folder):
+    def _round_of_containers(self, folder):
+        processes = [self._start(folder, f"container {number}") for number in range(self._killed.containers)]
+        _wait_for_a_change(processes[0], folder)
+        time.sleep(self._random.uniform(0, 0.8 * self._work_s))
+        victim = processes.pop(self._random.randrange(len(processes)))
+        is_stopped = self._random.random() < 0.5
+        if victim.poll() is None:
+            self.kills += 1
+            self.kills_at_work += 1
+            victim.send_signal(signal.SIGSTOP if is_stopped else signal.SIGKILL)
+        written = []
+        for process in processes:
+            written += self._finish(process)
+        self._check(f"after kill {self.kills}", folder)
+        images = {name for name in self._calm if Path(name).suffix in (".exr", ".png")}
+        if missing := images - _files(folder).keys():
+            self.complaints.append(f"ended with 0, and these are missing: {sorted(missing)[:9]}")
+        if is_stopped:
+            time.sleep(STALE_S)
+            victim.send_signal(signal.SIGCONT)
+            written += self._finish(victim)
+        else:
+            written += _written(victim.communicate()[0])
+        if len(written) != len(set(written)):
+            self.complaints.append(f"written twice: {sorted(f for f in set(written) if written.count(f) > 1)}")
+        time.sleep(STALE_S)
+        self._finish(self._start(folder, "another container"))  # it removes what the killed one left
+        self._compare(folder)
+
+    def _start(self, folder, place=None):
         folder.mkdir(exist_ok=True)
         command = [*self._command, "-o", folder / self._killed.output]
         return subprocess.Popen(
@@ -196,7 +241,7 @@ class Survivor:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            env=os.environ | {"TQDM_DISABLE": "1"},
+            env=os.environ | {"TQDM_DISABLE": "1"} | ({"KILLS_PLACE": place} if place else {}),
         )
 
     def _kill(self, process):

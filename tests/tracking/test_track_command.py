@@ -1,14 +1,22 @@
 """`livehand track` and `livehand reenact` from the video to the file."""
 
 import json
+import os
+import signal
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from livehand.backend.capture.capture import load_capture
 from livehand.backend.capture.check import check_capture
+from livehand.backend.commands import track
 from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
 from livehand.backend.motion.files.open_files import open_motion_file
+from livehand.backend.records.errors import LiveHandError
+from livehand.backend.tracking import sighted_take
+from livehand.backend.tracking.tracker import HandTracker
+from livehand.backend.tracking.video import open_video
 from livehand.livehand_blender.cli import main
 from PIL import Image
 
@@ -107,3 +115,61 @@ def test_what_a_capture_needs_is_asked_before_the_video_is_read(tmp_path, capsys
     monkeypatch.setitem(sys.modules, "cv2", None)
     assert main(["track", *missing, "--capture", str(tmp_path / "new")]) == 1
     assert 'install it with: pip install "livehand[masks]"' in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_film_whose_clock_jumps_is_tracked_in_its_own_frames(film, two_hands, tmp_path, capsys):
+    """The motion would have three million frames, and take gigabytes."""
+    jumped = [index / 30 + (95_443 if index >= 4 else 0) for index in range(8)]
+    take = tmp_path / "take.npz"
+    assert main(["track", str(film([two_hands] * 8, "film.mkv", times=jumped)), "-o", str(take), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out.splitlines()[-1])["hands"]["right"]["keyed"] == 8
+    assert "its clock jumps by 95443 s after frame 4" in err
+    assert len(open_motion_file(take).motion(load_default_hand())) == 8
+
+
+@pytest.mark.slow
+def test_the_take_is_there_before_it_is_fitted(film, two_hands, tmp_path, monkeypatch, capsys):
+    def fail(*arguments):
+        raise LiveHandError("the landmarks must be a hand's")
+
+    monkeypatch.setattr(track, "fit_take", fail)
+    assert main(["track", str(film([two_hands] * 6)), "-o", str(tmp_path / "take.npz")]) == 1
+    assert "must be a hand's" in capsys.readouterr().err
+    assert len(open_motion_file(tmp_path / "take.npz").take.times) == 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("moment", "is_there"), [("tracking", False), ("fitting", True)])
+def test_sigterm_is_heard(film, two_hands, tmp_path, monkeypatch, capsys, moment, is_there):
+    def stop(*arguments):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    if moment == "tracking":
+        monkeypatch.setattr(HandTracker, "track", stop)
+    else:
+        monkeypatch.setattr(track, "fit_take", stop)
+    assert main(["track", str(film([two_hands] * 6)), "-o", str(tmp_path / "take.npz")]) == 130
+    assert (tmp_path / "take.npz").exists() == is_there
+    assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["track", "reenact"])
+def test_a_film_that_is_too_long_is_an_error_before_it_is_tracked(
+    film, two_hands, tmp_path, monkeypatch, capsys, command
+):
+    monkeypatch.setattr(HandTracker, "track", lambda *arguments: pytest.fail("tracked"))
+    monkeypatch.setattr(sighted_take, "MOST_FRAMES", 5)
+    assert (
+        main([command, str(film([two_hands] * 6)), "-o", str(tmp_path / "out.npz" if command == "track" else tmp_path)])
+        == 1
+    )
+    assert "must have at most 5 frames, got 6; cut it into parts" in capsys.readouterr().err
+
+
+def test_a_film_that_is_longer_than_it_says_ends_with_a_warning(film, two_hands, monkeypatch, capsys):
+    monkeypatch.setattr(sighted_take, "MOST_FRAMES", 5)
+    video = replace(open_video(film([two_hands] * 8)), count=0)
+    assert len(list(sighted_take.frames_of_film(video))) == 5
+    assert "a take lasts at most 5 frames; those after frame 5 are left out" in capsys.readouterr().err

@@ -41,6 +41,16 @@ def test_a_rate_that_varies_keeps_its_true_times(film, shown):
     np.testing.assert_allclose([frame.time_s for frame in frames], times, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", ["film.mp4", "film.mkv", "film.ts"])
+def test_a_clock_that_jumps_by_a_day_costs_one_frame_and_a_warning(film, shown, name, capsys):
+    jumped = [index / 30 + (80_000 if index >= 5 else 0) for index in range(8)]
+    video = open_video(film(moving(shown, count=8), name, times=jumped))
+    assert (video.fps, video.count) == (30, 8)
+    frames = list(video.frames())
+    np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(8) / 30, atol=2e-3)
+    assert f"{video.path}: its clock jumps by 80000 s after frame 5; each jump" in capsys.readouterr().err
+
+
 CLOCKWISE = [0, 1 << 16, 0, -(1 << 16), 0, 0, 180 << 16, 0, 1 << 30]
 HALF_A_TURN = [-(1 << 16), 0, 0, 0, -(1 << 16), 0, 0, 0, 1 << 30]
 

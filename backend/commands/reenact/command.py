@@ -13,7 +13,7 @@ from ...avatars.library import AVATAR_HELP, avatar_path
 from ...records.errors import LiveHandError
 from ...system.atomic_file import replacing
 from ...system.command import Command
-from ...tracking.sighted_take import filmed_take
+from ...tracking.sighted_take import filmed_take, frames_of_film
 from ..track import parse_fov
 
 _VIDEO_SUFFIXES = (".mp4", ".mkv", ".mov")
@@ -66,7 +66,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     model = load_hand_of(avatars[0].hand_sha256, args.hand)
     renderers = [Renderer(avatar, model, args.device) for avatar in avatars]
     video = open_video(args.video)
-    found = track_frames(video.frames(), HandTracker(load_networks()))
+    found = track_frames(frames_of_film(video), HandTracker(load_networks()))
     take = filmed_take(found, video.fps, args.fov, args.video)
     hands = []
     for side, hand in take.hands.items():

@@ -15,6 +15,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import torch
 
+from ...system.thread_limits import own_threads, thread_limit
+
 # Ranges are halves of what is left for each thread, down to this part of its share: few to start with, since each costs
 # up to 40 us, and short ones at the end, so that nobody waits long for a thread with costly pixels.
 _PARTS_OF_SHARE = 16
@@ -53,7 +55,7 @@ def in_parallel(run: Callable[[int, int], Any], count: int, threads: int | None 
 
 def kernel_threads() -> int:
     """On how many threads kernels run."""
-    return _kernel_threads.get(0) or torch.get_num_threads()
+    return _kernel_threads.get(0) or own_threads()
 
 
 @contextlib.contextmanager
@@ -62,16 +64,15 @@ def threads_of_frame(pixels: int) -> Iterator[None]:
 
     torch's threads sleep between operations, and waking them takes longer than many of these.
     """
-    threads = torch.get_num_threads()
+    threads = own_threads()
     if pixels > _SMALL_PX or threads == 1:
         yield
         return
     token = _kernel_threads.set(threads)
-    torch.set_num_threads(1)
     try:
-        yield
+        with thread_limit(1):
+            yield
     finally:
-        torch.set_num_threads(threads)
         _kernel_threads.reset(token)
 
 
