@@ -53,7 +53,7 @@ NUMBA_ROOMS = ("backend.compute.cpu", "backend.compute.kernels")
 # What differs between systems is in one module each of this room; beside it, who owns a temporary folder, and reports.
 SYSTEM_ROOM = "backend.system"
 ASKS_THE_SYSTEM = re.compile(r"os\.name|sys\.platform|platform\.system|hasattr\((os|signal)\b|getattr\(signal\b")
-SYSTEM_MODULES = {"backend.compute.kernels.compiled", "backend.research.benchmark.machine"}
+SYSTEM_MODULES = {"backend.compute.kernels.cache_folder", "backend.research.benchmark.machine"}
 # The kernels stand alone: beside these and the interpreter's own modules, only numbers that they share with torch.
 # llvmlite is numba's own LLVM.
 KERNELS, KERNEL_NUMBERS = "backend.compute.kernels", "backend.geometry.tolerances"
