@@ -74,7 +74,7 @@ def write_sequence(plan: SequencePlan, on_event: EventHandler) -> None:
         apply_plan(scene, plan)
         if doubt := apply_file_outputs(scene, plan.folder, plan.file_outputs):
             on_event(Warned(doubt))
-        frames, version = plan.frames_of(scene), read_version(scene, plan.shot, opened)
+        frames, version = plan.frames_of(scene), read_version(scene, plan.shot, opened, plan.folder)
         on_event(ShotOpened(str(plan.folder), len(frames), version.digest()))
         since_ns = (plan.began_ns or now_ns) if plan.overwrite else 0
         writer = FrameWriter(scene, plan.shot, version, output, session, queue, interruption)

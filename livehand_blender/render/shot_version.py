@@ -18,13 +18,14 @@ from .hands.hand_source import hand_source, read_device
 _TILES = ("<UDIM>", "<UVTILE>")
 
 
-def read_version(scene: bpy.types.Scene, shot: Path, opened: str | None) -> ShotVersion:
+def read_version(scene: bpy.types.Scene, shot: Path, opened: str | None, folder: Path) -> ShotVersion:
     """The version of the open shot, with the plan applied.
 
     Args:
         scene: of the shot.
         shot: the .blend.
         opened: the digest that it had before it was opened.
+        folder: of the frames; what the shot reads there changes with every frame, and does not count.
 
     Raises:
         LiveHandError: the .blend was saved while it was opened.
@@ -37,7 +38,7 @@ def read_version(scene: bpy.types.Scene, shot: Path, opened: str | None) -> Shot
         livehand=livehand_version(),
         blender=bpy.app.version_string,
         shot=opened,
-        linked=dict(_linked_files()),
+        linked=dict(_linked_files(folder)),
         avatars=_digests(source.avatar_path for source in sources),
         hand_models=_digests(source.model_path for source in sources),
         size_px=output_size_px(scene.render),
@@ -49,11 +50,13 @@ def _digests(paths: Iterator[Path]) -> frozenset[str]:
     return frozenset(digest for digest in map(file_digest, paths) if digest)
 
 
-def _linked_files() -> Iterator[tuple[str, str | None]]:
+def _linked_files(folder: Path) -> Iterator[tuple[str, str | None]]:
     """Path and digest of each file that the open .blend reads: libraries, images, films, caches, fonts, sounds."""
     sequences = {bpy.path.abspath(path, library=library) for path, library in _sequence_paths()}
     for name in sorted(set(bpy.utils.blend_paths(absolute=True, packed=False))):
         path = Path(name)
+        if path.resolve().is_relative_to(folder.resolve()):
+            continue
         if name in sequences or any(tile in name for tile in _TILES):
             yield name, files_digest(_siblings(path))
         elif path.is_dir():

@@ -103,6 +103,15 @@ def test_frames_of_a_sequence_and_of_tiles_are_known_by_names_and_sizes(render, 
     assert render("--frames", "1")[2] == ""
 
 
+def test_frames_that_the_shot_itself_reads_do_not_count(render, tmp_path):
+    image = bpy.data.images.new("last", 4, 4)
+    image.source = "FILE"
+    image.filepath, image.source, image.use_fake_user = str(tmp_path / "out" / "wave_0001.exr"), "SEQUENCE", True
+    bpy.ops.wm.save_mainfile()
+    assert render("--frames", "1")[0] == 0
+    assert render("--frames", "1-2", "--strict")[::2] == (0, "")
+
+
 def test_a_format_that_is_added_leaves_the_record_of_the_other_file_as_it_is(render, avatars, tmp_path):
     one, other = avatars
     record = tmp_path / "out" / "wave_0001.json"

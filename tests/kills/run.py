@@ -213,9 +213,12 @@ class Survivor:
             self.kills += 1
             self.kills_at_work += 1
             victim.send_signal(signal.SIGSTOP if is_stopped else signal.SIGKILL)
-        written = []
-        for process in processes:
-            written += self._finish(process)
+        try:
+            written = [frame for process in processes for frame in self._finish(process)]
+        except subprocess.TimeoutExpired:
+            for process in (victim, *processes):
+                process.kill()
+            raise
         self._check(f"after kill {self.kills}", folder)
         images = {name for name in self._calm if Path(name).suffix in (".exr", ".png")}
         if missing := images - _files(folder).keys():

@@ -11,7 +11,7 @@ import run
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "kills"), [("import", 2), ("train", 1)])
+@pytest.mark.parametrize(("name", "kills"), [("import", 2), ("train", 1), ("containers", 1)])
 def test_a_command_that_is_killed_ends_as_an_undisturbed_one(tmp_path, name, kills):
     survivor = run.Survivor(name, tmp_path / name, random.Random(0))
     survivor.run(kills)
