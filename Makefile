@@ -76,7 +76,7 @@ results: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m livehand.tools.results.write
 
 # The benchmark of docs/results/speed.md, on this machine, and its tables; a quarter of an hour.
-BENCHMARK ?= --frames 16 --budget 20 --cycles-frames 3 --sizes 167x256,334x512,1080p --paper-sizes 334x512
+BENCHMARK ?= --frames 16 --budget 20 --cycles-frames 3 --sizes 334x512,1080p --paper-sizes 334x512
 benchmark: $(VENV)/dev.stamp
 	$(VENV_PYTHON) -m livehand.tools.results.collect benchmark $(BENCHMARK)
 	$(VENV_PYTHON) -m livehand.tools.results.write

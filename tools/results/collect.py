@@ -30,9 +30,18 @@ def main() -> int:
     args, options = parser.parse_known_args()
     document = collect_avatars() if args.what == "avatars" else collect_benchmark(options)
     path = ROOT / DATA / f"{args.what}.json"
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    sys.stdout.write(f"written: {path.relative_to(ROOT)}\n")
+    news = keep(document, path)
+    sys.stdout.write(f"{'written' if news else 'as before'}: {path.relative_to(ROOT)}\n")
     return 0
+
+
+def keep(document: dict[str, Any], path: Path) -> bool:
+    """Write a document unless its file has the same figures, of whatever day; return whether it was written."""
+    before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if before | {"source": None} == document | {"source": None}:
+        return False
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return True
 
 
 def collect_avatars() -> dict[str, Any]:
@@ -64,8 +73,8 @@ def trainings_of(provenance: Mapping[str, Any]) -> int:
 
 def collect_benchmark(options: list[str]) -> dict[str, Any]:
     """Run the benchmark."""
-    result = run(["benchmark", *options])
-    return {"source": source(f"`{' '.join(['livehand benchmark', *options])}`"), "result": result}
+    begun = source(f"`{' '.join(['livehand benchmark', *options])}`")
+    return {"source": begun, "result": run(["benchmark", *options])}
 
 
 def run(arguments: list[str]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ TABLES: dict[str, Callable[[Documents], list[str]]] = {
     "people": lambda of: tables.people(of["avatars"]),
     "splits": lambda of: tables.splits(of["avatars"]),
     "contrast": lambda of: tables.contrast(of["avatars"]),
-    "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"]),
+    "summary": lambda of: tables.summary(of["views"], of["avatars"], of["benchmark"], of["idle"]),
 }
 
 

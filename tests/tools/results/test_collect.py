@@ -1,11 +1,12 @@
 """What is kept of an avatar's header, and the JSON of a command's last line."""
 
 import hashlib
+import json
 import subprocess
 
 import pytest
 from livehand.backend.avatars.library import shipped_avatar_path
-from livehand.tools.results.collect import describe, run, trainings_of
+from livehand.tools.results.collect import describe, keep, run, trainings_of
 
 PERSON = {"melanin": 0.42, "beta": [0.0, -1.0]}
 
@@ -46,3 +47,12 @@ def test_a_command_that_fails_is_an_error(tmp_path, capfd):
     with pytest.raises(subprocess.CalledProcessError):
         run(["inspect", str(tmp_path / "none.safetensors")])
     assert "none.safetensors" in capfd.readouterr().err
+
+
+def test_the_same_figures_of_another_day_change_no_file(tmp_path):
+    path = tmp_path / "few.json"
+    assert keep({"source": {"date": "2026-11-28"}, "people": {"light": 1}}, path)
+    assert not keep({"source": {"date": "2026-11-29"}, "people": {"light": 1}}, path)
+    assert json.loads(path.read_text())["source"] == {"date": "2026-11-28"}
+    assert keep({"source": {"date": "2026-11-29"}, "people": {"light": 2}}, path)
+    assert json.loads(path.read_text()) == {"source": {"date": "2026-11-29"}, "people": {"light": 2}}
