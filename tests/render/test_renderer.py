@@ -259,29 +259,26 @@ def test_half_precision_is_close(hand, shot, frame):
     assert (most > 0) == has_fast_bf16(torch.device("cpu"))  # elsewhere bf16 is emulated, and fp32 taken
 
 
-class SmallChunks:
-    """A backend whose ray renderers take few rays or samples per chunk."""
+def in_small_chunks(backend):
+    """A backend of this kind whose ray renderers take few rays or samples per chunk."""
 
-    def __init__(self, backend):
-        self._backend = backend
+    class SmallChunks(type(backend)):
+        def ray_renderer(self, field, config, precision):
+            whole = super().ray_renderer(field, config, precision)
+            is_fused = isinstance(self, NumbaBackend)
+            return replace(whole, **({"rays_per_chunk": 100} if is_fused else {"samples_per_chunk": 600}))
 
-    def __getattr__(self, name):
-        return getattr(self._backend, name)
-
-    def ray_renderer(self, field, config, precision):
-        whole = self._backend.ray_renderer(field, config, precision)
-        is_fused = isinstance(self._backend, NumbaBackend)
-        return replace(whole, **({"rays_per_chunk": 100} if is_fused else {"samples_per_chunk": 600}))
+    return SmallChunks()
 
 
 def test_chunks_do_not_show(hand, shot, frame, backend):
     """Up to the light that numba's rays leave out by stopping early; `frame` is rendered by numba."""
-    chunked = Renderer(an_avatar(hand), hand, "cpu", backend=SmallChunks(backend)).render(shot)
+    chunked = Renderer(an_avatar(hand), hand, "cpu", backend=in_small_chunks(backend)).render(shot)
     np.testing.assert_allclose(chunked.rgb, frame.rgb, atol=1e-5 if isinstance(backend, NumbaBackend) else STOP)
 
 
 def test_it_stops_between_chunks(hand, shot, backend):
-    renderer, calls = Renderer(an_avatar(hand), hand, "cpu", backend=SmallChunks(backend)), []
+    renderer, calls = Renderer(an_avatar(hand), hand, "cpu", backend=in_small_chunks(backend)), []
 
     def should_stop():
         calls.append(None)
