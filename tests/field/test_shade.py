@@ -150,7 +150,8 @@ def test_in_half_precision_gradients_are_off_by_as_little_as_the_references(back
         both = [seen_and_gradients(one, field, fist)[1] for one in backend_pair]
     ours, torchs = ({k: float((g[k] - v).norm() / v.norm()) for k, v in truth.items()} for g in both)
     assert max(torchs.values()) > 0.01
-    assert all(error < torchs[name] + 0.06 for name, error in ours.items())
+    # Input, weight and output of five layers are rounded on the way, and 13 gradients on the way back, each by 2^-9.
+    assert all(error < torchs[name] + 28 * 2**-9 for name, error in ours.items())
 
 
 @pytest.mark.slow

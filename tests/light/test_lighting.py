@@ -36,6 +36,13 @@ from torch.nn.functional import normalize
 POINTS, PROBES = 50, 40
 BOUNDS = Bounds(torch.zeros(3), torch.tensor(0.1))
 GENERATOR = torch.Generator().manual_seed(3)
+UNIT = 2.0**-24  # the most by which rounding to single precision changes a number of 1
+
+
+def assert_within(ours, theirs, bound):
+    """Compare by a bound of each number."""
+    over = ((ours - theirs).abs() / bound.clamp(min=1e-12)).max()
+    assert over <= 1, f"{float(over)} times what rounding explains"
 
 
 def rand(*shape):
@@ -423,7 +430,38 @@ def test_lamps_of_every_kind_shine_as_in_the_reference_on_more_points_than_one_b
         torch.zeros(1, 3), torch.tensor([[0.0, 0, 1]]), torch.zeros(1, dtype=torch.long), torch.tensor([1e-4])
     )
     dark = ProbeLight(skin, torch.ones(3), torch.zeros(len(light.sky.towards), 1), torch.zeros(5, 1))
-    ours, theirs = (each.light_features(light, LightShadows(sky, of_lamps, dark), points) for each in backend_pair)
-    torch.testing.assert_close(ours.lamp_vectors, theirs.lamp_vectors)
-    torch.testing.assert_close(ours.scattered, theirs.scattered, atol=3e-6 * float(theirs.scattered.max()), rtol=1e-5)
+    shadows = LightShadows(sky, of_lamps, dark)
+    ours, theirs = (each.light_features(light, shadows, points) for each in backend_pair)
+    # Edges of cones and beams are steep: the cosine to a lamp's axis, of 8 roundings, is multiplied by up to 224 (1.5
+    # `cone_edge`), and its difference from 1 by more. All else, of 32 roundings, is products and sums of one sign.
+    vectors, scattered = off_by_rounding(light, shadows, points, 8)
+    assert_within(ours.lamp_vectors, theirs.lamp_vectors, vectors + 32 * UNIT * theirs.lamp_vectors.abs())
+    # Sums of 64 + 21 terms of one sign and as many roundings in each as above. The kernel's exp(-x), four terms of the
+    # series of x / 16 to the power of 16, is off by 2.7e-6 at most, times what would arrive at no depth.
+    flat = light_features(light, LightShadows(at_no_depth(sky), at_no_depth(of_lamps), dark), points).scattered
+    assert_within(ours.scattered, theirs.scattered, scattered + 128 * UNIT * theirs.scattered + 2.7e-6 * flat)
     assert ((theirs.lamp_vectors.norm(dim=-1) > 0).float().mean(0) > 0.1).all()
+
+
+def at_no_depth(shadows):
+    return shadows._replace(depth_in_m=torch.zeros_like(shadows.depth_in_m))
+
+
+def in_double(values):
+    """A tensor, or a tuple of tuples of tensors, in double precision where it has floating point."""
+    if isinstance(values, tuple):
+        return values._make(map(in_double, values))
+    return values.double() if isinstance(values, torch.Tensor) and values.is_floating_point() else values
+
+
+def off_by_rounding(light, shadows, points, roundings):
+    """What lamps and scattering change where cosines to lamps' axes are off by so many roundings, up and down."""
+    light, shadows, points = in_double(light), in_double(shadows), in_double(points)
+    plain = light_features(light, shadows, points)
+    vectors, scattered = torch.zeros_like(plain.lamp_vectors), torch.zeros_like(plain.scattered)
+    for factor in (1 - roundings * UNIT, 1 + roundings * UNIT):
+        lamps = light.lamps._replace(axis=factor * light.lamps.axis)
+        turned = light_features(light._replace(lamps=lamps), shadows, points)
+        vectors += (turned.lamp_vectors - plain.lamp_vectors).abs()
+        scattered += (turned.scattered - plain.scattered).abs()
+    return vectors, scattered
