@@ -8,7 +8,7 @@ from .blender_command import BlenderCommand
 from .hands import hand_duplication, hand_selection
 from .motion import live as live_hands
 from .render import engine, memory
-from .render.viewport import rendered_views
+from .render.viewport_shared import stop_rendered_views
 from .rig import properties
 from .scene import main_thread
 from .ui import (
@@ -75,7 +75,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Unregister everything: Blender 4.5 as a module hangs at exit if anything is still registered."""
-    rendered_views.stop_rendered_views()
+    stop_rendered_views()
     BlenderCommand.unregister()
     main_thread.stop()
     pose_library.remove_keys()

@@ -105,9 +105,9 @@ def _hand_facts(hand: HandWithMaterials | HandModel | None, person: Person) -> d
     if hand is None or isinstance(hand, HandModel):
         name = {"hand": hand.name} if hand else {}
         return {**name, SKIN_VERSION: skin_version(), **tone}
-    if hand.look is None:
+    if hand.materials is None:
         return {"hand": hand.model.name, "look_sha256": None, **tone}
-    return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.look.read_bytes()).hexdigest()}
+    return {"hand": hand.model.name, "look_sha256": hashlib.sha256(hand.materials.read_bytes()).hexdigest()}
 
 
 def _plan(args: argparse.Namespace) -> CapturePlan:
@@ -119,14 +119,14 @@ def _plan(args: argparse.Namespace) -> CapturePlan:
 def _hand(args: argparse.Namespace) -> HandWithMaterials | HandModel | None:
     """The hand of --hand and --look, or the model of a built-in one; None for the default hand."""
     from ...backend.hand.model_file import is_builtin_hand, load_hand_model
-    from .look import look_path
+    from .hand_materials import materials_path
     from .render import HandWithMaterials
 
     if args.hand is None or is_builtin_hand(args.hand):
         if args.look is not None:
             raise LiveHandError("--look belongs to a hand of your own; pass that hand with --hand")
         return load_hand_model(args.hand) if args.hand else None
-    look = args.look or look_path(args.hand)
-    if args.look and not look.is_file():
-        raise LiveHandError(f"no look at {look}; pass the .blend that livehand make-hand wrote")
-    return HandWithMaterials(load_hand_model(args.hand), look if look.is_file() else None)
+    materials = args.look or materials_path(args.hand)
+    if args.look and not materials.is_file():
+        raise LiveHandError(f"no look at {materials}; pass the .blend that livehand make-hand wrote")
+    return HandWithMaterials(load_hand_model(args.hand), materials if materials.is_file() else None)

@@ -11,7 +11,7 @@ import numpy as np
 from ...backend.hand.lbs import posed_vertices
 from ...backend.hand.model import HandModel
 from ...backend.records.shot import HandPose
-from .look import append_look
+from .hand_materials import append_materials
 from .node_graph import NodeGraph, enable_nodes
 from .skin import SkinTone
 
@@ -26,13 +26,13 @@ class OwnSurface:
     object: bpy.types.Object
 
     @classmethod
-    def of_look(cls, model: HandModel, path: Path) -> OwnSurface:
+    def of_materials(cls, model: HandModel, path: Path) -> OwnSurface:
         """Append the mesh of a look's .blend to the current scene.
 
         Raises:
             LiveHandError: the file cannot be read, or does not contain exactly one mesh with this model's vertices.
         """
-        return cls(model, _with_shape_keys(append_look(model, path)))
+        return cls(model, _with_shape_keys(append_materials(model, path)))
 
     @classmethod
     def plain(cls, model: HandModel, tone: SkinTone) -> OwnSurface:

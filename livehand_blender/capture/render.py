@@ -34,7 +34,7 @@ class HandWithMaterials:
     """A custom hand model, and the .blend of its look (None: a plain skin)."""
 
     model: HandModel
-    look: Path | None
+    materials: Path | None
 
 
 class Surface(Protocol):
@@ -112,7 +112,7 @@ def _image_key(view: CaptureView) -> tuple:
 
 
 def _own_surface(own: HandWithMaterials, tone: SkinTone) -> Surface:
-    return OwnSurface.of_look(own.model, own.look) if own.look else OwnSurface.plain(own.model, tone)
+    return OwnSurface.of_materials(own.model, own.materials) if own.materials else OwnSurface.plain(own.model, tone)
 
 
 def _model_of(subject: HandWithMaterials | HandModel) -> HandModel:

@@ -6,8 +6,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...backend.capture.dome import GROUND, LOBES, ZENITH, Lobe
 from ...backend.records.camera import Camera
-from .light import dome_world
+from .node_graph import NodeGraph, enable_nodes
 
 _SENSOR_MM = 36.0
 _OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -70,3 +71,27 @@ def set_camera(scene: bpy.types.Scene, camera: Camera) -> None:
     lens.shift_x = (width / 2 - camera.K[0, 2]) / width
     lens.shift_y = (camera.K[1, 2] - height / 2) / width
     scene.camera.matrix_world = Matrix((camera.cam2world @ _OPENCV_TO_BLENDER).tolist())
+
+
+def dome_world() -> bpy.types.World:
+    """A gradient from ground to sky, and four lobes."""
+    world = bpy.data.worlds.new("dome")
+    graph = NodeGraph(enable_nodes(world))
+    direction = graph.node("ShaderNodeTexCoord").outputs["Generated"]
+    separate = graph.node("ShaderNodeSeparateXYZ")
+    graph.connect(direction, separate.inputs[0])
+    radiance = graph.mix(graph.remap(separate.outputs["Z"], -1, 1, 0, 1), GROUND, ZENITH)
+    for lobe in LOBES:
+        radiance = graph.mix(1.0, radiance, _lobe_radiance(graph, direction, lobe), "ADD")
+    graph.connect(radiance, graph.tree.nodes["Background"].inputs[0])
+    world.cycles.sampling_method = "MANUAL"
+    world.cycles.sample_map_resolution = 256
+    return world
+
+
+def _lobe_radiance(graph: NodeGraph, direction: bpy.types.NodeSocket, lobe: Lobe) -> bpy.types.NodeSocket:
+    cosine = graph.node("ShaderNodeVectorMath", operation="DOT_PRODUCT")
+    graph.connect(direction, cosine.inputs[0])
+    cosine.inputs[1].default_value = np.array(lobe.towards) / np.linalg.norm(lobe.towards)
+    strength = graph.math("POWER", graph.math("MAXIMUM", cosine.outputs["Value"], 0.0), float(lobe.exponent))
+    return graph.mix(strength, (0.0, 0.0, 0.0), lobe.radiance)

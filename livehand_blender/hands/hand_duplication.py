@@ -73,8 +73,8 @@ def _retarget_drivers(owner: bpy.types.ID | None, before: bpy.types.Object | Non
 def _look(*_) -> None:
     """After each change of the file."""
     count = len(bpy.data.objects)
-    if count != _Seen.count:
-        _Seen.count = count
+    if count != _ObjectCount.value:
+        _ObjectCount.value = count
         if bpy.app.background:
             _make_whole()
         elif not bpy.app.timers.is_registered(_make_whole):
@@ -84,19 +84,19 @@ def _look(*_) -> None:
 @persistent
 def _begin(*_) -> None:
     """After a file was opened, which stays as it is."""
-    _Seen.count = len(bpy.data.objects)
+    _ObjectCount.value = len(bpy.data.objects)
 
 
 def _make_whole() -> None:
     copy_missing_meshes()
     remove_orphans()
-    _Seen.count = len(bpy.data.objects)
+    _ObjectCount.value = len(bpy.data.objects)
 
 
-class _Seen:
+class _ObjectCount:
     """The number of objects when we last looked."""
 
-    count = 0
+    value = 0
 
 
 _WATCHED = (("depsgraph_update_post", _look), ("load_post", _begin))

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...backend.records.camera import Camera
 from ..hands.visible_hands import InstanceId
-from .local_triangles import LocalTriangles
-from .solid import MESH_LIKE, Solid, placed
+from .solids import MESH_LIKE, LocalTriangles, Solid, placed
 
 _NEAREST_M = 1e-3
 _MAX_TRIANGLES = 200_000

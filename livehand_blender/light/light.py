@@ -16,10 +16,9 @@ from ...backend.records.light import Lamp, Light, Sky
 from ..hands.shot import hand_vertices
 from ..hands.visible_hands import InstanceId, VisibleHand
 from .lamps import read_lamps
-from .local_triangles import LocalTriangles
 from .occluders import Occluders, occluders_of, read_solids
 from .reach import AROUND_M, SUN_M, Reach, middle_of
-from .solid import Solid
+from .solids import LocalTriangles, Solid
 from .world import WorldLight, read_world
 
 

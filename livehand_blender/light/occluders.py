@@ -10,9 +10,8 @@ import bpy
 import numpy as np
 
 from ..hands.visible_hands import InstanceId
-from .local_triangles import LocalTriangles
 from .reach import Reach, bounding_balls
-from .solid import MESH_LIKE, Solid
+from .solids import MESH_LIKE, LocalTriangles, Solid
 
 LOGGER = logging.getLogger(__name__)
 

@@ -113,10 +113,10 @@ class LiveSession:
         camera = self._camera(context, frame.size_px)
         placement = Placement("opencv", camera=np.array(camera.matrix_world.normalized()))
         _show(camera, frame.picture[:, ::-1] if self._setup.is_picture_mirrored else frame.picture)
-        for side, seen in self._seen(frame):
+        for side, filmed in self._filmed(frame):
             hand = hand_of_side(context, side)
             if hand is not None:
-                self._pose(hand, seen, frame.time_s, placement)
+                self._pose(hand, filmed, frame.time_s, placement)
         return frame
 
     def record(self, scene: bpy.types.Scene) -> None:
@@ -139,10 +139,10 @@ class LiveSession:
         take = replace(filmed_take(found, frame_rate(scene), None, Path(self._setup.source.name)), camera=film)
         take = unmirrored(take) if self._setup.is_picture_mirrored else take
         fits = []
-        for side, seen in take.hands.items():
+        for side, filmed in take.hands.items():
             if (hand := hand_of_side(context, side)) is not None:
                 beta = read_beta(hand.armature)
-                fits.append((hand, fit_take(seen, take.times, film, hand.model, side, take.fps, beta)))
+                fits.append((hand, fit_take(filmed, take.times, film, hand.model, side, take.fps, beta)))
         if not fits:
             raise LiveHandError(
                 f"the scene must have a hand that the camera shows ({', '.join(take.hands)}), got none; add one, or "
@@ -166,7 +166,7 @@ class LiveSession:
         focal_mm = self._setup.focal_mm
         return FilmCamera(size_px, focal_mm / _FILM_MM * size_px[0]) if focal_mm else FilmCamera.guessed(size_px)
 
-    def _seen(self, frame: LiveFrame) -> Iterator[tuple[Side, FilmedHand]]:
+    def _filmed(self, frame: LiveFrame) -> Iterator[tuple[Side, FilmedHand]]:
         """The hands by side; a hand has the side of its mean label."""
         tracks = []
         for hand in frame.hands:
@@ -182,14 +182,14 @@ class LiveSession:
             hands = unmirrored_hands(hands, film)
         yield from hands.items()
 
-    def _pose(self, hand: RiggedHand, seen: FilmedHand, time_s: float, placement: Placement) -> None:
+    def _pose(self, hand: RiggedHand, filmed: FilmedHand, time_s: float, placement: Placement) -> None:
         follower = self._followers.get(hand.armature.name)
         if follower is None:
             assert self._film is not None
             follower = _Follower.of(hand, self._film)
             self._followers[hand.armature.name] = follower
         try:
-            found = follower.fit.follow(time_s, seen.px[0], seen.world[0])
+            found = follower.fit.follow(time_s, filmed.px[0], filmed.world[0])
         except LiveHandError:  # landmarks of no hand's size
             return
         if found is None:

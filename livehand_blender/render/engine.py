@@ -27,11 +27,9 @@ from ...backend.render.picture import Picture, compose_picture, surface_of
 from ...backend.render.session import Session
 from ..hands.proxy import hidden_from_camera, hide_from_camera, move_vertices, use_albedo
 from ..scene.settings import ENGINE
-from .cycles_engine import CyclesEngine
-from .cycles_samples import one_sample
-from .cycles_scene import has_only_hands, is_in_scene, scene_layer
+from .cycles import CyclesEngine, has_only_hands, is_in_scene, one_sample, scene_layer
 from .frame_setup import FrameSetup, ViewSetup, VisibleHands, read_frame_setup, read_frame_task
-from .hands.renderer_loading import load_renderer_in_blender
+from .hand_source import load_renderer_in_blender
 from .keep_look import in_scene_colours
 from .light_groups import GroupedFrames, group_passes, grouped_frames, light_groups, pass_name, task_with_groups
 from .light_passes import Measurement, is_measured, with_measured_light
@@ -40,8 +38,8 @@ from .panels import register_panels as register_panels
 from .panels import unregister_panels as unregister_panels
 from .passes import ScenePasses, cryptomatte_passes, wanted_passes
 from .render_result import read_scene, write_picture
-from .viewport.shared import ViewportShared
-from .viewport.viewport import viewport_of
+from .viewport import viewport_of
+from .viewport_shared import ViewportShared
 
 LOGGER = logging.getLogger(__name__)
 

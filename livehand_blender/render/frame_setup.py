@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ...backend.image.exposure import SHARP, Lens, camera_of_sample
+from ...backend.image.exposure import SHARP, ExposureSample, Lens, Shutter, camera_of_sample, exposure_samples
 from ...backend.records.camera import Camera
 from ...backend.records.errors import LiveHandError
 from ...backend.records.light import Light
@@ -20,9 +20,8 @@ from ..hands.visible_hands import InstanceId, VisibleHand, hands_at, visible_han
 from ..light.light import read_hand_lights
 from ..rig.hand import all_hands
 from ..scene.camera import Eye, read_camera, render_region
-from .cycles_scene import is_in_scene
-from .exposure import read_exposure, read_lens
-from .hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
+from .cycles import is_in_scene
+from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 from .light_groups import light_groups
 from .passes import SURFACE_PASSES, Pass, cryptomatte_passes, wanted_passes
 
@@ -307,3 +306,38 @@ def _read_hands(
         )
         for hand, visible in hands
     )
+
+
+def read_exposure(scene: bpy.types.Scene, lens: Lens | None) -> tuple[ExposureSample, ...]:
+    """The exposure samples of a frame, the one nearest to the frame itself first."""
+    return exposure_samples(scene.livehand.blur_samples, _read_shutter(scene.render), lens)
+
+
+def read_lens(camera: bpy.types.Object) -> Lens | None:
+    """The lens of an evaluated camera; None if its depth of field is off."""
+    settings = camera.data.dof
+    if not settings.use_dof:
+        return None
+    radius_m = camera.data.lens * 1e-3 / (2 * settings.aperture_fstop)
+    return Lens(radius_m, max(_focus_m(camera, settings), camera.data.clip_start))
+
+
+def _read_shutter(render: bpy.types.RenderSettings) -> Shutter | None:
+    if not render.use_motion_blur:
+        return None
+    length = render.motion_blur_shutter
+    return Shutter({"START": 0.0, "CENTER": -length / 2, "END": -length}[render.motion_blur_position], length)
+
+
+def _focus_m(camera: bpy.types.Object, settings: bpy.types.CameraDOFSettings) -> float:
+    """The depth of the plane of focus along the camera's axis, computed as Blender does."""
+    target = settings.focus_object
+    if target is None:
+        return settings.focus_distance
+    focus = target.matrix_world
+    if settings.focus_subtarget and target.type == "ARMATURE":
+        bone = target.pose.bones.get(settings.focus_subtarget)
+        focus = focus @ bone.matrix if bone else focus
+    matrix = np.array(camera.matrix_world)
+    axis = -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    return float(abs(axis @ (np.array(focus)[:3, 3] - matrix[:3, 3])))

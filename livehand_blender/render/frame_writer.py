@@ -21,8 +21,7 @@ from ...backend.render.session import Session
 from ...backend.system.stdout import blender_silenced
 from ..scene.camera import output_size_px, read_camera, render_region
 from ..scene.file_paths import operator_path, output_path
-from .output import OutputSettings
-from .plan import blender_message
+from .plan import OutputSettings, blender_message
 
 
 @dataclass(frozen=True)

@@ -26,13 +26,13 @@ from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
 from ...backend.records.surface_mesh import SurfaceMesh
 from ...backend.render.frame_task import FrameTask, HandTask
-from ..hands.proxy import hide_from_scene, show_alone, use_albedo
+from ..hands.proxy import SCENE_RAYS, hide_from_scene, show_alone, use_albedo
+from ..light.light_linking import LinkRule
 from ..scene.camera import Region, image_size_px, render_region
 from ..scene.colour import in_rec709
 from ..scene.main_thread import call_in_main_thread
 from ..scene.settings import ENGINE
 from .frame_setup import FrameSetup, ViewSetup
-from .measurement_proxy import is_light_linked, measurement_proxy
 from .render_result import read_scene
 
 # Samples of each pixel of the frame: a share of the scene's, within limits; noise of fewer shows as blotches in shade.
@@ -43,6 +43,8 @@ _MARGIN_PX = 8
 # Cycles' passes by their names before Blender 5.2, and since.
 _PASSES = {"DiffDir": "Diffuse Direct", "DiffInd": "Diffuse Indirect", "DiffCol": "Diffuse Color"}
 _HANDLERS = ("render_init", "render_pre", "render_post", "render_complete", "render_cancel", "render_stats")
+
+_NAME = "LiveHand Surface"
 
 
 @dataclass(frozen=True)
@@ -292,3 +294,33 @@ def _limit(scene: bpy.types.Scene, original: bpy.types.Scene, box: Region) -> No
     render.border_min_x, render.border_max_x = (left + 0.5) / width, (left + box.size_px[0] + 0.5) / width
     bottom = height - top - box.size_px[1]
     render.border_min_y, render.border_max_y = (bottom + 0.5) / height, (bottom + box.size_px[1] + 0.5) / height
+
+
+@contextlib.contextmanager
+def measurement_proxy(scene: bpy.types.Scene, mesh_name: str, surface: SurfaceMesh) -> Iterator[str]:
+    """A context in which a scene has the surface besides the mesh object of this full name; yields its full name.
+
+    Where light grazes or shadows end, the mesh's few faces do not tell what the skin receives that frames show. It has
+    the mesh's first material, and rays meet it as they meet the mesh.
+    """
+    (mesh,) = (item for item in bpy.data.objects if item.name_full == mesh_name)  # the scene's, or its set's
+    data = bpy.data.meshes.new(_NAME)
+    data.from_pydata(surface.vertices.tolist(), [], surface.faces.tolist())
+    data.polygons.foreach_set("use_smooth", np.ones(len(surface.faces), bool))
+    data.materials.append(next((slot.material for slot in mesh.material_slots), None))
+    item = bpy.data.objects.new(_NAME, data)
+    for name in SCENE_RAYS:
+        setattr(item, name, getattr(mesh, name))
+    try:
+        scene.collection.objects.link(item)
+        yield item.name_full
+    finally:
+        bpy.data.objects.remove(item)
+        bpy.data.meshes.remove(data)
+
+
+def is_light_linked(mesh_name: str) -> bool:
+    """Whether lamps are linked to the object of this full name, or kept off it; they would not know its stand-in."""
+    linking = (item.light_linking for item in bpy.data.objects)
+    rules = (LinkRule.of(side) for one in linking for side in (one.receiver_collection, one.blocker_collection))
+    return any(mesh_name in rule.excluded or mesh_name in (rule.included or ()) for rule in rules)

@@ -1,8 +1,8 @@
-"""The settings of a sequence, and their application to the opened scene."""
+"""The settings of a sequence and of its files, and their application to the opened scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from ...backend.records.errors import LiveHandError
 from ..rig.hand import all_hands
 from ..scene.file_paths import operator_path
 from ..scene.settings import ENGINE
-from .hands.hand_source import set_avatar
+from .hand_source import set_avatar
 
 
 @dataclass(frozen=True)
@@ -100,3 +100,59 @@ def blender_message(error: Exception) -> str:
     """An operator's reports as one line, without the prefixes of Blender and LiveHand."""
     lines = [line.removeprefix("Error: ").removeprefix("LiveHand: ").strip() for line in str(error).splitlines()]
     return "; ".join(dict.fromkeys(line for line in lines if line))
+
+
+@dataclass(frozen=True)
+class OutputSettings:
+    """Bits per channel of each format: the scene's own if the scene is set to that format.
+
+    Attributes:
+        exr_depth: `16` (half) or `32`; Depth is always 32.
+        png_depth: `8` or `16`.
+    """
+
+    exr_depth: str = "16"
+    png_depth: str = "8"
+
+    @classmethod
+    def of_scene(cls, scene: bpy.types.Scene) -> OutputSettings:
+        """Read the settings, before `use` changes them."""
+        settings = scene.render.image_settings
+        is_exr = settings.file_format in ("OPEN_EXR", "OPEN_EXR_MULTILAYER")
+        return cls(
+            exr_depth=settings.color_depth if is_exr else cls.exr_depth,
+            png_depth=settings.color_depth if settings.file_format == "PNG" else cls.png_depth,
+        )
+
+    def use(self, scene: bpy.types.Scene, file_format: str) -> None:
+        """Make the scene save `exr` (multilayer: every pass of every view layer) or `png`, both with alpha.
+
+        View transform, look and dither do not change.
+        """
+        settings = scene.render.image_settings
+        is_exr = file_format == "exr"
+        if hasattr(settings, "media_type"):  # Blender 5 offers multilayer EXR only after this
+            settings.media_type = "MULTI_LAYER_IMAGE" if is_exr else "IMAGE"
+        settings.file_format = "OPEN_EXR_MULTILAYER" if is_exr else "PNG"
+        settings.color_mode = "RGBA"
+        settings.color_depth = self.exr_depth if is_exr else self.png_depth
+        if is_exr:
+            settings.exr_codec = "ZIP"  # lossless, and the frame check can decompress it
+
+
+def unreadable_images() -> Iterator[tuple[str, str]]:
+    """(name, reason) of each single-file image in the open .blend that is used and cannot be read."""
+    for image in bpy.data.images:
+        if image.source == "FILE" and image.users and image.packed_file is None:
+            path = Path(bpy.path.abspath(image.filepath, library=image.library))
+            reason = _fault(path)
+            if reason:
+                yield image.name, f"{path}: {reason}"
+
+
+def _fault(path: Path) -> str | None:
+    try:
+        with path.open("rb") as file:
+            return None if file.read(1) else "empty file"
+    except OSError as error:
+        return error.strerror

@@ -22,11 +22,9 @@ from ...backend.batch.report import RunReport
 from ...backend.records.errors import LiveHandError
 from ...backend.system.stdout import blender_silenced
 from ..scene.camera import output_size_px
-from ..scene.images import unreadable_images
 from .engine import LiveHandRender
 from .frame_writer import FrameWriter
-from .output import OutputSettings
-from .plan import SequencePlan, apply_plan, open_shot
+from .plan import OutputSettings, SequencePlan, apply_plan, open_shot, unreadable_images
 
 
 def write_sequences(plans: Sequence[SequencePlan], report: RunReport) -> None:

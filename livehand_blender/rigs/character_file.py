@@ -16,7 +16,7 @@ from ...backend.system.json_file import read_json
 from ..scene.file_paths import operator_path
 from .importing import import_rig
 from .pictures import find_pictures
-from .skeleton import read_skeleton
+from .source import read_skeleton
 
 _KINDS = (".blend", ".glb", ".gltf", ".vrm", ".fbx")
 

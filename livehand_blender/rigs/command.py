@@ -44,5 +44,5 @@ def run(args: argparse.Namespace) -> dict:
         "source": args.character.name,
         "source_sha256": hashlib.sha256(args.character.read_bytes()).hexdigest(),
     }
-    wishes = {"overwrites": args.overwrite, "has_look": not args.no_look}
+    wishes = {"overwrites": args.overwrite, "has_materials": not args.no_look}
     return hand_model_from_mesh(bpy.context, mesh, armature, joint_map, args.output, args.scale, source, **wishes)

@@ -14,11 +14,11 @@ from ...backend.records.errors import LiveHandError
 from ...backend.rigs.doubts import rest_doubts
 from ...backend.rigs.hand_from_mesh.hand_model import check_name, make_hand_model, save_hand_model
 from ...backend.rigs.source_skeleton import JointMap
-from ..capture.look import look_path
+from ..capture.hand_materials import materials_path
 from .character_file import skinned_meshes
-from .look_file import save_look
+from .materials_file import save_materials
 from .rest_mesh import read_rest_mesh
-from .skeleton import read_skeleton
+from .source import read_skeleton
 
 
 def hand_model_from_mesh(
@@ -30,7 +30,7 @@ def hand_model_from_mesh(
     scale: float = 1.0,
     provenance: Mapping[str, Any] | None = None,
     overwrites: bool = False,
-    has_look: bool = True,
+    has_materials: bool = True,
 ) -> dict[str, Any]:
     """Write `path` (.npz) and the .blend beside it, or neither; returns facts about the hand model.
 
@@ -43,13 +43,13 @@ def hand_model_from_mesh(
         scale: factor from the scene's lengths to metres.
         provenance: further facts for the file.
         overwrites: replace another hand's files.
-        has_look: write the .blend.
+        has_materials: write the .blend.
 
     Raises:
         LiveHandError: the mesh is not a hand that can be rendered, a file exists already, or one cannot be written.
     """
     check_name(path, joint_map.side)
-    _check_free(path, overwrites, has_look)
+    _check_free(path, overwrites, has_materials)
     skeleton = read_skeleton(armature)
     rest = read_rest_mesh(context, mesh, armature, skeleton)
     waiting = path.with_name(f"{path.stem}.waiting.npz")  # until its look is written, too
@@ -65,14 +65,14 @@ def hand_model_from_mesh(
         }
         save_hand_model(hand, waiting, {**origin, **(provenance or {})})
         model = load_hand_model(waiting, joint_map.side)
-        missing = save_look(look_path(path), mesh, rest, hand, model.sha256) if has_look else []
+        missing = save_materials(materials_path(path), mesh, rest, hand, model.sha256) if has_materials else []
         waiting.replace(path)
     finally:
         bpy.data.meshes.remove(rest.data)
         waiting.unlink(missing_ok=True)
     return {
         "hand": str(path),
-        "look": str(look_path(path)) if has_look else None,
+        "look": str(materials_path(path)) if has_materials else None,
         "pictures_missing": missing,
         "side": model.side,
         "vertices": len(model.v_template),
@@ -85,17 +85,17 @@ def hand_model_from_mesh(
     }
 
 
-def _check_free(path: Path, overwrites: bool, has_look: bool) -> None:
+def _check_free(path: Path, overwrites: bool, has_materials: bool) -> None:
     """Raise `LiveHandError` if a file of somebody else's would be replaced."""
-    look = look_path(path)
-    is_own_source = bool(bpy.data.filepath) and look.resolve() == Path(bpy.data.filepath).resolve()
-    is_others_blend = look.exists() and not path.exists()
-    if has_look and (is_own_source or is_others_blend):
+    blend = materials_path(path)
+    is_own_source = bool(bpy.data.filepath) and blend.resolve() == Path(bpy.data.filepath).resolve()
+    is_others_blend = blend.exists() and not path.exists()
+    if has_materials and (is_own_source or is_others_blend):
         raise LiveHandError(
-            f"{look.name} beside the hand model must be free for the hand's materials, it is a file of yours; give the "
-            "model another name"
+            f"{blend.name} beside the hand model must be free for the hand's materials, it is a file of yours; give "
+            "the model another name"
         )
-    for taken in (path, *([look] if has_look else [])):
+    for taken in (path, *([blend] if has_materials else [])):
         if taken.exists() and not overwrites:
             raise LiveHandError(
                 f"{taken} exists already, and avatars may have been trained for it; give another name, or --overwrite"

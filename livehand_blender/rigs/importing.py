@@ -21,9 +21,7 @@ from ...backend.rigs.rest_alignment import align, source_nodes
 from ...backend.rigs.retarget import retarget
 from ...backend.rigs.shape_fit import HandShape, fit_shape
 from ...backend.rigs.source_skeleton import JointMap
-from ..scene.data_blocks import all_data
-from .skeleton import read_skeleton
-from .source import SourceRig, sample_source
+from .source import SourceRig, read_skeleton, sample_source
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "dm": 0.1, "ft": 0.3048}
 _COMMON_UNITS = ("m", "cm", "mm")  # the others are tried if none of these gives the size of a hand
@@ -207,3 +205,9 @@ def _frames(armature: bpy.types.Object) -> range:
     if not ends:
         return range(1, 2)
     return range(int(np.floor(min(end[0] for end in ends))), int(np.ceil(max(end[1] for end in ends))) + 1)
+
+
+def all_data() -> set[bpy.types.ID]:
+    """Each data-block of the open file once; from Blender 5.2 on, `bpy.data` lists them by kind and all together."""
+    kinds = [prop.identifier for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION"]
+    return {thing for kind in kinds for thing in getattr(bpy.data, kind)}

@@ -1,4 +1,4 @@
-"""Another armature over a range of frames -> `SourceMotion`, and our hand aligned to it at rest.
+"""Another armature -> `SourceSkeleton`; over a range of frames -> `SourceMotion`; and our hand aligned to it at rest.
 
 A hand's size in the world is its object's scale.
 """
@@ -19,7 +19,6 @@ from ...backend.rigs.source_skeleton import JointMap, SourceSkeleton
 from ..motion.frames import current_frame_restored, frame_rate
 from ..rig.hand import RiggedHand
 from ..rig.sliders import read_beta, write_slider
-from .skeleton import read_skeleton
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +81,10 @@ def sample_source(context: bpy.types.Context, source: SourceRig, frames: Iterabl
             ends.append(source_ends(posed, source.joint_map))
             if source.joint_map.forearm:
                 forearms.append(posed.frames[posed.index(source.joint_map.forearm)])
-    places = np.array(nodes)
+    positions = np.array(nodes)
     rate, side = frame_rate(scene), source.joint_map.side
     arms = np.array(forearms) if forearms else None
-    return SourceMotion(np.array(rotations), places[:, 0], rate, side, places, np.array(ends), arms)
+    return SourceMotion(np.array(rotations), positions[:, 0], rate, side, positions, np.array(ends), arms)
 
 
 def posed_skeleton(evaluated: bpy.types.Object, joint_map: JointMap) -> SourceSkeleton:
@@ -115,3 +114,24 @@ def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
         return matrices  # `SourceMotion` raises the error
     u, _, vh = np.linalg.svd(matrices)
     return u @ vh
+
+
+def read_skeleton(armature: bpy.types.Object) -> SourceSkeleton:
+    """The rest pose of an armature's bones in the world, by the object's present transform with its scale."""
+    bones = _parents_first(armature.data.bones)
+    index = {bone.name: number for number, bone in enumerate(bones)}
+    world = np.array(armature.matrix_world, np.float64)
+    rest = world @ np.array([bone.matrix_local for bone in bones], np.float64).reshape(-1, 4, 4)
+    tails = np.array([bone.tail_local for bone in bones], np.float64).reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+    return SourceSkeleton(
+        names=tuple(index),
+        parents=tuple(index[bone.parent.name] if bone.parent else -1 for bone in bones),
+        heads=rest[:, :3, 3],
+        tails=tails,
+        frames=rest[:, :3, :3] / np.linalg.norm(rest[:, :3, :3], axis=1, keepdims=True),
+    )
+
+
+def _parents_first(bones: bpy.types.ArmatureBones) -> list[bpy.types.Bone]:
+    roots = [bone for bone in bones if bone.parent is None]
+    return [bone for root in roots for bone in (root, *root.children_recursive)]

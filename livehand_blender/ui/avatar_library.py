@@ -12,7 +12,7 @@ import numpy as np
 from ...backend.avatars.library import shipped_avatar_path, shipped_skins
 from ...backend.avatars.metadata import AvatarMetadata, read_metadata
 from ...backend.records.errors import LiveHandError
-from ..render.hands.hand_source import hand_source
+from ..render.hand_source import hand_source
 from .preferences import avatar_folder
 
 

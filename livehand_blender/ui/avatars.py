@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,16 +12,19 @@ from bpy.props import StringProperty
 
 from ...backend.avatars.metadata import AvatarMetadata
 from ...backend.records.errors import LiveHandError
-from ..render.hands.hand_source import hand_source, set_avatar
+from ..render.hand_source import hand_source, set_avatar
 from ..rig.hand import RiggedHand
 from ..rig.sliders import read_beta
 from .avatar_library import AvatarLibrary
 from .mixins import HandTab, OnHand, Tab, polled_hand, reports_errors
 from .shape import set_beta
-from .wrapped_text import draw_wrapped
 
 _LARGE_SCALE, _SMALL_SCALE = 7.0, 5.0  # of icons
 _COLUMNS = 3
+
+# Approximate widths: of a character in Blender's interface font, of a panel's margins with the tabs, of an icon.
+_CHARACTER_PX, _MARGINS_PX, _ICON_PX = 6, 45, 20
+_MIN_CHARACTERS = 30
 
 
 class LIVEHAND_OT_wear_avatar(OnHand, bpy.types.Operator):
@@ -164,3 +168,14 @@ def _check_same_hand(avatar: AvatarMetadata, armature: bpy.types.Object) -> None
 
 
 CLASSES = (LIVEHAND_OT_wear_avatar, LIVEHAND_OT_person_shape, LIVEHAND_PT_avatar, LIVEHAND_PT_choose_avatar)
+
+
+def draw_wrapped(context: bpy.types.Context, layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
+    """Draw labels that fit the region's width; the first has the icon."""
+    width_px = context.region.width if context.region else 0
+    scale = context.preferences.system.ui_scale or 1  # 0 without a window
+    content_px = width_px / scale - _MARGINS_PX - (_ICON_PX if icon != "NONE" else 0)
+    characters = max(_MIN_CHARACTERS, int(content_px / _CHARACTER_PX))
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, characters)):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")

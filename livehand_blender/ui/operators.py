@@ -9,7 +9,7 @@ from ...backend.hand.model import upright
 from ...backend.hand.model_file import DEFAULT_HAND, WITH_ARM, WITHOUT_ARM, load_hand_model
 from ...backend.system.dependencies import install_command, missing_requirements
 from ..light.studio import add_studio
-from ..render.hands.renderer_loading import packages_folder
+from ..render.hand_source import packages_folder
 from ..render.memory import free_memory
 from ..rig.build import add_hand
 from ..rig.hand import RiggedHand

@@ -17,8 +17,7 @@ from ..rig.hand import RiggedHand, active_hand
 from ..rig.sliders import slider_path
 from ..rigs.bake import bake
 from ..rigs.follow import check_editable, follow, is_following, stop_following
-from ..rigs.skeleton import read_skeleton
-from ..rigs.source import SourceRig
+from ..rigs.source import SourceRig, read_skeleton
 from .mixins import FrameRange, HandTab, OnHand, polled_hand, reports_errors
 
 

@@ -89,8 +89,8 @@ def light_now(mesh_name="Patch"):
 
 def expected_pixels(light):
     """[SIZE_PX, SIZE_PX, 3] the patch's irradiance / pi in the light; nothing shadows it."""
-    places = (np.arange(SIZE_PX) + 0.5) / SIZE_PX * SIDE_M - SIDE_M / 2
-    x, y = np.meshgrid(places, -places)
+    positions = (np.arange(SIZE_PX) + 0.5) / SIZE_PX * SIDE_M - SIDE_M / 2
+    x, y = np.meshgrid(positions, -positions)
     matrix = np.array(bpy.data.objects["Patch"].matrix_world)
     points = np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
     normal = matrix[:3, 2]
@@ -107,8 +107,8 @@ def lamp_irradiance(lamp, points, normal, count=4000):
     if lamp.kind == "sun":
         directions = sun_directions(lamp, u, v)
         return lamp.rgb * np.maximum(directions @ normal, 0).mean() / (directions @ -lamp.direction).mean()
-    places, normals, area = surface_samples(lamp, u, v)
-    towards = places[None] - points[:, None]
+    positions, normals, area = surface_samples(lamp, u, v)
+    towards = positions[None] - points[:, None]
     distance = np.linalg.norm(towards, axis=-1)
     towards /= distance[..., None]
     leaving = -np.einsum("npk,pk->np", towards, normals)

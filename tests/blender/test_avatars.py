@@ -10,7 +10,7 @@ from livehand.backend.avatars.file import load_avatar, save_avatar
 from livehand.backend.avatars.library import SKINS, shipped_avatar_path
 from livehand.backend.avatars.metadata import read_metadata
 from livehand.backend.records.errors import LiveHandError
-from livehand.livehand_blender.render.hands.hand_source import hand_source
+from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.ui import avatar_library as library_module
 from livehand.livehand_blender.ui.avatar_library import AvatarLibrary
 from livehand.livehand_blender.ui.avatars import facts

@@ -22,14 +22,14 @@ def test_it_is_registered_with_the_add_on(monkeypatch):
     calls = []
     monkeypatch.setattr(bpy.utils, "register_cli_command", lambda name, function: calls.append(name) or "handle")
     monkeypatch.setattr(bpy.utils, "unregister_cli_command", calls.append)
-    known = BlenderCommand.handle
+    handle = BlenderCommand.handle
     try:
         BlenderCommand.register()
         BlenderCommand.unregister()
     finally:
-        BlenderCommand.handle = known
+        BlenderCommand.handle = handle
     assert calls == ["livehand", "handle"]
-    assert known is not None
+    assert handle is not None
 
 
 def test_it_is_unregistered_with_the_add_on():

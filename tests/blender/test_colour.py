@@ -12,7 +12,7 @@ def srgb_to_linear(srgb):
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def known_frame(srgb_levels, alpha_levels):
+def frame_of_levels(srgb_levels, alpha_levels):
     """The frame whose straight colour and alpha are these 8-bit levels."""
     alpha = alpha_levels / 255
     rgb = srgb_to_linear(srgb_levels / 255) * alpha[..., None]
@@ -38,7 +38,7 @@ def saved_png(frame, path):
 def test_all_opaque_levels_come_back_exactly(tmp_path):
     levels = np.stack(np.meshgrid(np.arange(256), [0, 64, 128, 255]), -1)
     srgb = np.concatenate([levels, levels[..., :1][:, ::-1]], -1)
-    png = saved_png(known_frame(srgb, np.full(srgb.shape[:2], 255)), tmp_path / "opaque.png")
+    png = saved_png(frame_of_levels(srgb, np.full(srgb.shape[:2], 255)), tmp_path / "opaque.png")
     assert np.array_equal(png[..., :3], srgb)
     assert (png[..., 3] == 255).all()
 
@@ -46,7 +46,7 @@ def test_all_opaque_levels_come_back_exactly(tmp_path):
 def test_semi_transparent_levels_come_back_exactly(tmp_path):
     srgb = np.random.default_rng(0).integers(0, 256, (64, 64, 3))
     alpha = np.random.default_rng(1).integers(40, 255, (64, 64))
-    png = saved_png(known_frame(srgb, alpha), tmp_path / "edge.png")
+    png = saved_png(frame_of_levels(srgb, alpha), tmp_path / "edge.png")
     assert np.array_equal(png, np.concatenate([srgb, alpha[..., None]], -1))
 
 
@@ -65,7 +65,7 @@ def test_another_working_space_is_applied_to_colour_only(monkeypatch):
             return matrix @ self.rgb
 
     monkeypatch.setattr("mathutils.Color", Rec2020Color)
-    frame = known_frame(np.array([[[200, 100, 20]]]), np.full((1, 1), 100))
+    frame = frame_of_levels(np.array([[[200, 100, 20]]]), np.full((1, 1), 100))
     converted = in_working_space(frame)
     assert converted.rgb[0, 0] == pytest.approx(matrix @ frame.rgb[0, 0], abs=1e-6)
     assert converted.alpha is frame.alpha

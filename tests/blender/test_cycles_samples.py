@@ -2,8 +2,7 @@
 
 import bpy
 import pytest
-from livehand.livehand_blender.render.cycles_samples import one_sample
-from livehand.livehand_blender.render.cycles_scene import has_only_hands
+from livehand.livehand_blender.render.cycles import has_only_hands, one_sample
 
 DEFAULT = 1024
 

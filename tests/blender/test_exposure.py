@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.image.exposure import SHARP
-from livehand.livehand_blender.render.exposure import read_exposure, read_lens
+from livehand.livehand_blender.render.frame_setup import read_exposure, read_lens
 from livehand.livehand_blender.rig.hand import find_hands
 
 

@@ -10,7 +10,7 @@ from livehand.backend.records.frame import DEPTH_BACKGROUND
 from livehand.livehand_blender.hands.shot import hand_vertices
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.light.foreground import Foreground, clipped, foreground_triangles
-from livehand.livehand_blender.light.local_triangles import LocalTriangles
+from livehand.livehand_blender.light.solids import LocalTriangles
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.scene.camera import read_camera
 

@@ -34,8 +34,7 @@ from livehand.livehand_blender.rigs.follow import follow
 from livehand.livehand_blender.rigs.hand_from_mesh import hand_model_from_mesh, mesh_skinned_to
 from livehand.livehand_blender.rigs.pictures import find_pictures, is_missing
 from livehand.livehand_blender.rigs.rest_mesh import read_rest_mesh
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 from livehand.livehand_blender.scene.settings import use_livehand
 from mathutils import Matrix
 from PIL import Image
@@ -77,11 +76,11 @@ def trained(files):
 
 def test_the_file_records_its_provenance(files):
     with np.load(files / "mine.npz") as arrays:
-        told = json.loads(str(arrays["provenance"]))
-    assert told["source"] == "right.glb"
-    assert told["source_sha256"] == hashlib.sha256((files / "right.glb").read_bytes()).hexdigest()
-    assert told["bones"][:2] == ["wrist", "index-finger-phalanx-proximal"]
-    assert inspect(files / "mine.npz")["provenance"] == told
+        provenance = json.loads(str(arrays["provenance"]))
+    assert provenance["source"] == "right.glb"
+    assert provenance["source_sha256"] == hashlib.sha256((files / "right.glb").read_bytes()).hexdigest()
+    assert provenance["bones"][:2] == ["wrist", "index-finger-phalanx-proximal"]
+    assert inspect(files / "mine.npz")["provenance"] == provenance
     assert "provenance" not in inspect(builtin_hand_path())
 
 
@@ -158,7 +157,7 @@ def evaluated_world_vertices(mesh):
 def test_the_posed_look_is_the_renderers_mesh(files):
     model = load_hand_model(files / "mine.npz")
     capture_scene()
-    surface = OwnSurface.of_look(model, files / "mine.blend")
+    surface = OwnSurface.of_materials(model, files / "mine.blend")
     rng = np.random.default_rng(2)
     for _ in range(2):
         pose = HandPose(rng.normal(size=(16, 3)) * 0.5, np.zeros(10), rng.normal(size=3) * 0.1, "right")
@@ -191,7 +190,7 @@ def test_materials_have_the_same_coordinates_as_on_the_source(coarse, tmp_path):
     coarse.remove(hand)
 
     model = load_hand_model(tmp_path / "mine.npz")
-    surface = OwnSurface.of_look(model, tmp_path / "mine.blend")
+    surface = OwnSurface.of_materials(model, tmp_path / "mine.blend")
     surface.object.data.shape_keys.key_blocks["Posed"].data.foreach_set("co", posed.astype(np.float32).ravel())
     surface.object.data.update_tag()
     ours = _emitted(surface.object, tmp_path / "ours.png", posed)
@@ -224,14 +223,14 @@ def _emitted(thing, path, posed):
 def test_a_look_of_another_hand_is_rejected(files, tmp_path):
     model = load_hand_model(files / "mine.npz")
     with pytest.raises(LiveHandError, match="no look at"):
-        OwnSurface.of_look(model, files / "none.blend")
+        OwnSurface.of_materials(model, files / "none.blend")
     with pytest.raises(LiveHandError, match="got that of another hand"):
-        OwnSurface.of_look(model, files / "mine_left.blend")
+        OwnSurface.of_materials(model, files / "mine_left.blend")
     with pytest.raises(LiveHandError, match=f"one mesh of the {len(load_default_hand().v_template)} vertices"):
-        OwnSurface.of_look(load_default_hand(), files / "mine.blend")
+        OwnSurface.of_materials(load_default_hand(), files / "mine.blend")
     (tmp_path / "no.blend").write_text("no Blender file")
     with pytest.raises(LiveHandError, match=r"must be a \.blend"):
-        OwnSurface.of_look(model, tmp_path / "no.blend")
+        OwnSurface.of_materials(model, tmp_path / "no.blend")
 
 
 def test_a_hand_without_a_look_gets_a_plain_skin(files):
@@ -359,7 +358,7 @@ def test_the_operator_writes_both_files_and_keeps_the_scene(coarse, files, tmp_p
     np.testing.assert_allclose(extents, np.ptp(load_hand_model(files / "mine.npz").v_template, axis=0), atol=1e-5)
 
     capture_scene()
-    surface = OwnSurface.of_look(model, path.with_suffix(".blend"))
+    surface = OwnSurface.of_materials(model, path.with_suffix(".blend"))
     assert surface.object.modifiers["Subdivision"].render_levels == 1
     assert len(surface.object.data.vertices) == len(model.v_template)
     (tmp_path / "paint.png").unlink()
@@ -391,7 +390,7 @@ def test_a_characters_hand_is_cut_out_with_its_look(coarse, tmp_path):
     assert 0.01 < stump < 0.05
 
     capture_scene()
-    surface = OwnSurface.of_look(model, tmp_path / "cut.blend")
+    surface = OwnSurface.of_materials(model, tmp_path / "cut.blend")
     surface.object.modifiers.clear()
     surface.set_pose(HandPose(np.zeros((16, 3)), np.zeros(10), np.zeros(3), "right"))
     bpy.context.view_layer.update()
@@ -415,7 +414,7 @@ def test_missing_pictures_are_replaced_by_the_materials_colour(coarse, tmp_path)
     assert texture.image == image
     assert sorted(file.name for file in tmp_path.iterdir()) == ["mine.blend", "mine.npz"]
     capture_scene()
-    surface = OwnSurface.of_look(load_hand_model(path), path.with_suffix(".blend"))
+    surface = OwnSurface.of_materials(load_hand_model(path), path.with_suffix(".blend"))
     nodes = surface.object.data.materials[0].node_tree.nodes
     (stand_in,) = [node.image for node in nodes if node.type == "TEX_IMAGE"]
     np.testing.assert_allclose(stand_in.pixels[:], [0.1, 0.2, 0.3, 1], atol=1e-6)
@@ -474,7 +473,7 @@ def test_another_hands_files_are_not_replaced(coarse, tmp_path):
         hand_model_from_mesh(*asked, path, scale=50.0, overwrites=True)
     assert (look.read_text(), path.read_text()) == ("a user's", "another hand")
     look.unlink()
-    made = hand_model_from_mesh(*asked, path, overwrites=True, has_look=False)
+    made = hand_model_from_mesh(*asked, path, overwrites=True, has_materials=False)
     assert made["look"] is None
     assert [file.name for file in tmp_path.iterdir()] == ["mine.npz"]
     assert load_hand_model(path).side == "right"

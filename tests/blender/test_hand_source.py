@@ -8,7 +8,7 @@ from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_
 from livehand.backend.hand.model_file import BUILTIN_HANDS, builtin_hand_path, load_hand_model
 from livehand.backend.image.grade import Grade
 from livehand.livehand_blender.hands.visible_hands import visible_hands
-from livehand.livehand_blender.render.hands.hand_source import hand_source, read_grade, set_avatar
+from livehand.livehand_blender.render.hand_source import hand_source, read_grade, set_avatar
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 

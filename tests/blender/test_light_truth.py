@@ -122,8 +122,8 @@ def computed(hand, pose, camera, light):
     of_sky = sky_shadows(backend, in_view, occluders, position)
     of_sky = with_parts(of_sky, samples.sky, backend, in_view, occluders, position)
     shadows = light_shadows(backend, in_view, samples, occluders, position, of_sky, torch.ones(3))
-    places = SkinPlaces.of(mesh, topology.faces, face[pixel], position)
-    points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1), places)
+    mesh_points = SkinPlaces.of(mesh, topology.faces, face[pixel], position)
+    points = SurfacePoints(position, normals, normals, torch.nn.functional.normalize(directions, dim=-1), mesh_points)
     width, height = camera.size_px
     image = torch.zeros(width * height, 3)
     around = surrounding_light(backend, in_view, samples, light)

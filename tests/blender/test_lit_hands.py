@@ -11,7 +11,7 @@ from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render import frame_setup
 from livehand.livehand_blender.render.engine import LiveHandRender
 from livehand.livehand_blender.render.keep_look import in_scene_colours
-from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.render.viewport_hand import read_viewport_hands
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands
 from livehand.livehand_blender.scene.camera import read_camera

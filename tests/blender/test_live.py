@@ -71,7 +71,7 @@ def start(path, **more):
     return LiveSession.start(LiveSetup(CameraSource(str(path), True), **more))
 
 
-def step_until_seen(session, count=1):
+def step_until_found(session, count=1):
     """The newest frames with a hand, each after its step."""
     found, until = [], time.monotonic() + PATIENCE_S
     while len(found) < count and not session.has_ended and time.monotonic() < until:
@@ -101,7 +101,7 @@ def test_the_hand_follows_without_keys_and_what_is_recorded_is_keyed_once(waved,
     session.record(scene)
     pid = session.pid
     across, seen = [], []
-    while frames := step_until_seen(session):
+    while frames := step_until_found(session):
         bpy.context.view_layer.update()
         wrist = right_hand.matrix_world @ right_hand.pose.bones["wrist.R"].head
         across.append(world_to_camera_view(scene, scene.camera, wrist).x * 320)
@@ -124,11 +124,11 @@ def test_the_hand_follows_without_keys_and_what_is_recorded_is_keyed_once(waved,
 def test_a_killed_child_is_one_error_and_what_was_recorded_is_keyed(slow_film, right_hand):
     session = start(slow_film)
     session.record(bpy.context.scene)
-    assert step_until_seen(session)
+    assert step_until_found(session)
     pid = session.pid
     os.kill(pid, signal.SIGKILL)
     with pytest.raises(LiveHandError, match="must go on, it ended"):
-        step_until_seen(session, FRAMES)
+        step_until_found(session, FRAMES)
     assert session.key(bpy.context) >= 1
     LiveSession.stop()
     assert nothing_is_left(pid)
@@ -137,7 +137,7 @@ def test_a_killed_child_is_one_error_and_what_was_recorded_is_keyed(slow_film, r
 @pytest.mark.slow
 def test_loading_a_file_ends_it(waved, right_hand):
     session = start(waved)
-    assert step_until_seen(session)
+    assert step_until_found(session)
     pid = session.pid
     bpy.ops.wm.read_homefile(use_empty=True)
     assert nothing_is_left(pid)
@@ -161,7 +161,7 @@ def test_a_lost_camera(tmp_path, right_hand):
     (tmp_path / "cut.mp4").write_bytes(b"\0" * 100)
     session = start(tmp_path / "cut.mp4")
     with pytest.raises(LiveHandError, match="must be a video"):
-        step_until_seen(session)
+        step_until_found(session)
 
 
 def test_a_recording_without_frames_changes_nothing(waved, right_hand):

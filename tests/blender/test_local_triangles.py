@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.livehand_blender.hands.visible_hands import InstanceId
-from livehand.livehand_blender.light.local_triangles import LocalTriangles
+from livehand.livehand_blender.light.solids import LocalTriangles
 
 
 def add_triangle(name, side_m=1.0):

@@ -299,10 +299,10 @@ def test_the_file_browser_shows_the_detected_format(tmp_path):
     assert max(map(len, drawn_by_name["labels.npz"])) <= 40  # wider lines would be cut off
     assert "readable .npz" in " ".join(drawn_by_name["bad.npz"])
     assert "Choose a file" in drawn_by_name["gone.npz"]
-    known = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
+    declared = set(bpy.ops.livehand.import_motion.get_rna_type().properties.keys())
     drawn = {name for name in drawn_by_name["gone.npz"] if name.islower()}
-    assert drawn <= known
-    assert known - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
+    assert drawn <= declared
+    assert declared - drawn == {"rna_type", "filepath", "directory", "files", "filter_glob"}
 
 
 def test_dropped_files_start_the_import():

@@ -7,7 +7,7 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
 from livehand.backend.system import dependencies
-from livehand.livehand_blender.render.hands import renderer_loading
+from livehand.livehand_blender.render import hand_source
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands, mesh_of
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
@@ -126,12 +126,12 @@ def test_install_command_names_python_target_and_packages(monkeypatch):
     assert fake in dependencies.missing_requirements()
     command = dependencies.install_command((fake,))
     assert command == f'"{sys.executable}" -m pip install "fake>=1" "numpy=={np.__version__}"'
-    assert renderer_loading.packages_folder() is None
+    assert hand_source.packages_folder() is None
     monkeypatch.setattr(
-        renderer_loading, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
+        hand_source, "bpy", SimpleNamespace(utils=bpy.utils, app=SimpleNamespace(binary_path="blender"))
     )
     target = bpy.utils.user_resource("SCRIPTS", path="modules")
-    command = dependencies.install_command((fake,), renderer_loading.packages_folder())
+    command = dependencies.install_command((fake,), hand_source.packages_folder())
     assert f'pip install --target "{target}" "fake>=1"' in command
 
 

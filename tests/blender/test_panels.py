@@ -17,11 +17,10 @@ from livehand.livehand_blender.ui.preferences import LIVEHAND_AP_preferences
 UI = bpy.types.UILayout.bl_rna.functions
 MODULES = (avatars, hand_model, motion, panels, picker, retarget)
 PANELS = [
-    known
+    cls
     for one in MODULES
-    for known in one.CLASSES
-    if issubclass(known, bpy.types.Panel)
-    and known is not avatars.LIVEHAND_PT_choose_avatar  # a pop-up of its own width
+    for cls in one.CLASSES
+    if issubclass(cls, bpy.types.Panel) and cls is not avatars.LIVEHAND_PT_choose_avatar  # a pop-up of its own width
 ]
 
 
@@ -77,10 +76,10 @@ class Layout:
         check_arguments("prop", arguments)
         assert name in owner.bl_rna.properties or owner.path_resolve(name) is not None
         self.drawn.append(name.strip('["]'))
-        known = owner.bl_rna.properties.get(name)
-        text = arguments.get("text", known.name if known else name)
+        declared = owner.bl_rna.properties.get(name)
+        text = arguments.get("text", declared.name if declared else name)
         # A split layout has a number's or a menu's name in its left half, and a switch's beside the box in the right.
-        is_left = self.use_property_split and known is not None and known.type != "BOOLEAN"
+        is_left = self.use_property_split and declared is not None and declared.type != "BOOLEAN"
         self.parts.append((text * (2 if is_left else 1), False))
 
     def prop_search(self, owner, name, data, collection, **arguments):

@@ -7,7 +7,7 @@ import pytest
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.session import Device
-from livehand.livehand_blender.render.hands.renderer_loading import load_renderer_in_blender
+from livehand.livehand_blender.render.hand_source import load_renderer_in_blender
 
 
 def test_a_missing_package_is_named_with_its_remedy(monkeypatch):

@@ -25,9 +25,11 @@ def test_exported_files_have_the_same_motion(other_rigs, tmp_path, side):
 
 def test_the_rig_is_reproducible_and_mirrored(other_rigs):
     tips = [other_rigs.make_rigged_hand(side) for side in ("right", "right", "left")]
-    places = [np.linalg.inv(hand.armature.matrix_world) @ np.c_[hand.fingertips(), np.ones(5)].T for hand in tips]
-    np.testing.assert_array_equal(places[0], places[1])
-    np.testing.assert_allclose(np.linalg.norm(places[0][:3], axis=0), np.linalg.norm(places[2][:3], axis=0), rtol=1e-4)
+    positions = [np.linalg.inv(hand.armature.matrix_world) @ np.c_[hand.fingertips(), np.ones(5)].T for hand in tips]
+    np.testing.assert_array_equal(positions[0], positions[1])
+    np.testing.assert_allclose(
+        np.linalg.norm(positions[0][:3], axis=0), np.linalg.norm(positions[2][:3], axis=0), rtol=1e-4
+    )
 
 
 def test_its_skin_follows_its_bones(other_rigs):

@@ -16,8 +16,7 @@ from livehand.livehand_blender.rig.pose import read_hand_pose, write_theta
 from livehand.livehand_blender.rig.sliders import write_slider
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 

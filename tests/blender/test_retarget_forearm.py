@@ -13,8 +13,7 @@ from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose, write_hand_pose
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
 
 @pytest.fixture

@@ -17,9 +17,8 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.keyframes import keyframe_theta
 from livehand.livehand_blender.rig.pose import read_hand_pose
-from livehand.livehand_blender.rigs.importing import UNITS_M, import_rig, likely_unit
+from livehand.livehand_blender.rigs.importing import UNITS_M, all_data, import_rig, likely_unit
 from livehand.livehand_blender.rigs.rig_motion import read_upright
-from livehand.livehand_blender.scene.data_blocks import all_data
 from mathutils import Matrix
 
 # Blender's BVH importer does not close its file.

@@ -10,8 +10,7 @@ from livehand.backend.rigs.rest_alignment import align
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rigs.follow import follow
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
 NUMBERS = (2, 3, 5, 4, 1)  # of the fingers in MANO's order
 

@@ -15,8 +15,7 @@ from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import RiggedHand
 from livehand.livehand_blender.rig.pose import read_hand_pose
 from livehand.livehand_blender.rigs.follow import follow
-from livehand.livehand_blender.rigs.skeleton import read_skeleton
-from livehand.livehand_blender.rigs.source import SourceRig
+from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
 
 # The human metarig's arms and hands, and the rig generated from them; the face would take a minute. In a process of its
 # own, because Rigify cannot be enabled twice, and one in which it stays enabled hangs at exit.

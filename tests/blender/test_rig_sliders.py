@@ -19,14 +19,14 @@ import json, sys
 import bpy
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 assert not hasattr(bpy.types.Object, "livehand")
-places = {}
+positions = {}
 for frame in json.loads(sys.argv[2]):
     bpy.context.scene.frame_set(frame)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     hand = bpy.data.objects["LiveHand"].evaluated_get(depsgraph)
     mesh = bpy.data.objects["LiveHand Mesh"].evaluated_get(depsgraph).to_mesh()
-    places[frame] = [list(hand.pose.bones[sys.argv[3]].tail), list(mesh.vertices[0].co)]
-print("PLACES " + json.dumps(places))
+    positions[frame] = [list(hand.pose.bones[sys.argv[3]].tail), list(mesh.vertices[0].co)]
+print("POSITIONS " + json.dumps(positions))
 """
 
 
@@ -49,10 +49,10 @@ def test_a_saved_file_plays_without_livehand(hand, model, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=path)
     command = [sys.executable, "-c", WITHOUT_LIVEHAND, path, json.dumps(frames), bone]
     output = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True, env=os.environ).stdout
-    (line,) = [line for line in output.splitlines() if line.startswith("PLACES ")]
+    (line,) = [line for line in output.splitlines() if line.startswith("POSITIONS ")]
     for frame in frames:
         bpy.context.scene.frame_set(frame)
-        tail, vertex = json.loads(line[len("PLACES ") :])[str(frame)]
+        tail, vertex = json.loads(line[len("POSITIONS ") :])[str(frame)]
         mesh = hand.livehand.mesh.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
         np.testing.assert_allclose(tail, tail_m(hand, bone), atol=1e-6)
         np.testing.assert_allclose(vertex, mesh.vertices[0].co, atol=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from livehand.backend.hand.gestures import FingerAxes, theta_of
 from livehand.livehand_blender.hands.visible_hands import visible_hands
-from livehand.livehand_blender.render.hands.hand_source import hand_source
+from livehand.livehand_blender.render.hand_source import hand_source
 from livehand.livehand_blender.rig.controls import CONTROLS
 from livehand.livehand_blender.rig.hand import RiggedHand, find_hands
 from livehand.livehand_blender.rig.pose import read_pose, write_theta
@@ -41,12 +41,12 @@ def test_every_setting_is_read(opened):
 def test_no_setting_is_missing_from_the_file(opened):
     """A new one needs a place in a file of the version that has it."""
     others = {"is_hand", "is_skin", "side", "model_path", "model_sha256", "avatar_path", "mesh", "bone_shapes"}
-    for group, known in (
+    for group, names in (
         (opened.livehand, {*SAVED["HAND"], *others, "other_rig"}),
         (bpy.context.scene.livehand, SAVED["SCENE"].keys()),
         (bpy.context.scene.view_layers[0].livehand, SAVED["LAYER"].keys()),
     ):
-        assert {one.identifier for one in group.bl_rna.properties} - {"rna_type", "name"} == set(known)
+        assert {one.identifier for one in group.bl_rna.properties} - {"rna_type", "name"} == set(names)
 
 
 def test_its_sliders_and_keys_play(opened):

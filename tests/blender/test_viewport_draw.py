@@ -8,13 +8,11 @@ import gpu
 import numpy as np
 import pytest
 from livehand.livehand_blender.hands import visible_hands
-from livehand.livehand_blender.render.viewport import viewport as viewport_module
-from livehand.livehand_blender.render.viewport.draw import ImageTexture, draw_message
-from livehand.livehand_blender.render.viewport.image import ViewportImage
-from livehand.livehand_blender.render.viewport.pace import Pace
-from livehand.livehand_blender.render.viewport.shared import ViewportShared
-from livehand.livehand_blender.render.viewport.view import Rectangle
-from livehand.livehand_blender.render.viewport.viewport import Viewport
+from livehand.livehand_blender.render import viewport as viewport_module
+from livehand.livehand_blender.render.viewport import ImageTexture, Pace, Viewport, draw_message
+from livehand.livehand_blender.render.viewport_image import ViewportImage
+from livehand.livehand_blender.render.viewport_shared import ViewportShared
+from livehand.livehand_blender.render.viewport_view import Rectangle
 from livehand.livehand_blender.rig.hand import find_hands
 from mathutils import Matrix
 

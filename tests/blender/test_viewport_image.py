@@ -7,8 +7,8 @@ from livehand.backend.records.camera import Camera
 from livehand.backend.records.frame import empty_frame
 from livehand.backend.render.session import Session
 from livehand.livehand_blender.hands.visible_hands import visible_hands
-from livehand.livehand_blender.render.viewport.image import ViewportRequest, viewport_image
-from livehand.livehand_blender.render.viewport.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.render.viewport_hand import read_viewport_hands
+from livehand.livehand_blender.render.viewport_image import ViewportRequest, viewport_image
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from livehand.livehand_blender.scene.camera import read_camera
 

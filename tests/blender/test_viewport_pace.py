@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import pytest
-from livehand.livehand_blender.render.viewport.pace import Pace
+from livehand.livehand_blender.render.viewport import Pace
 
 WANTED_S = 0.04
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from livehand.backend.records.errors import LiveHandError
-from livehand.livehand_blender.render.viewport.view import read_view, region_camera
+from livehand.livehand_blender.render.viewport_view import read_view, region_camera
 from livehand.livehand_blender.scene.camera import read_camera
 from mathutils import Matrix
 

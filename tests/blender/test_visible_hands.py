@@ -162,8 +162,8 @@ def test_instances_render_blurred_with_their_own_cryptomatte(
     use_multilayer_exr(instanced)
     bpy.ops.render.render(write_still=True)
     channels = read_exr(tmp_path / "still.exr")
-    places = [shot.vertices[0, 0] - load_default_hand().v_template[0, 0] for shot in fake_session.made[-1].shots]
-    assert len({round(float(x), 4) for x in places}) == 4  # A stands still, B has three places
+    offsets = [shot.vertices[0, 0] - load_default_hand().v_template[0, 0] for shot in fake_session.made[-1].shots]
+    assert len({round(float(x), 4) for x in offsets}) == 4  # A stands still, B has three offsets
     assert channels["ViewLayer.Combined.A"].max() == 1
 
 

@@ -23,7 +23,7 @@ BLENDER_SECONDS = 1500
 PRINT_INSTALL_COMMAND = """
 import importlib, json
 dependencies = importlib.import_module("bl_ext.user_default.livehand.backend.system.dependencies")
-loading = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.render.hands.renderer_loading")
+loading = importlib.import_module("bl_ext.user_default.livehand.livehand_blender.render.hand_source")
 missing = dependencies.missing_requirements()
 command = dependencies.install_command(missing, loading.packages_folder())
 print("MISSING " + json.dumps([[each.module for each in missing], command]))

@@ -134,7 +134,7 @@ def bend_fingers(hand, share):
 
 def story(watch, report):
     engine = module("livehand_blender.render.engine").LiveHandRender
-    watch.look_at(module("livehand_blender.render.viewport.viewport"))
+    watch.look_at(module("livehand_blender.render.viewport"))
     hand = set_the_scene()
     yield from pose_in_the_tab(hand)
     space = view_area().spaces.active

@@ -1,4 +1,4 @@
-"""The properties of a hand that choose its look: the files of its model and avatar, the device, the grade.
+"""The properties of a hand that choose its look, the files of its model and avatar, and the loading of its renderer.
 
 A hand without a model file is the built-in hand whose hash it names.
 """
@@ -10,12 +10,14 @@ from pathlib import Path
 
 import bpy
 
-from ....backend.avatars.library import shipped_avatar_path, shipped_skin
-from ....backend.hand.model_file import builtin_hand_path, builtin_name
-from ....backend.image.grade import Grade
-from ....backend.records.errors import LiveHandError
-from ....backend.render.frame_task import HandRenderer
-from ....backend.render.session import Device, Session
+from ...backend.avatars.library import shipped_avatar_path, shipped_skin
+from ...backend.hand.model import HandModel
+from ...backend.hand.model_file import builtin_hand_path, builtin_name
+from ...backend.image.grade import Grade
+from ...backend.records.errors import LiveHandError
+from ...backend.render.frame_task import HandRenderer
+from ...backend.render.session import Device, Session, load_renderer
+from ...backend.system.dependencies import install_command, missing_requirements
 
 
 @dataclass(frozen=True)
@@ -73,3 +75,36 @@ def read_grade(armature: bpy.types.Object) -> Grade:
     """The *Match Plate* settings of an evaluated armature, which holds the animated values of its frame."""
     hand = armature.livehand
     return Grade(hand.exposure, tuple(hand.gain), tuple(hand.bias))
+
+
+def load_renderer_in_blender(avatar_path: Path, hand: HandModel, device: Device) -> HandRenderer:
+    """Load the backend's renderer of one avatar.
+
+    Raises:
+        LiveHandError: a package is missing, or the avatar cannot be read or belongs to another hand model.
+    """
+    try:
+        return load_renderer(avatar_path, hand, device)
+    except ImportError as error:
+        raise LiveHandError(_missing_packages(error)) from error
+
+
+def packages_folder() -> Path | None:
+    """The folder in which the Blender program looks for the user's packages; None if Blender is a Python module.
+
+    When it starts, the program adds the user's `scripts/modules` folder to the path, if the folder exists.
+    """
+    if not bpy.app.binary_path:  # bpy.app.module does not exist in 4.2
+        return None
+    return Path(bpy.utils.user_resource("SCRIPTS", path="modules"))
+
+
+def _missing_packages(error: ImportError) -> str:
+    missing = missing_requirements()
+    if not missing:
+        return f"the renderer cannot be imported ({error}); reinstall the package at fault and restart Blender"
+    names = ", ".join(requirement.module for requirement in missing)
+    return (
+        f"rendering needs Python packages that Blender's Python lacks: {names}; install them with: "
+        f"{install_command(missing, packages_folder())} and restart Blender"
+    )

@@ -16,7 +16,7 @@ import bpy
 from ...backend.records.errors import LiveHandError
 from ...backend.rigs.hand_from_mesh.hand_model import MeshHand
 from ...backend.system.atomic_file import replacing
-from ..capture.look import MODEL_KEY
+from ..capture.hand_materials import MODEL_KEY
 from .pictures import images_of, is_missing, plain_colours
 from .rest_mesh import RestMesh
 
@@ -25,7 +25,7 @@ _SUBDIVISION = (
 )  # fmt: skip
 
 
-def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> list[str]:
+def save_materials(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHand, sha256: str) -> list[str]:
     """Write the .blend with packed images; the open file is unchanged.
 
     Images whose file is missing are replaced by their materials' colours. Returns the files that are missing.
@@ -40,27 +40,27 @@ def save_look(path: Path, source: bpy.types.Object, rest: RestMesh, hand: MeshHa
     Raises:
         LiveHandError: it cannot be written.
     """
-    look = _look_object(source, rest, hand)
-    look[MODEL_KEY] = sha256
+    mesh = _materials_object(source, rest, hand)
+    mesh[MODEL_KEY] = sha256
     scene = bpy.data.scenes.new("Hand")  # so that the hand is visible when the file is opened
-    scene.collection.objects.link(look)
+    scene.collection.objects.link(mesh)
     scene.view_layers[0].update()  # Blender 5.2 crashes when it writes a scene that was never seen
-    images = images_of(look.data.materials)
+    images = images_of(mesh.data.materials)
     missing = {image for image in images if is_missing(image)}
     try:
-        with replacing(path) as temporary, plain_colours(look.data.materials, missing), _packed(images - missing):
+        with replacing(path) as temporary, plain_colours(mesh.data.materials, missing), _packed(images - missing):
             bpy.data.libraries.write(str(temporary), {scene}, path_remap="ABSOLUTE", compress=True)
         return sorted(image.filepath for image in missing)
     except RuntimeError as error:
         raise LiveHandError(f"{path} must be writable ({error})") from error
     finally:
-        data = look.data
+        data = mesh.data
         bpy.data.scenes.remove(scene)
-        bpy.data.objects.remove(look)
+        bpy.data.objects.remove(mesh)
         bpy.data.meshes.remove(data)
 
 
-def _look_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bpy.types.Object:
+def _materials_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bpy.types.Object:
     data = bpy.data.meshes.new("Hand")
     for slot in source.material_slots:
         data.materials.append(slot.material)
@@ -74,10 +74,10 @@ def _look_object(source: bpy.types.Object, rest: RestMesh, hand: MeshHand) -> bp
         cut.free()
     data.use_auto_texspace = False
     data.texspace_location, data.texspace_size = rest.data.texspace_location, rest.data.texspace_size
-    look = bpy.data.objects.new("Hand", data)
-    look.matrix_world = source.matrix_world
-    _subdivide_like(look, source)
-    return look
+    mesh = bpy.data.objects.new("Hand", data)
+    mesh.matrix_world = source.matrix_world
+    _subdivide_like(mesh, source)
+    return mesh
 
 
 def _remove_the_rest(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
@@ -121,11 +121,11 @@ def _add_cap(cut: bmesh.types.BMesh, hand: MeshHand) -> None:
             loop.copy_from(beside[vertex])
 
 
-def _subdivide_like(look: bpy.types.Object, source: bpy.types.Object) -> None:
+def _subdivide_like(mesh: bpy.types.Object, source: bpy.types.Object) -> None:
     found = next((m for m in source.modifiers if m.type == "SUBSURF" and m.show_render), None)
     if found is None:
         return
-    modifier = look.modifiers.new("Subdivision", "SUBSURF")
+    modifier = mesh.modifiers.new("Subdivision", "SUBSURF")
     for name in _SUBDIVISION:
         setattr(modifier, name, getattr(found, name))
 

@@ -3,25 +3,41 @@
 from __future__ import annotations
 
 import logging
+import textwrap
+from collections import deque
+from statistics import median
 
+import blf
 import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
 
-from ....backend.records.errors import LiveHandError
-from ....backend.render.frame_task import is_equal
-from ....backend.render.preview_scheduler import StepOutcome
-from ...hands.visible_hands import InstanceId, VisibleHand, visible_hands
-from ...light.foreground import Foreground
-from ...light.local_triangles import LocalTriangles
-from ...scene.colour import rec709_to_working_space
-from .draw import ImageTexture, draw_message
-from .image import ViewportRequest
-from .pace import Pace
-from .shared import ViewportShared
-from .step import ViewportStep
-from .view import RegionView, read_view
+from ...backend.records.errors import LiveHandError
+from ...backend.render.frame_task import is_equal
+from ...backend.render.preview_scheduler import StepOutcome
+from ..hands.visible_hands import InstanceId, VisibleHand, visible_hands
+from ..light.foreground import Foreground
+from ..light.solids import LocalTriangles
+from ..scene.colour import rec709_to_working_space
 from .viewport_hand import ViewportHand, read_viewport_hands
+from .viewport_image import ViewportImage, ViewportRequest, ViewportStep
+from .viewport_shared import ViewportShared
+from .viewport_view import Rectangle, RegionView, read_view
 
 LOGGER = logging.getLogger(__name__)
+
+_SIDES_PX = (128, 160, 192, 224, 256, 320, 384, 448, 512)
+_FIRST_PX = 256
+_WANTED_S = 1 / 24
+# A choice is made from several pictures: one alone may have waited for an avatar, a kernel or another program.
+_FEWEST, _MOST = 3, 5
+# A larger picture is tried only if it would take this share of the wanted time, so that sizes do not flicker.
+_SPARE = 0.8
+_FONT = 0
+_TEXT_PT = 12.0
+_MARGIN_PX = 20.0
+_TRIANGLES = ((0, 1, 2), (0, 2, 3))
+_WHITE, _SHADE = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.7)
 
 
 def viewport_of(engine) -> Viewport:
@@ -169,3 +185,97 @@ def _message_of(error: Exception) -> str:
         return str(error)
     LOGGER.error("The 3D view failed", exc_info=error)
     return f"stopped on an unexpected {type(error).__name__}: {error}"
+
+
+class Pace:
+    """Chooses the longer side of moving pictures by the time that the last ones took.
+
+    Time is taken to grow with the number of pixels. It grows less, so a smaller picture may have to be made smaller
+    once more, and a larger one is never too slow for that reason.
+    """
+
+    def __init__(self, wanted_s: float = _WANTED_S):
+        self._wanted_s = wanted_s
+        self._side_px = _FIRST_PX
+        self._seconds: deque[float] = deque(maxlen=_MOST)
+
+    @property
+    def side_px(self) -> int:
+        """The longer side of the next picture."""
+        return self._side_px
+
+    def record(self, side_px: int, seconds: float) -> None:
+        """Take note of the time of a picture of this longer side; one of an earlier choice does not count."""
+        if side_px != self._side_px:
+            return
+        self._seconds.append(seconds)
+        if len(self._seconds) < _FEWEST:
+            return
+        seconds = median(self._seconds)
+        side_px = self._affordable_px(seconds)
+        if side_px > self._side_px or (seconds > self._wanted_s and side_px < self._side_px):
+            self._side_px = side_px
+            self._seconds.clear()
+
+    def _affordable_px(self, seconds: float) -> int:
+        """The largest side with time to spare, if a picture of the present side takes so long."""
+        per_pixel_s = seconds / self._side_px**2
+        return max(
+            (side for side in _SIDES_PX if per_pixel_s * side**2 <= _SPARE * self._wanted_s), default=_SIDES_PX[0]
+        )
+
+
+class ImageTexture:
+    """An image on the GPU; created and drawn only in Blender's drawing callbacks.
+
+    Its colours are scene-linear: Blender applies the view transform to the whole view afterwards.
+    """
+
+    def __init__(self, image: ViewportImage):
+        height, width, _ = image.rgba.shape
+        pixels = gpu.types.Buffer("FLOAT", image.rgba.size, image.rgba.ravel())
+        self._texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=pixels)
+        self._box = image.box
+
+    def draw(self, rectangle: Rectangle, region_height_px: int) -> None:
+        """Draw the image over a rectangle of the region."""
+        left, top, right, bottom = self._box
+        left, right = rectangle.left + left, rectangle.left + right
+        top, bottom = (region_height_px - rectangle.top - edge for edge in (top, bottom))
+        shader = gpu.shader.from_builtin("IMAGE")
+        quad = {"pos": _corners(left, bottom, right, top), "texCoord": _corners(0, 0, 1, 1)}
+        batch = batch_for_shader(shader, "TRIS", quad, indices=_TRIANGLES)
+        gpu.state.blend_set("ALPHA_PREMULT")
+        shader.uniform_sampler("image", self._texture)
+        batch.draw(shader)
+        gpu.state.blend_set("NONE")
+
+
+def draw_message(text: str, width_px: int, scale: float) -> None:
+    """Draw text on a dark box in the lower left of a region, wrapped to its width; `scale` is the interface's."""
+    blf.size(_FONT, _TEXT_PT * scale)
+    letter_px, line_px = blf.dimensions(_FONT, "n")[0], 1.6 * _TEXT_PT * scale
+    margin_px = _MARGIN_PX * scale
+    lines = textwrap.wrap(text, max(20, int((width_px - 4 * margin_px) / letter_px)))
+    _draw_box(
+        (margin_px / 2, margin_px / 2),
+        (max(blf.dimensions(_FONT, line)[0] for line in lines) + 1.5 * margin_px, (len(lines) + 1) * line_px),
+    )
+    blf.color(_FONT, *_WHITE)
+    for number, line in enumerate(reversed(lines)):
+        blf.position(_FONT, margin_px, margin_px + number * line_px, 0)
+        blf.draw(_FONT, line)
+
+
+def _draw_box(first_px: tuple[float, float], last_px: tuple[float, float]) -> None:
+    (left, bottom), (right, top) = first_px, last_px
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "TRIS", {"pos": _corners(left, bottom, right, top)}, indices=_TRIANGLES)
+    gpu.state.blend_set("ALPHA")
+    shader.uniform_float("color", _SHADE)
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def _corners(left: float, bottom: float, right: float, top: float) -> tuple[tuple[float, float], ...]:
+    return (left, bottom), (right, bottom), (right, top), (left, top)

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ....backend.image.grade import Grade
-from ....backend.records.camera import Camera
-from ....backend.records.shot import HandPose, Shot
-from ....backend.render.frame_task import HandTask
-from ....backend.render.session import Device, Session
-from ...hands.shot import hand_hair, hand_pose, hand_vertices, hand_wrist_fade_m
-from ...hands.visible_hands import InstanceId, VisibleHand
-from ...light.light import SceneLight, read_hand_lights
-from ...light.local_triangles import LocalTriangles
-from ..hands.hand_source import HandSource, hand_source, load_for, read_device, read_grade
+from ...backend.image.grade import Grade
+from ...backend.records.camera import Camera
+from ...backend.records.shot import HandPose, Shot
+from ...backend.render.frame_task import HandTask
+from ...backend.render.session import Device, Session
+from ..hands.shot import hand_hair, hand_pose, hand_vertices, hand_wrist_fade_m
+from ..hands.visible_hands import InstanceId, VisibleHand
+from ..light.light import SceneLight, read_hand_lights
+from ..light.solids import LocalTriangles
+from .hand_source import HandSource, hand_source, load_for, read_device, read_grade
 
 
 @dataclass(frozen=True)

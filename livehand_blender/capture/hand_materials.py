@@ -1,4 +1,4 @@
-"""A hand model's look: a .blend file with its mesh and materials."""
+"""The materials of a hand model: a .blend file with its mesh and its look."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ MODEL_KEY = "livehand_model_sha256"
 """Custom property of a look's mesh with the sha256 of its hand model."""
 
 
-def look_path(model_path: Path) -> Path:
+def materials_path(model_path: Path) -> Path:
     """The path of a hand model's look, beside the model."""
     return model_path.with_suffix(".blend")
 
 
-def append_look(model: HandModel, path: Path) -> bpy.types.Object:
+def append_materials(model: HandModel, path: Path) -> bpy.types.Object:
     """The mesh of a look's .blend, appended to the current scene.
 
     Raises:
@@ -38,10 +38,10 @@ def append_look(model: HandModel, path: Path) -> bpy.types.Object:
             f"{path} must hold one mesh of the {count} vertices of '{model.name}', got {len(fitting)}; "
             "make the hand and its look again with livehand make-hand"
         )
-    (look,) = fitting
-    if look.get(MODEL_KEY, model.sha256) != model.sha256:
+    (mesh,) = fitting
+    if mesh.get(MODEL_KEY, model.sha256) != model.sha256:
         raise LiveHandError(f"{path} must be the look of '{model.name}', got that of another hand; make both again")
-    bpy.context.scene.collection.objects.link(look)
-    look.parent = None
-    look.matrix_world.identity()
-    return look
+    bpy.context.scene.collection.objects.link(mesh)
+    mesh.parent = None
+    mesh.matrix_world.identity()
+    return mesh

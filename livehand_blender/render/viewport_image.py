@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....backend.image.grade import graded
-from ....backend.records.camera import Camera
-from ....backend.records.frame import Frame
-from ....backend.render.composition import joined, visible_parts
-from ....backend.render.session import Session
-from ....backend.system.thread_limits import thread_limit
-from ...light.foreground import foreground_triangles
-from ...light.solid import Solid
+from ...backend.image.grade import graded
+from ...backend.records.camera import Camera
+from ...backend.records.frame import Frame
+from ...backend.render.composition import joined, visible_parts
+from ...backend.render.session import Session
+from ...backend.system.thread_limits import thread_limit
+from ..light.foreground import foreground_triangles
+from ..light.solids import Solid
 from .viewport_hand import ViewportHand
 
 # Cycles keeps every core busy meanwhile, and torch's threads wait for one another after every operation: on two busy
@@ -70,7 +70,7 @@ class ViewportRequest:
         if not frames:
             return None
         graded_frames = [graded(frame, hand.grade) for frame, hand in zip(frames, self.hands, strict=True)]
-        from ....backend.image.scene_depth import scene_depth  # torch, which a renderer has imported already
+        from ...backend.image.scene_depth import scene_depth  # torch, which a renderer has imported already
 
         triangles = foreground_triangles(self.foreground, camera, [hand.vertices for hand in self.hands])
         depth = scene_depth(triangles, camera) if len(triangles) else None
@@ -87,3 +87,25 @@ def viewport_image(frame: Frame, scale: float, to_working_space: np.ndarray) -> 
     rgba = np.concatenate([rgb, frame.alpha[top:bottom, left:right, None]], -1)
     box = (left / scale, top / scale, right / scale, bottom / scale)
     return ViewportImage(np.ascontiguousarray(rgba[::-1], np.float32), box)
+
+
+@dataclass(frozen=True)
+class ViewportStep:
+    """A step that the preview's thread runs.
+
+    Attributes:
+        request: what to render.
+        session: of the avatars.
+        scale: of the image, times the view's resolution.
+        moving_px: the longer side that the view's pace chose for an image of what moves, of which the scale came; None:
+            the image is of what rests, with fine penumbras.
+    """
+
+    request: ViewportRequest
+    session: Session
+    scale: float
+    moving_px: int | None = None
+
+    def __call__(self, should_stop: Callable[[], bool]) -> ViewportImage | None:
+        """Render the image, as `ViewportRequest.render`."""
+        return self.request.render(self.session, self.scale, should_stop, self.moving_px is not None)

@@ -1,11 +1,13 @@
-"""The triangles of a scene's objects in their own spaces: read when first asked for, kept until they change.
+"""Objects of the scene that may shadow or hide a hand: plain values, which may leave Blender's thread.
 
-Materials are asked once between two calls of `forget_unasked`: they change without a word about the objects that wear
-them, and a meadow of instances wears a few.
+Their triangles are read when first asked for, and kept until they change. Materials are asked once between two calls of
+`forget_unasked`: they change without a word about the objects that wear them, and a meadow of instances wears a few.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import bpy
@@ -13,10 +15,45 @@ import numpy as np
 
 from ..hands.visible_hands import InstanceId
 from .albedo import albedo_of
-from .solid import Solid
+from .reach import bounding_balls
+
+MESH_LIKE = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+"""The types of objects that have triangles."""
 
 _Key = tuple[int, int]
 """An original object, which outlives its evaluations, and evaluated data: it may make instances of several."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One instance of an object; what is computed of it is kept.
+
+    Attributes:
+        instance_id: of the object.
+        local: [T, 3, 3] its triangles in its own space.
+        matrix: [4, 4] to the world.
+        albedo: [T, 3] of its triangles, if they were diffuse.
+    """
+
+    instance_id: InstanceId
+    local: np.ndarray
+    matrix: np.ndarray
+    albedo: np.ndarray
+
+    @cached_property
+    def triangles(self) -> np.ndarray:
+        """[T, 3, 3] in the world, m."""
+        return placed(self.local, self.matrix)
+
+    @cached_property
+    def balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres [T, 3] and radii [T] of balls around the triangles."""
+        return bounding_balls(self.triangles)
+
+
+def placed(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Points [..., 3] moved by a matrix [4, 4]."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 class _Read(NamedTuple):

@@ -1,4 +1,4 @@
-"""Redraws views when their images are ready, by a Blender timer that runs only while images are awaited."""
+"""The objects that all 3D views share: the session, a thread that renders, and a timer that redraws."""
 
 from __future__ import annotations
 
@@ -6,9 +6,25 @@ import weakref
 
 import bpy
 
-from ....backend.render.preview_scheduler import PreviewScheduler
+from ...backend.render.preview_scheduler import PreviewScheduler
+from ...backend.render.session import Session
+from ..scene.settings import ENGINE
 
 _INTERVAL_S = 0.01
+
+
+class ViewportShared:
+    """The session with its avatars, one thread and one timer. The registered render engine owns it."""
+
+    def __init__(self, session: Session):
+        self.session = session
+        self.preview = PreviewScheduler()
+        self.timer = RedrawTimer(self.preview)
+
+    def close(self) -> None:
+        """Stop the thread and the timer."""
+        self.timer.stop()
+        self.preview.close()
 
 
 class RedrawTimer:
@@ -59,3 +75,17 @@ def _tag_meshes() -> None:
     for thing in bpy.data.objects:
         if thing.livehand.is_hand and thing.livehand.mesh is not None:
             thing.livehand.mesh.update_tag()
+
+
+def stop_rendered_views() -> None:
+    """Set the views that our engine draws to Solid, which frees their engines at once.
+
+    Unregistering the class would free them as well, but in the middle of Blender's own list of engines, while Cycles'
+    thread may wait for Python.
+    """
+    for window in bpy.context.window_manager.windows:
+        if window.scene.render.engine == ENGINE:
+            for area in window.screen.areas:
+                for space in area.spaces:
+                    if space.type == "VIEW_3D" and space.shading.type == "RENDERED":
+                        space.shading.type = "SOLID"

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ....backend.records.camera import Camera
-from ....backend.records.errors import LiveHandError
-from ...scene.camera import read_camera, render_region
+from ...backend.records.camera import Camera
+from ...backend.records.errors import LiveHandError
+from ..scene.camera import read_camera, render_region
 
 _OPENGL_TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
