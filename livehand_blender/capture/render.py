@@ -98,7 +98,9 @@ def render_views(
             surface.set_pose(capture.poses[pose_index])
             for _, of_image in groupby(of_pose, _image_key):
                 groups = list(of_image)
-                _set_sampling(scene.cycles, groups[0], plan)
+                scene.cycles.samples = plan.samples if groups[0].split == "train" else plan.eval_samples
+                # Noise that is equal in all views would be learnt as texture.
+                scene.cycles.seed = 1000 * groups[0].pose_index + groups[0].camera_index
                 if lit is None:
                     _render_view(scene, groups[0], capture.folder)
                 else:
@@ -125,12 +127,6 @@ def builtin_surface(model: HandModel, person: Person, maps_folder: Path) -> Skin
     maps = bake_skin(surface.object, maps_folder, tone)
     surface.object.data.materials.append(baked_material(maps, tone))
     return surface
-
-
-def _set_sampling(cycles: bpy.types.PropertyGroup, view: CaptureView, plan: CapturePlan) -> None:
-    cycles.samples = plan.samples if view.split == "train" else plan.eval_samples
-    # Noise that is equal in all views would be learnt as texture.
-    cycles.seed = 1000 * view.pose_index + view.camera_index
 
 
 def _render_view(scene: bpy.types.Scene, view: CaptureView, folder: Path) -> None:

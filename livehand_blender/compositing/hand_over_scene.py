@@ -28,7 +28,10 @@ def hand_over_scene(scene: bpy.types.Scene, behind: bpy.types.Scene | None, repl
     """
     _check(scene, behind)
     block = Block(compositor_of(scene), "hand_over_scene", "LiveHand: Hand over Scene")
-    result = _hand_alone(block, scene) if behind is None else _hand_in_front(block, scene, behind)
+    if behind is None:
+        result = _render(block, scene, "result", (0, 0)).outputs["Image"]
+    else:
+        result = _hand_in_front(block, scene, behind)
     block.restore()
     return block.feed_output(result, replace_output)
 
@@ -50,10 +53,6 @@ def _check(scene: bpy.types.Scene, behind: bpy.types.Scene | None) -> None:
         )
 
 
-def _hand_alone(block: Block, scene: bpy.types.Scene) -> bpy.types.NodeSocket:
-    return _render(block, scene, "result", (0, 0)).outputs["Image"]
-
-
 def _hand_in_front(block: Block, scene: bpy.types.Scene, behind: bpy.types.Scene) -> bpy.types.NodeSocket:
     hand = _render(block, scene, "hand", (0, 0))
     ground = _render(block, behind, "scene", (0, 1))
@@ -70,13 +69,8 @@ def _hand_in_front(block: Block, scene: bpy.types.Scene, behind: bpy.types.Scene
 
 def _render(block: Block, scene: bpy.types.Scene, role: str, at: tuple[int, int]) -> bpy.types.Node:
     """A Render Layers node that has Image and Depth."""
-    view_layer = _view_layer(scene)
+    view_layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     view_layer.use_pass_z = True
     node = block.add("CompositorNodeRLayers", role, at)
     node.scene, node.layer = scene, view_layer.name
     return node
-
-
-def _view_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
-    """The first that is rendered."""
-    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])

@@ -108,7 +108,8 @@ def read_scene_light(
     }
     reaches = {mesh: Reach.of(vertices, (*lamps[mesh], *suns), around_m) for mesh, vertices in hands.items()}
     solids = read_solids(depsgraph, reaches, local or LocalTriangles()) if reaches else ()
-    exposure = _film_exposure(depsgraph.scene_eval)
+    cycles = getattr(depsgraph.scene_eval, "cycles", None)  # absent if Cycles is switched off
+    exposure = cycles.film_exposure if cycles else 1.0
     return {one: SceneLight(lamps[one], world, solids, reaches[one], one, exposure, is_final) for one in hands}
 
 
@@ -127,8 +128,3 @@ def read_light(depsgraph: bpy.types.Depsgraph, mesh_name: str, vertices: np.ndar
         LiveHandError: the world cannot be read.
     """
     return read_scene_light(depsgraph, {InstanceId(mesh_name): vertices}, is_final=True)[InstanceId(mesh_name)].light()
-
-
-def _film_exposure(scene: bpy.types.Scene) -> float:
-    settings = getattr(scene, "cycles", None)  # absent if Cycles is switched off
-    return settings.film_exposure if settings else 1.0

@@ -89,7 +89,8 @@ class LocalTriangles:
     def solid(self, instance_id: InstanceId, thing: bpy.types.Object, matrix: np.ndarray) -> Solid:
         """An instance of an object, with its matrix [4, 4]: the solid of the last call if it is the same."""
         _, local, slot = self._read(thing)
-        solid, albedo = self._solids.get(instance_id), self._palette(thing)[slot]
+        palette = [self._albedo(slot.material) for slot in thing.material_slots] or [self._albedo(None)]
+        solid, albedo = self._solids.get(instance_id), np.array(palette)[slot]
         if (
             solid is None
             or solid.local is not local
@@ -111,10 +112,6 @@ class LocalTriangles:
         self._solids = {instance_id: one for instance_id, one in self._solids.items() if id(one.local) in locals_kept}
         self._asked.clear()
         self._albedos.clear()
-
-    def _palette(self, thing: bpy.types.Object) -> np.ndarray:
-        """[S, 3] albedo of an object's material slots; one at least."""
-        return np.array([self._albedo(slot.material) for slot in thing.material_slots] or [self._albedo(None)])
 
     def _albedo(self, material: bpy.types.Material | None) -> np.ndarray:
         key = 0 if material is None else material.as_pointer()

@@ -156,15 +156,13 @@ class LiveSession:
         """The scene's camera, which has got the film's lens."""
         camera = context.scene.camera
         if camera is None or self._film is None or self._film.size_px != size_px:
-            self._film = self._film_of(size_px)
+            focal_mm = self._setup.focal_mm
+            guessed = FilmCamera.guessed(size_px)
+            self._film = FilmCamera(size_px, focal_mm / _FILM_MM * size_px[0]) if focal_mm else guessed
             self._followers.clear()
             camera = camera_with_lens(context.scene, self._film)
             context.view_layer.update()  # a new one has no place yet
         return camera
-
-    def _film_of(self, size_px: tuple[int, int]) -> FilmCamera:
-        focal_mm = self._setup.focal_mm
-        return FilmCamera(size_px, focal_mm / _FILM_MM * size_px[0]) if focal_mm else FilmCamera.guessed(size_px)
 
     def _filmed(self, frame: LiveFrame) -> Iterator[tuple[Side, FilmedHand]]:
         """The hands by side; a hand has the side of its mean label."""

@@ -25,7 +25,7 @@ from ...backend.records.errors import LiveHandError
 from ...backend.records.light import MeasuredLight
 from ...backend.records.shot import Shot
 from ...backend.records.surface_mesh import SurfaceMesh
-from ...backend.render.frame_task import FrameTask, HandTask
+from ...backend.render.frame_task import FrameTask
 from ..hands.proxy import SCENE_RAYS, hide_from_scene, show_alone, use_albedo
 from ..light.light_linking import LinkRule
 from ..scene.camera import Region, image_size_px, render_region
@@ -201,16 +201,13 @@ def _binned(image: np.ndarray, step_x: int, step_y: int) -> np.ndarray:
 
 def _with_light(view: ViewSetup, number: int, measured: MeasuredLight | None) -> ViewSetup:
     """The view with the measured light of one of its hands."""
-    samples = tuple(
-        tuple(_task_with(task, measured) if k == number else task for k, task in enumerate(sample))
-        for sample in view.task.samples
-    )
-    return replace(view, task=FrameTask(samples))
-
-
-def _task_with(task: HandTask, measured: MeasuredLight | None) -> HandTask:
-    assert task.shot.light is not None
-    return replace(task, shot=replace(task.shot, light=replace(task.shot.light, measured=measured)))
+    samples = []
+    for sample in view.task.samples:
+        task = sample[number]
+        assert task.shot.light is not None
+        lit = replace(task, shot=replace(task.shot, light=replace(task.shot.light, measured=measured)))
+        samples.append((*sample[:number], lit, *sample[number + 1 :]))
+    return replace(view, task=FrameTask(tuple(samples)))
 
 
 def _render(frame: FrameSetup, engine: type, measurement: Measurement, surface: SurfaceMesh | None) -> None:

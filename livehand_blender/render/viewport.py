@@ -14,7 +14,6 @@ from gpu_extras.batch import batch_for_shader
 
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import is_equal
-from ...backend.render.preview_scheduler import StepOutcome
 from ...backend.system.memory import memory_message
 from ..hands.visible_hands import InstanceId, VisibleHand, visible_hands
 from ..light.foreground import Foreground
@@ -150,27 +149,22 @@ class Viewport:
         if self._submitted is None and self._hands:
             self._message = "loading the avatar"
         self._submitted = request, scale, is_playing
-        moving, still = self._moving_step(request, scale), ViewportStep(request, self._shared.session, scale)
-        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
-        self._shared.timer.watch(self, engine)
-
-    def _moving_step(self, request: ViewportRequest, scale: float) -> ViewportStep:
         moving_px = self._pace.side_px
         moving_scale = min(scale, moving_px / max(request.camera.size_px))
-        return ViewportStep(request, self._shared.session, moving_scale, moving_px)
+        moving = ViewportStep(request, self._shared.session, moving_scale, moving_px)
+        still = ViewportStep(request, self._shared.session, scale)
+        self._shared.preview.submit(self, [moving] if is_playing else [moving, still])
+        self._shared.timer.watch(self, engine)
 
     def _receive(self) -> None:
         outcome = self._shared.preview.pop_outcome(self)
         if outcome is not None:
-            self._keep_pace(outcome)
+            step = outcome.step
+            if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
+                self._pace.record(step.moving_px, outcome.seconds)
             self._message = _message_of(outcome.error) if outcome.error else ""
             self._texture = ImageTexture(outcome.value) if outcome.value else None
             self._is_empty = not outcome.error and not outcome.value
-
-    def _keep_pace(self, outcome: StepOutcome) -> None:
-        step = outcome.step
-        if isinstance(step, ViewportStep) and step.moving_px is not None and outcome.value is not None:
-            self._pace.record(step.moving_px, outcome.seconds)
 
 
 def _pixel_size(context: bpy.types.Context) -> int:

@@ -42,7 +42,7 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
     """Drive the control bones, and let the fingers' bones copy them."""
     paths = list(CONTROLS)
     per_unit = np.array([euler_rad(CONTROLS[path].angles_deg(), model.side) for path in paths])  # [C, 15, 3]
-    largest = {path: _largest(angles) for path, angles in zip(paths, per_unit, strict=True)}
+    largest = {path: float(angles.flat[np.abs(angles).argmax()]) for path, angles in zip(paths, per_unit, strict=True)}
     for joint in range(1, 16):
         control = armature.pose.bones[control_name(joint, model.side)]
         control.rotation_mode = "YZX"
@@ -53,15 +53,11 @@ def add_controls(armature: bpy.types.Object, model: HandModel) -> None:
         _copy_control(armature.pose.bones[bone_name(joint, model.side)], armature, control.name)
 
 
-def _largest(angles: np.ndarray) -> float:
-    """Of a control's angles [15, 3], rad, that which is farthest from zero, with its sign."""
-    return float(angles.flat[np.abs(angles).argmax()])
-
-
 def _turns(weights: Mapping[str, float], largest: Mapping[str, float], side: Side) -> dict[BoneTurn, float]:
     """The weights of the master bones: a finger curls by its master's turn about X, and spreads by that about Z.
 
-    The joint that moves farthest turns as far as the master. The thumb spreads by bending, so its sign is chosen.
+    The joint that moves farthest, by a control's `largest` angle, turns as far as the master. The thumb spreads by
+    bending, so its sign is chosen.
     """
     turns = {}
     for finger in FINGERS:

@@ -49,8 +49,9 @@ def read_pose(hand: RiggedHand, depsgraph: bpy.types.Depsgraph) -> HandPose:
     evaluated = hand.evaluated(depsgraph)
     rotations = _rotations(evaluated)
     forearm = matrix_to_axis_angle(rotations[0].T @ rotations[16]) if evaluated.forearm else np.zeros(3)
-    beta = read_beta(evaluated.armature)
-    return HandPose(_theta(rotations), beta, _read_transl(evaluated), hand.side, forearm)
+    root = evaluated.armature.pose.bones[root_name(evaluated.side)]
+    transl = np.array(evaluated.bone(0).head - root.head, np.float64)
+    return HandPose(_theta(rotations), read_beta(evaluated.armature), transl, hand.side, forearm)
 
 
 def read_theta(evaluated: RiggedHand) -> np.ndarray:
@@ -77,12 +78,6 @@ def _theta(rotations: np.ndarray) -> np.ndarray:
     rotations = rotations[:16]
     of_parents = np.concatenate([np.eye(3)[None], rotations[list(PARENTS[1:])]])
     return matrix_to_axis_angle(of_parents.swapaxes(1, 2) @ rotations)
-
-
-def _read_transl(evaluated: RiggedHand) -> np.ndarray:
-    """[3] m."""
-    root = evaluated.armature.pose.bones[root_name(evaluated.side)]
-    return np.array(evaluated.bone(0).head - root.head, np.float64)
 
 
 def write_hand_pose(hand: RiggedHand, pose: HandPose) -> None:

@@ -60,7 +60,8 @@ def follow(context: bpy.types.Context, hand: RiggedHand, source: SourceRig, fits
     alignment = align_hand(hand, source, fits_shape)
     if unnatural_joints(alignment.model, rest_pose(alignment)):
         alignment = _natural_alignment(context, source, alignment)
-    doubt = _doubt(context, source, alignment)
+    present = sample_source(context, source, [context.scene.frame_current])
+    doubt = motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
     if is_following(hand.armature):
         _remove(context, hand)
     if fits_shape:
@@ -78,12 +79,6 @@ def _natural_alignment(context: bpy.types.Context, source: SourceRig, alignment:
     posed = posed_skeleton(evaluated, source.joint_map)
     present = align(posed, source.joint_map, alignment.model, alignment.shape)
     return alignment if unnatural_joints(present.model, rest_pose(present)) else present
-
-
-def _doubt(context: bpy.types.Context, source: SourceRig, alignment: RestAlignment) -> str | None:
-    """What speaks against following in the present frame."""
-    present = sample_source(context, source, [context.scene.frame_current])
-    return motion_doubts(alignment, retarget(replace(present, nodes=None), alignment))
 
 
 def is_following(armature: bpy.types.Object) -> bool:

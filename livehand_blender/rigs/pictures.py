@@ -22,7 +22,8 @@ def find_pictures(folder: Path) -> None:
         return
     beside = _files_by_name(folder)
     for image in missing:
-        found = beside.get(_name_of(image).lower())
+        # A path as any system writes it.
+        found = beside.get(PureWindowsPath(image.filepath.replace("//", "", 1)).name.lower())
         if found is not None:
             image.filepath = str(found)
             image.reload()
@@ -103,8 +104,3 @@ def _files_by_name(folder: Path) -> dict[str, Path]:
         if seen > _MOST_FILES:
             break
     return found
-
-
-def _name_of(image: bpy.types.Image) -> str:
-    """The file's name in a path as any system writes it."""
-    return PureWindowsPath(image.filepath.replace("//", "", 1)).name

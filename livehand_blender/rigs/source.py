@@ -118,7 +118,8 @@ def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
 
 def read_skeleton(armature: bpy.types.Object) -> SourceSkeleton:
     """The rest pose of an armature's bones in the world, by the object's present transform with its scale."""
-    bones = _parents_first(armature.data.bones)
+    roots = [bone for bone in armature.data.bones if bone.parent is None]
+    bones = [bone for root in roots for bone in (root, *root.children_recursive)]  # parents first
     index = {bone.name: number for number, bone in enumerate(bones)}
     world = np.array(armature.matrix_world, np.float64)
     rest = world @ np.array([bone.matrix_local for bone in bones], np.float64).reshape(-1, 4, 4)
@@ -130,8 +131,3 @@ def read_skeleton(armature: bpy.types.Object) -> SourceSkeleton:
         tails=tails,
         frames=rest[:, :3, :3] / np.linalg.norm(rest[:, :3, :3], axis=1, keepdims=True),
     )
-
-
-def _parents_first(bones: bpy.types.ArmatureBones) -> list[bpy.types.Bone]:
-    roots = [bone for bone in bones if bone.parent is None]
-    return [bone for root in roots for bone in (root, *root.children_recursive)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from hashlib import sha256
 from typing import Any
 
@@ -46,7 +46,16 @@ def used_nodes(owner: bpy.types.Light | bpy.types.World | bpy.types.Material) ->
 
 def tree_values(tree: bpy.types.NodeTree) -> list[Any]:
     """Nodes, links and values of a tree and of the groups in it, images by path, size and time of change."""
-    nodes = [[node.name, node.bl_idname, _values(node, 0), _inputs(node), _outputs(node)] for node in tree.nodes]
+    nodes = [
+        # A Value or RGB node keeps its value in its output.
+        [
+            node.name,
+            node.bl_idname,
+            _values(node, 0),
+            *map(_defaults, (node.inputs, () if node.inputs else node.outputs)),
+        ]
+        for node in tree.nodes
+    ]
     links = [
         [link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier, link.is_muted]
         for link in tree.links
@@ -73,13 +82,8 @@ def _all_nodes(tree: bpy.types.NodeTree, seen: set[str]) -> Iterator[bpy.types.N
             yield from _all_nodes(inner, seen)
 
 
-def _inputs(node: bpy.types.Node) -> list[Any]:
-    return [_plain(getattr(one, "default_value", None)) for one in node.inputs]
-
-
-def _outputs(node: bpy.types.Node) -> list[Any]:
-    """A Value or RGB node keeps its value in its output."""
-    return [_plain(getattr(one, "default_value", None)) for one in node.outputs] if not node.inputs else []
+def _defaults(sockets: Iterable[bpy.types.NodeSocket]) -> list[Any]:
+    return [_plain(getattr(one, "default_value", None)) for one in sockets]
 
 
 def _values(owner: bpy.types.bpy_struct, depth: int) -> list[Any]:

@@ -7,6 +7,7 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.render.arm_end import distance_from_end_m
 from livehand.backend.render.cryptomatte import crypto_id
 from livehand.livehand_blender.hands import visible_hands
+from livehand.livehand_blender.render.cycles import is_in_scene
 from livehand.livehand_blender.rig.build import add_hand
 from livehand.livehand_blender.rig.hand import find_hands, mesh_of
 from mathutils import Matrix
@@ -177,13 +178,12 @@ def test_stereo(shot, render, tmp_path):
     assert (left[..., 3] == 255).all()
 
 
-def test_without_cycles_the_error_has_a_remedy(shot, monkeypatch):
-
+def test_without_cycles_the_error_has_a_remedy(shot):
     class NoCycles:
         livehand = shot.livehand
 
     with pytest.raises(Exception, match="Cycles add-on, which is switched off"):
-        cycles_scene.is_in_scene(NoCycles())
+        is_in_scene(NoCycles())
 
 
 def test_cryptomatte_has_hand_and_scene(shot, fake_session, fake_renderer, render):
