@@ -41,7 +41,9 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     if args.update:
         assets = [read_asset(args.root, path) for path in large_files(args.root, tracked_files(args.root))]
-        (args.root / LOCK).write_text("".join(f"{' '.join(map(str, asset))}\n" for asset in assets), "utf-8", newline="\n")
+        (args.root / LOCK).write_text(
+            "".join(f"{' '.join(map(str, asset))}\n" for asset in assets), "utf-8", newline="\n"
+        )
         return 0
     faults = find_faults(args.root, args.files or None)
     sys.stderr.write("".join(f"{fault}\n" for fault in faults))
