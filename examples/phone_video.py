@@ -5,12 +5,12 @@
     python examples/phone_video.py true out/phone out/truth.npz out/phone_true  # the same pictures, the true poses
     python examples/phone_video.py rig out/phone out/rig                         # the same hand from six cameras
     livehand train out/phone -o out/own.safetensors --refine --steps 1500 --perceptual 0 \\
-        --from backend/avatars/hand_without_arm/light.safetensors
+        --from light
     livehand evaluate out/own.refined --avatar out/own.safetensors --split novel_pose
     python examples/phone_video.py compare out/phone_true out/phone out/own.refined
 
 The film is rendered by an avatar that ships, in a random shape, in a lamp's light, before a wall. The wrist bends,
-which the capture's hand, without an arm, leaves out. `film` needs PyAV.
+and the masks of captures end there. `film` needs PyAV.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from livehand.backend.evaluation.pose_errors import pose_errors
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.gestures import FingerAxes, sample_angles_deg, theta_of
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model, load_hand_of
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.hand.poses import POSES
 from livehand.backend.image.decode import straight_srgb
 from livehand.backend.motion.motion import HandMotion
@@ -119,7 +119,7 @@ def _picture(pose: HandPose, camera: Camera, ground: np.ndarray, renderer: Rende
 def true_capture(args: argparse.Namespace) -> None:
     """The images and masks of a capture with the true poses, shape and focal length."""
     capture = load_capture(args.capture)
-    hand = load_hand_of(capture.hand_sha256, None)
+    hand = load_default_hand()
     with np.load(args.truth) as truth:
         arrays = {name: truth[name][capture.provenance["frames"]] for name in ("theta", "transl")}
         motion, cam2world = HandMotion(arrays["theta"], truth["beta"], arrays["transl"], FPS), truth["cam2world"]
@@ -146,10 +146,10 @@ def rig(args: argparse.Namespace) -> None:
             views.append(CaptureView(f"images/{pose}_{number}.png", camera, number, pose, "train"))
             picture = _picture(motion.pose(frame), camera, ground, renderer, rng)
             Image.fromarray(picture).save(args.output / views[-1].file)
-    hand = load_hand_of(capture.hand_sha256, None)
+    hand = load_default_hand()
     poses = tuple(replace(motion.pose(frame), forearm=np.zeros(3)) for frame in frames)
     save_capture_index(Capture(args.output, hand.sha256, {"made_by": "phone_video"}, poses, tuple(views)))
-    mask_capture(args.output, hand, MaskConfig())
+    mask_capture(args.output, hand, MaskConfig(ends_at_wrist=True))
 
 
 def _around() -> list[Camera]:
@@ -177,7 +177,7 @@ def compare(args: argparse.Namespace) -> None:
         for split in ("train", "novel_pose"):
             poses = sorted({view.pose_index for view in truth.of_split(split)})
             found, wanted = ([some.poses[index] for index in poses] for some in (capture, truth))
-            print(f"{folder} {split}: {pose_errors(load_hand_model(WITHOUT_ARM), found, wanted)}")
+            print(f"{folder} {split}: {pose_errors(load_default_hand(), found, wanted)}")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand, skin_motion
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import load_default_hand, load_hand_model
 from livehand.backend.hand.poses import POSES
 from livehand.backend.hand.topology import Skinning, topology_of
 from livehand.backend.records.camera import Camera, look_at
@@ -33,6 +33,7 @@ from livehand.backend.records.shot import HandPose
 from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
 from livehand.backend.surface.fine_surface import load_fine_surface
 from livehand.backend.system.process_end import end_process
+from livehand.tools.builtin_hand import TEMPLATE
 from PIL import Image
 
 
@@ -93,7 +94,7 @@ def hand():
 @pytest.fixture(scope="session")
 def hand_without_arm():
     """The built-in hand model that ends in a stump, right side."""
-    return load_hand_model(WITHOUT_ARM)
+    return load_hand_model(TEMPLATE)
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from ..hand.bones import rest_flexion_deg
 from ..hand.gestures import theta_of
 from ..hand.joint_axes import finger_axes
 from ..hand.model import UPRIGHT, HandModel
-from ..hand.model_file import WITH_ARM, WITHOUT_ARM, load_default_hand, load_hand_model
+from ..hand.model_file import load_default_hand
 from ..hand.pose_samples import sample_poses_deg
 from ..records.camera import Camera, look_at
 from ..records.shot import HandPose
@@ -142,15 +142,14 @@ def _rest_deg(right: HandModel) -> np.ndarray:
 
 
 def _relative_size(model: HandModel) -> float:
-    """The hand's reach from its middle knuckle, relative to the built-in hand's; a forearm does not count."""
-    builtin = load_hand_model(WITH_ARM if model.has_arm else WITHOUT_ARM)
-    return _reach(model, model.has_arm) / _reach(builtin, model.has_arm)
+    """Return the hand's reach from its middle knuckle short of the wrist, relative to the built-in hand's."""
+    return _reach(model) / _reach(load_default_hand())
 
 
-def _reach(hand: HandModel, short_of_wrist: bool) -> float:
+def _reach(hand: HandModel) -> float:
     right = hand.for_side("right")
-    counts = right.v_template[:, 0] < (right.joints[0, 0] if short_of_wrist else np.inf)
-    return float(np.linalg.norm(right.v_template[counts] - right.joints[4], axis=1).max())
+    hand_alone = right.v_template[right.v_template[:, 0] < right.joints[0, 0]]
+    return float(np.linalg.norm(hand_alone - right.joints[4], axis=1).max())
 
 
 def _random_tilt(rng: np.random.Generator) -> np.ndarray:

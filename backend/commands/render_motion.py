@@ -20,7 +20,7 @@ from ..batch.report import RunReport
 from ..geometry.framing import fitting_camera
 from ..geometry.rotation import axis_angle_to_matrix
 from ..hand.model import HandModel, upright
-from ..hand.model_file import load_hand_of
+from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..motion.files.import_options import ImportOptions, motion_and_warning, with_options
 from ..motion.files.open_files import open_motion_file
 from ..motion.landmarks.picture_camera import PictureCamera
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace, read: Callable[[Path, HandModel], HandMotion] 
     from ..render.studio_light import studio_light
 
     avatar = load_avatar(args.avatar)
-    hand = load_hand_of(avatar.hand_sha256, args.hand)
+    hand = load_hand_model(args.hand or DEFAULT_HAND)
     if read is None:
         options = ImportOptions({"side": args.side} if args.side else {}, args.mano, picture_camera=args.picture)
         motion = posed_upright(path, hand, options, args.hand)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..hand.model import HandModel
-from ..hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
+from ..hand.model_file import DEFAULT_HAND, load_hand_model
 from ..motion.landmarks.take_file import FilmedTake, write_take
 from ..motion.landmarks.take_fit import LONGEST_GAP_S, TakeFit, fit_take
 from ..records.errors import LiveHandError
@@ -39,7 +39,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hand",
         type=Path,
         metavar="FILE",
-        help=f"the hand model that is fitted (default: {DEFAULT_HAND}; with --capture {WITHOUT_ARM}, as wrists bend)",
+        help="the hand model that is fitted (default: the built-in hand)",
     )
     parser.add_argument(
         "--capture",
@@ -80,7 +80,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
         raise LiveHandError(
             "--side names the hand of a capture, got no --capture; give its folder, or leave --side out"
         )
-    model = load_hand_model(args.hand or (WITHOUT_ARM if args.capture else DEFAULT_HAND))
+    model = load_hand_model(args.hand or DEFAULT_HAND)
     video, tracker = open_video(args.video), HandTracker(load_networks(args.weights), args.hands)
     found = track_frames(_shown(frames_of_film(video), video.count), tracker)
     take = filmed_take(found, video.fps, args.fov, args.video)

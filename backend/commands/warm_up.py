@@ -23,14 +23,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
-    from ..hand.model_file import load_hand_of
+    from ..hand.model_file import load_default_hand
     from ..render.backends import has_numba, kernel_cache
     from ..render.renderer import Renderer
 
     if not has_numba():
         return {"compiled": False, "summary": "numba is not installed: there are no kernels to compile"}
     began, avatar = time.perf_counter(), load_avatar(args.avatar)
-    hand = load_hand_of(avatar.hand_sha256, None)
+    hand = load_default_hand()
     for precision in ("bf16", "fp32"):
         renderer = Renderer(avatar, hand, "cpu", precision)
         for shot in _shots(hand):

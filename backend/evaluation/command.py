@@ -84,7 +84,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> dict:
     from ..avatars.file import load_avatar
     from ..capture.capture import load_capture
-    from ..hand.model_file import load_hand_of
+    from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..render.renderer import Renderer
     from .evaluate import check_any, scored_views
     from .report import summary_tables
@@ -92,7 +92,7 @@ def _run(args: argparse.Namespace) -> dict:
     from .summary import by_light, by_split, summary
 
     avatar = load_avatar(args.avatar)
-    hand = load_hand_of(avatar.hand_sha256, args.hand)
+    hand = load_hand_model(args.hand or DEFAULT_HAND)
     has_detail = not args.without_skin_detail
     renderer = Renderer(avatar, hand, args.device, args.precision, has_skin_detail=has_detail)
     capture = load_capture(args.capture)

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from ..avatars.avatar import Avatar
 from ..capture.capture import Capture, CaptureView, Split
-from ..compute.precision import Precision
 from ..hand.lbs import posed_vertices
-from ..hand.model import HandModel
 from ..image.decode import straight_srgb
 from ..records.errors import LiveHandError
 from ..records.frame import Frame
 from ..records.light import Light
 from ..records.shot import Shot
-from ..render.renderer import Renderer
 from .contrast_bands import contrast_figures
 from .distances import Distance
 from .exposure import exposed, exposure_gain, is_reached
@@ -125,38 +121,6 @@ def rendered_pair(renderer: ShotRenderer, shot: Shot, truth: np.ndarray, is_lit:
         return truth, encoded_on_black(frame)
     gain = exposure_gain(truth)
     return exposed(truth, gain), exposed(_linear_of(frame), gain)
-
-
-def score_views(
-    renderer: ShotRenderer, capture: Capture, views: Iterable[CaptureView], distances: Sequence[Distance] = ()
-) -> list[ViewScore]:
-    """The scores of all views that show the hand.
-
-    Raises:
-        LiveHandError: the capture is of another hand, or no view shows it.
-    """
-    scores = [scored.score for scored in scored_views(renderer, capture, list(views), distances)]
-    check_any(scores, capture)
-    return scores
-
-
-def evaluate_views(
-    avatar: Avatar,
-    hand: HandModel,
-    capture: Capture,
-    views: Iterable[CaptureView],
-    device: str = "auto",
-    precision: Precision = "fp32",
-    distances: Sequence[Distance] = (),
-) -> tuple[list[ViewScore], list[tuple[np.ndarray, np.ndarray]]]:
-    """Scores of a few views, and their image pairs (truth, render) for `comparison_sheet`.
-
-    Raises:
-        LiveHandError: the avatar or the capture is of another hand, or no view shows it.
-    """
-    scored = list(scored_views(Renderer(avatar, hand, device, precision), capture, list(views), distances))
-    check_any(scored, capture)
-    return [view.score for view in scored], [(view.truth, view.image) for view in scored]
 
 
 def check_any(scores: Sequence, capture: Capture) -> None:

@@ -53,17 +53,12 @@ def alpha_iou(alpha: Float[Tensor, "H W"], truth: Float[Tensor, "H W"]) -> float
     return int((a & b).sum()) / union if union else 1.0
 
 
-def ssim(image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"]) -> float:
-    """Structural similarity (Wang et al. 2004): Gaussian window 11 px, sigma 1.5, valid region, mean over channels."""
-    windows = _compare(_channels_first(image), _channels_first(truth)).similarity
-    return float(windows.mean()) if windows.numel() else math.nan
-
-
 def similarities(
     image: Float[Tensor, "H W 3"], truth: Float[Tensor, "H W 3"], hand: Bool[Tensor, "H W"]
 ) -> tuple[Similarity, Similarity]:
-    """`ssim`, and multi-scale structural similarity (Wang et al. 2003) of five scales.
+    """Return structural similarity, and multi-scale structural similarity of five scales.
 
+    SSIM (Wang et al. 2004): Gaussian window 11 px, sigma 1.5, valid region, mean over channels. MS-SSIM is of 2003.
     MS-SSIM uses contrast and structure at four scales and the whole similarity at the fifth. Each scale is the mean of
     the one before over 2 x 2 px; an odd last row or column counts twice. A negative mean counts as 0. The result is NaN
     for images with a side under 161 px.

@@ -33,7 +33,7 @@ class FingerAxes:
     @classmethod
     def of_default_hand(cls) -> FingerAxes:
         """The axes in the built-in hand's file."""
-        with np.load(Path(str(resources.files(str(__package__)) / "hand_without_arm.npz"))) as arrays:
+        with np.load(Path(str(resources.files(str(__package__)) / "hand_with_arm.npz"))) as arrays:
             return cls(arrays["flex_axis"], arrays["dorsal_dir"], arrays["bone_dir"])
 
 

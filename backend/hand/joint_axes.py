@@ -1,6 +1,6 @@
 """Anatomical frames of the joints: X is the flexion axis, Y is along the bone, Z points towards the palm.
 
-The built-in hands' are in their files. Another hand's are the rest frames of its bones (`bones.rest_bones`).
+The built-in hand's are in its file. Another hand's are the rest frames of its bones (`bones.rest_bones`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from ..records.side import Side
 from .bones import rest_bones
 from .gestures import FingerAxes
 from .model import HandModel
-from .model_file import builtin_hashes
+from .model_file import builtin_sha256
 
 # Mirrors a frame and then negates its X axis, so that it stays right-handed.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
@@ -20,7 +20,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 def joint_frames(model: HandModel) -> np.ndarray:
     """[16, 3, 3] in the template's frame, columns X, Y, Z; the wrist has the frame of its bone."""
     frames = rest_bones(model).frames.copy()
-    if model.sha256 in builtin_hashes():
+    if model.sha256 == builtin_sha256():
         axes = FingerAxes.of_default_hand()
         right = np.stack([axes.flexion, axes.bone, -axes.dorsal], -1)[1:]
         frames[1:] = right if model.side == "right" else _MIRROR @ right @ _MIRROR

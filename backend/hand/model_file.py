@@ -6,7 +6,6 @@ An open surface is closed by caps, and a missing atlas is made. Errors name the 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import cache
 from importlib import resources
@@ -28,59 +27,42 @@ ARM_KEY = "arm_weights"
 REQUIRED_KEYS = ("v_template", "f", "weights", "J_regressor", "kintree_table", "shapedirs", "posedirs")
 
 
-WITHOUT_ARM, WITH_ARM = "hand_without_arm", "hand_with_arm"
-BUILTIN_HANDS = (WITHOUT_ARM, WITH_ARM)
-"""The names of the hands that ship, which share their joints and axes."""
-DEFAULT_HAND: str = WITH_ARM
-"""The hand that new scenes, captures and commands get."""
+DEFAULT_HAND = "hand_with_arm"
+"""The name of the hand that ships, which new scenes, captures and commands get."""
 
 
-def builtin_hand_path(name: str = DEFAULT_HAND) -> Path:
-    """The file of one of `BUILTIN_HANDS`."""
-    return Path(str(resources.files(str(__package__)) / f"{name}.npz"))
+def builtin_hand_path() -> Path:
+    """Return the file of the hand that ships."""
+    return Path(str(resources.files(str(__package__)) / f"{DEFAULT_HAND}.npz"))
 
 
 def is_builtin_hand(path: Path | str) -> bool:
-    """Whether this is the name of a hand that ships, and not a file."""
-    return str(path) in BUILTIN_HANDS and not is_file(Path(path))
+    """Tell whether this is the name of the hand that ships, and not a file."""
+    return str(path) == DEFAULT_HAND and not is_file(Path(path))
 
 
 @cache
-def builtin_hashes() -> Mapping[str, str]:
-    """The sha256 of each hand that ships -> its name."""
-    return {hashlib.sha256(builtin_hand_path(name).read_bytes()).hexdigest(): name for name in BUILTIN_HANDS}
-
-
-def builtin_name(sha256: str) -> str:
-    """The name of the hand that ships with this sha256; of another hand's, the default hand's name."""
-    return builtin_hashes().get(sha256, DEFAULT_HAND)
+def builtin_sha256() -> str:
+    """Return the sha256 by which avatars and captures name the hand that ships."""
+    return hashlib.sha256(builtin_hand_path().read_bytes()).hexdigest()
 
 
 def load_default_hand() -> HandModel:
-    """The right hand that new scenes get."""
+    """Load the right hand that new scenes get."""
     return load_hand_model(builtin_hand_path())
-
-
-def load_hand_of(sha256: str, path: Path | None) -> HandModel:
-    """The hand model in a file; without one, the hand that ships with the sha256 that an avatar or a capture names.
-
-    Raises:
-        LiveHandError: as `load_hand_model`.
-    """
-    return load_hand_model(path or builtin_name(sha256))
 
 
 def load_hand_model(path: Path | str, side: Side | None = None) -> HandModel:
     """Read a `.npz` with MANO keys or one of MANO's own `.pkl` files.
 
     Args:
-        path: the file, or one of `BUILTIN_HANDS`.
+        path: the file, or the name of the hand that ships.
         side: of the hand; None means left if the file's name contains `left`, else right.
 
     Raises:
         LiveHandError: the file or an array is missing or malformed, or a pickle holds anything but a MANO hand.
     """
-    path = builtin_hand_path(str(path)) if is_builtin_hand(path) else Path(path)
+    path = builtin_hand_path() if is_builtin_hand(path) else Path(path)
     arrays = _read_arrays(path)
     missing = [key for key in REQUIRED_KEYS if key not in arrays]
     if missing:

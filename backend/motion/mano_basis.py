@@ -38,13 +38,13 @@ class ManoBasis:
         return ManoBasis(self.mean * MIRROR_AXIS_ANGLE, self.components * mirror, side)
 
 
-def load_mano_basis(path: Path | str, side: Side | None = None) -> ManoBasis:
-    """Read one of MANO's own files, or a `.npz` with its keys; None takes the side from the file's name.
+def load_mano_basis(path: Path | str) -> ManoBasis:
+    """Read one of MANO's own files, or a `.npz` with its keys; the side is in the file's name.
 
     Raises:
         LiveHandError: the file is missing, or lacks mean or components.
     """
-    side = side or ("left" if "left" in Path(path).stem.lower() else "right")
+    side = "left" if "left" in Path(path).stem.lower() else "right"
     return ManoBasis(load_hands_mean(path), load_hands_components(path), side)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..hand.model_file import WITH_ARM, builtin_hand_path, builtin_hashes
+from ..hand.model_file import DEFAULT_HAND, builtin_hand_path, builtin_sha256
 
 ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
@@ -24,7 +24,7 @@ FULL_FLEX_RAD = float(np.deg2rad(65))
 """What counts as a bend of 1."""
 FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.72, 0.75, 0.5
 """What bending a joint by 1 takes from the folds on its back, and what it makes of the creases below."""
-FINE_FILE, COARSE_FILE = f"skin_of_{WITH_ARM}.npz", f"coarse_skin_of_{WITH_ARM}.npz"
+FINE_FILE, COARSE_FILE = f"skin_of_{DEFAULT_HAND}.npz", f"coarse_skin_of_{DEFAULT_HAND}.npz"
 """Beside the hand's own."""
 # Skin far from any joint moves with a share of the mean bend of the four knuckles.
 _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
@@ -95,9 +95,9 @@ def write_skin_maps(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
     """The detail of the skin of a built-in hand; None: this hand has none."""
-    if builtin_hashes().get(hand_sha256) != WITH_ARM:
+    if hand_sha256 != builtin_sha256():
         return None
-    beside = builtin_hand_path(WITH_ARM).with_name
+    beside = builtin_hand_path().with_name
     with (
         np.load(beside(FINE_FILE)) as fine,
         np.load(beside(COARSE_FILE)) as coarse,

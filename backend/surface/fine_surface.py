@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..hand.model_file import WITH_ARM, builtin_hand_path, builtin_hashes
+from ..hand.model_file import DEFAULT_HAND, builtin_hand_path, builtin_sha256
 from .raised_skin import PoseForm, RaisedSkin
 
 LEVELS = 2
 """Of subdivision."""
 OFFSET_STEP_M, HEIGHT_STEP_MM, VEIN_STEP = 1e-6, 0.025, 0.01
 """What one step of the stored whole numbers is worth."""
-FILE = f"surface_of_{WITH_ARM}.npz"
+FILE = f"surface_of_{DEFAULT_HAND}.npz"
 """Beside the hand's own."""
 
 
@@ -51,9 +51,9 @@ def surface_arrays(surface: FineSurface) -> dict[str, np.ndarray]:
 
 def load_fine_surface(hand_sha256: str) -> FineSurface | None:
     """The surface of a built-in hand; None: this hand has none."""
-    if builtin_hashes().get(hand_sha256) != WITH_ARM:
+    if hand_sha256 != builtin_sha256():
         return None
-    with np.load(builtin_hand_path(WITH_ARM).with_name(FILE), allow_pickle=False) as file:
+    with np.load(builtin_hand_path().with_name(FILE), allow_pickle=False) as file:
         arrays = dict(file)
     heights_mm = arrays["height"] * np.float32(HEIGHT_STEP_MM)
     forms = [

@@ -6,7 +6,7 @@ import hashlib
 from functools import cache
 from typing import Any
 
-from ..hand.model_file import WITH_ARM, builtin_hand_path
+from ..hand.model_file import builtin_hand_path
 from .detail_maps_file import COARSE_FILE, FINE_FILE
 from .fine_surface import FILE
 
@@ -17,7 +17,7 @@ SKIN_VERSION = "skin_version"
 @cache
 def skin_version() -> str:
     """Of the skin that this software has: the start of the sha256 of its files."""
-    beside = builtin_hand_path(WITH_ARM).with_name
+    beside = builtin_hand_path().with_name
     content = b"".join(beside(name).read_bytes() for name in (FILE, FINE_FILE, COARSE_FILE))
     return hashlib.sha256(content).hexdigest()[:12]
 

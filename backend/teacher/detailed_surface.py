@@ -119,5 +119,5 @@ def _relaxed_on_surface(project: Callable[..., np.ndarray], vertices: np.ndarray
 def _check_builtin(model: HandModel, distance: np.ndarray) -> None:
     if model.side != "right" or np.median(np.abs(distance)) > _ON_SURFACE:
         raise LiveHandError(
-            f"it must be a built-in right hand, got the {model.side} hand {model.name!r}; pass one of BUILTIN_HANDS"
+            f"it must be a built-in right hand, got the {model.side} hand {model.name!r}; leave --hand out"
         )

@@ -100,8 +100,7 @@ def load_checkpoint(path: Path, state: TrainState, run: str) -> Progress:
             tensors = {key: archive.get_tensor(key) for key in archive.keys()}
     except (SafetensorError, LiveHandError, OSError) as error:
         raise LiveHandError(f"checkpoint {path} must be readable, got {error}; delete it to start again") from error
-    # Earlier versions wrote no checksum.
-    if metadata.pop(_CHECKSUM, None) not in (None, _checksum(metadata, tensors)):
+    if metadata.pop(_CHECKSUM, None) != _checksum(metadata, tensors):
         raise LiveHandError(
             f"checkpoint {path} must match its own checksum, got an altered or damaged one; delete it to start again"
         )

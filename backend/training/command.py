@@ -116,13 +116,13 @@ def _setup(args: argparse.Namespace, output: Path, device: torch.device) -> Trai
     from ..capture.capture import load_capture
     from ..capture.check import check_capture
     from ..capture.half_size import half_size
-    from ..hand.model_file import load_hand_model, load_hand_of
+    from ..hand.model_file import DEFAULT_HAND, load_hand_model
     from ..surface.skin_version import is_current_skin
     from .losses import load_perceptual_distance
     from .setup import TrainingSetup, load_base_avatar
 
     capture = load_capture(args.capture)
-    hand = load_hand_of(capture.hand_sha256, args.hand)
+    hand = load_hand_model(args.hand or DEFAULT_HAND)
     check_capture(capture, hand)
     if is_current_skin(capture.provenance) is False:
         warn(f"{args.capture} shows the built-in skin of another version, whose detail differs; capture it anew")

@@ -13,17 +13,11 @@ from typing import Annotated, Literal
 from ..system.command import parse_count
 from ..system.options import number_parser
 
-
-def parse_region(text: str) -> str:
-    """`crop`, `patch` or `patch_all`; `window` is the earlier name of `crop`."""
-    return "crop" if text == "window" else text
-
-
 Count = Annotated[int, parse_count]
 Minutes = Annotated[float, number_parser("a number of minutes", lambda value: 0 <= value < inf)]
 Budget = Annotated[float, number_parser("a number of minutes above 0", lambda value: 0 < value < inf)]
 Decay = Annotated[float, number_parser("a number from 0 to below 1", lambda value: 0 <= value < 1)]
-Region = Annotated[Literal["crop", "patch", "patch_all"], parse_region]
+Region = Literal["crop", "patch", "patch_all"]
 
 
 @dataclass(frozen=True)

@@ -60,11 +60,6 @@ class CropStore:
         """Total time that `get` has taken, s."""
         return self._waited_s
 
-    @property
-    def is_on_disk(self) -> bool:
-        """Whether the crops are kept in a file."""
-        return isinstance(self._buffer.data, np.memmap)
-
     def get(self, index: int) -> np.ndarray:
         """[height, width, 4] of crop `index`; read-only for the caller.
 

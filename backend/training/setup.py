@@ -146,15 +146,10 @@ def sky_of(capture: Capture) -> Sky | None:
 
 def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision, view_count: int) -> str:
     """Everything that determines the result; a checkpoint is resumed only by a run with the same identity."""
-    settings = asdict(config)
-    if config.loss.perceptual_region == "crop":
-        settings["loss"]["perceptual_region"] = "window"  # its name in checkpoints of the first versions
     corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in setup.corrections}
-    base = setup.base.sha256 if setup.base else None
-    avatar_config, capture = asdict(setup.avatar_config), setup.capture.provenance
-    if setup.avatar_config.field.light == "baked":
-        del avatar_config["field"]["light"]  # checkpoints of the first versions do not know it
-    return json.dumps([settings, avatar_config, capture, view_count, precision, corrections, base])
+    base, capture = setup.base.sha256 if setup.base else None, setup.capture.provenance
+    settings = asdict(config), asdict(setup.avatar_config)
+    return json.dumps([*settings, capture, view_count, precision, corrections, base])
 
 
 def provenance_of(

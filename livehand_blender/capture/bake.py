@@ -15,6 +15,8 @@ from .skin import SkinChannels, SkinTone, procedural_channels
 
 MAPS = ("albedo", "height", "mask")
 
+_MASK_PX = 2048
+
 
 def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: int = 2048) -> dict[str, Path]:
     """Write `albedo.exr`, `height.exr` and `mask.exr` (linear) to the folder unless all exist; returns their paths."""
@@ -35,7 +37,7 @@ def bake_skin(surface: bpy.types.Object, folder: Path, tone: SkinTone, size_px: 
     return paths
 
 
-def bake_mask(surface: bpy.types.Object, name: str, path: Path, size_px: int = 2048) -> None:
+def bake_mask(surface: bpy.types.Object, name: str, path: Path) -> None:
     """Write one of the surface's masks as a map (linear)."""
     material = bpy.data.materials.new("bake")
     surface.data.materials.clear()
@@ -43,7 +45,7 @@ def bake_mask(surface: bpy.types.Object, name: str, path: Path, size_px: int = 2
     graph, emission = _emissive(material)
     with _bake_sampling(bpy.context.scene.cycles):
         graph.connect(graph.attribute(name), emission.inputs[0])
-        _bake_emission(surface, graph, path, size_px)
+        _bake_emission(surface, graph, path, _MASK_PX)
     surface.data.materials.clear()
     bpy.data.materials.remove(material)
 

@@ -1,6 +1,6 @@
 """The properties of a hand that choose its look, the files of its model and avatar, and the loading of its renderer.
 
-A hand without a model file is the built-in hand whose hash it names.
+A hand without a model file is the built-in hand.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import bpy
 
 from ...backend.avatars.library import shipped_avatar_path, shipped_skin
 from ...backend.hand.model import HandModel
-from ...backend.hand.model_file import builtin_hand_path, builtin_name
+from ...backend.hand.model_file import builtin_hand_path
 from ...backend.image.grade import Grade
 from ...backend.records.errors import LiveHandError
 from ...backend.render.frame_task import HandRenderer
@@ -52,13 +52,13 @@ def hand_source(armature: bpy.types.Object) -> HandSource:
         for path in (hand.model_path, hand.avatar_path)
     )
     return HandSource(
-        model_path or builtin_hand_path(builtin_name(hand.model_sha256)),
-        avatar_path or shipped_avatar_path(hand.skin, hand.model_sha256),
+        model_path or builtin_hand_path(),
+        avatar_path or shipped_avatar_path(hand.skin),
     )
 
 
 def set_avatar(armature: bpy.types.Object, path: Path) -> None:
-    """Let a hand use an avatar's file, or its own model's avatar of the same skin if the file is one that ships."""
+    """Let a hand use an avatar's file, or the skin that it has if the file is one that ships."""
     skin = shipped_skin(path)
     if skin is not None:
         armature.livehand.skin = skin

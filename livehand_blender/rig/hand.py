@@ -11,7 +11,7 @@ import bpy
 
 from ...backend.hand.bones import bone_name, forearm_deform_name, forearm_name, root_name, target_name
 from ...backend.hand.model import HandModel
-from ...backend.hand.model_file import builtin_name, load_hand_model
+from ...backend.hand.model_file import DEFAULT_HAND, load_hand_model
 from ...backend.records.errors import LiveHandError
 from ...backend.records.side import Side
 
@@ -89,7 +89,7 @@ class RiggedHand:
     @cached_property
     def model(self) -> HandModel:
         """The hand model, of this hand's side. Raises LiveHandError if its file is not a hand model."""
-        return load_hand_model(self.model_path or builtin_name(self.properties.model_sha256)).for_side(self.side)
+        return load_hand_model(self.model_path or DEFAULT_HAND).for_side(self.side)
 
     def bone(self, joint: int) -> bpy.types.PoseBone:
         """The bone that the animator rotates for a joint (MANO's order)."""

@@ -9,7 +9,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...backend.avatars.library import shipped_avatar_path, shipped_skins
+from ...backend.avatars.library import SKINS, shipped_avatar_path
 from ...backend.avatars.metadata import AvatarMetadata, read_metadata
 from ...backend.records.errors import LiveHandError
 from ..render.hand_source import hand_source
@@ -80,8 +80,7 @@ def _premultiplied(thumbnail: np.ndarray) -> np.ndarray:
 
 
 def _candidates(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[Path]:
-    of_hand = armature.livehand.model_sha256
-    yield from (shipped_avatar_path(skin, of_hand) for skin in shipped_skins(of_hand))
+    yield from map(shipped_avatar_path, SKINS)
     source = hand_source(armature)
     yield source.avatar_path
     folders = [avatar_folder(context), source.avatar_path.parent, source.model_path.parent]

@@ -6,7 +6,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from mathutils import Matrix
 
 from ...backend.hand.model import upright
-from ...backend.hand.model_file import DEFAULT_HAND, WITH_ARM, WITHOUT_ARM, load_hand_model
+from ...backend.hand.model_file import DEFAULT_HAND, load_hand_model
 from ...backend.system.dependencies import install_command, missing_requirements
 from ..light.studio import add_studio
 from ..render.hand_source import packages_folder
@@ -33,10 +33,6 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
         description="A hand in MANO's format (.npz, or MANO's own .pkl); empty for the built-in hand",
         subtype="FILE_PATH",
     )
-    forearm: BoolProperty(
-        name="Forearm", description="The built-in hand goes on into its forearm", default=DEFAULT_HAND == WITH_ARM
-    )
-
     studio: BoolProperty(
         name="Studio Lights", description="Light it as a photographer would: key, fill and rim lamps, and a dim world"
     )
@@ -53,7 +49,7 @@ class LIVEHAND_OT_add_hand(bpy.types.Operator):
     def execute(self, context):
         """Add the hand at the 3D cursor, upright as the avatars' light requires."""
         path = bpy.path.abspath(self.model_path)
-        model = load_hand_model(path or (WITH_ARM if self.forearm else WITHOUT_ARM))
+        model = load_hand_model(path or DEFAULT_HAND)
         armature = add_hand(context, model.for_side(self.side), self.model_path, f"{self.side.title()} Hand")
         armature.location = context.scene.cursor.location
         armature.rotation_euler = Matrix(upright(self.side).tolist()).to_euler()

@@ -12,10 +12,10 @@ import torch
 from livehand.backend.avatars import file as avatar_module
 from livehand.backend.avatars.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
 from livehand.backend.avatars.file import BAKED_VERSION, LIT_VERSION, load_avatar, read_header, save_avatar
-from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin, shipped_skins
+from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
-from livehand.backend.hand.model_file import DEFAULT_HAND, WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import builtin_sha256
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.light import Sky
@@ -201,20 +201,11 @@ def test_a_configuration_of_another_version_is_refused(avatar, path, monkeypatch
         load_avatar(path)
 
 
-SHIPPED = [
-    (hand, skin) for hand in sorted({DEFAULT_HAND, WITHOUT_ARM}) for skin in shipped_skins(load_hand_model(hand).sha256)
-]
-
-
-@pytest.mark.parametrize(("hand", "skin"), SHIPPED)
-def test_shipped_avatars_are_of_their_built_in_hand_and_small(hand, skin):
-    path = shipped_avatar_path(skin, load_hand_model(hand).sha256)
-    assert load_avatar(path).hand_sha256 == load_hand_model(hand).sha256
+@pytest.mark.parametrize("skin", SKINS)
+def test_shipped_avatars_are_of_the_built_in_hand_and_small(skin):
+    path = shipped_avatar_path(skin)
+    assert load_avatar(path).hand_sha256 == builtin_sha256()
     assert path.stat().st_size <= 8e6
-
-
-def test_every_skin_ships_for_the_default_hand():
-    assert shipped_skins() == SKINS
 
 
 def test_an_avatar_that_shipped_is_known_by_its_place(tmp_path):

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
-from livehand.backend.hand.model_file import ARM_KEY, WITHOUT_ARM, builtin_hand_path, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import ARM_KEY, load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.tracking.weights import fetch_networks, has_networks
 from livehand.livehand_blender.rig.build import add_hand
+from livehand.tools.builtin_hand import TEMPLATE
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -48,10 +49,10 @@ def model(request):
 @pytest.fixture(scope="session")
 def armed_path(tmp_path_factory):
     """A file of the built-in hand whose stump turns as a forearm, with a wrist joint that moves with beta."""
-    plain = load_hand_model(WITHOUT_ARM)
+    plain = load_hand_model(TEMPLATE)
     share = np.clip((plain.v_template[:, 0] - plain.joints[0, 0]) / 0.02 + 0.5, 0, 1)
     shapes = np.random.default_rng(0).normal(size=plain.shapedirs.shape) * 1e-3
-    with np.load(builtin_hand_path(WITHOUT_ARM)) as file:
+    with np.load(TEMPLATE) as file:
         arrays = dict(file) | {"shapedirs": plain.shapedirs + shapes}
     arrays[ARM_KEY] = plain.lbs_weights[:, 0] * share**2 * (3 - 2 * share)
     path = tmp_path_factory.mktemp("armed") / "armed.npz"

@@ -19,8 +19,9 @@ from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_q
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.lbs import SkinTensors, pose_hand
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE, MIRROR_POINT, PARENTS
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.rigs.source_skeleton import JointMap
+from livehand.tools.builtin_hand import TEMPLATE
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
@@ -134,7 +135,7 @@ def make_rigged_hand(side: str = "right", seed: int = 4, name: str = "Elsewhere"
         name: of its objects.
     """
     rng = np.random.default_rng(seed)
-    right = load_hand_model(WITHOUT_ARM)
+    right = load_hand_model(TEMPLATE)
     theta = theta_of(GESTURES["spread"].angles_deg(), FingerAxes.of_default_hand())
     beta = rng.normal(size=10) * 0.8
     posed = pose_hand(SkinTensors.of(right), *_tensors(theta, beta, np.zeros(3)))

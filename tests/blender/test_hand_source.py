@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 import pytest
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path
-from livehand.backend.hand.model_file import BUILTIN_HANDS, builtin_hand_path, load_hand_model
+from livehand.backend.hand.model_file import DEFAULT_HAND, builtin_hand_path, load_default_hand
 from livehand.backend.image.grade import Grade
 from livehand.livehand_blender.hands.visible_hands import visible_hands
 from livehand.livehand_blender.render.hand_source import hand_source, read_grade, set_avatar
@@ -26,22 +26,19 @@ def test_paths_are_resolved_against_the_blend(armature, tmp_path):
     assert source.model_path == builtin_hand_path()
 
 
-@pytest.mark.parametrize("name", BUILTIN_HANDS)
-def test_a_builtin_hand_is_known_by_its_hash_and_keeps_its_own_avatars(name):
-    armature = add_hand(bpy.context, load_hand_model(name), "")
+def test_a_hand_without_a_file_is_the_built_in_one_with_its_avatars():
+    armature = add_hand(bpy.context, load_default_hand(), "")
     source = hand_source(armature)
-    assert source.model_path == builtin_hand_path(name)
-    assert source.avatar_path == shipped_avatar_path("light", load_hand_model(name).sha256)
-    assert source.avatar_path.parent.name == RiggedHand.of(armature).model.name == name
+    assert source.model_path == builtin_hand_path()
+    assert source.avatar_path == shipped_avatar_path("light")
+    assert source.avatar_path.parent.name == RiggedHand.of(armature).model.name == DEFAULT_HAND
 
 
-@pytest.mark.parametrize("name", BUILTIN_HANDS)
-def test_a_shipped_avatar_that_is_worn_is_that_of_the_hands_own_model(name):
-    armature = add_hand(bpy.context, load_hand_model(name), "")
+def test_a_shipped_avatar_that_is_worn_is_kept_as_a_skin(armature):
     set_avatar(armature, avatar_path("deep"))
     assert armature.livehand.skin == "deep"
     assert armature.livehand.avatar_path == ""
-    assert hand_source(armature).avatar_path.parts[-2:] == (name, "deep.safetensors")
+    assert hand_source(armature).avatar_path == shipped_avatar_path("deep")
 
 
 def test_a_file_of_ones_own_that_is_worn_is_kept(armature, tmp_path):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from livehand.tools.builtin_hand.generate import dense_surface, projected_quads, shipped_quads, split_quads
+from livehand.tools.builtin_hand.generate import dense_surface, projected_quads, split_quads, template_quads
 from livehand.tools.builtin_hand.quad_remesh import quad_remesh
 
 
@@ -25,8 +25,8 @@ def test_the_remeshed_hand_can_be_a_template(remeshed):
     assert mesh.euler_number == 2
     assert 1000 < len(quads.quads) < 1600
     if bpy.app.version[:2] == (4, 5) and torch.backends.cpu.get_cpu_capability() == "AVX512":
-        np.testing.assert_array_equal(quads.quads, shipped_quads().quads)
-        np.testing.assert_allclose(quads.vertices, shipped_quads().vertices, atol=1e-9)
+        np.testing.assert_array_equal(quads.quads, template_quads().quads)
+        np.testing.assert_allclose(quads.vertices, template_quads().vertices, atol=1e-9)
 
 
 def test_nothing_is_left_behind(remeshed):

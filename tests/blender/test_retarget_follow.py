@@ -6,7 +6,7 @@ import pytest
 from livehand.backend.hand.bones import bone_name
 from livehand.backend.hand.gestures import GESTURES, FingerAxes, theta_of
 from livehand.backend.hand.model import MIRROR_AXIS_ANGLE
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import load_default_hand, load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.rigs.joint_guess import guess_joints
 from livehand.backend.rigs.shape_fit import rest_nodes
@@ -17,6 +17,7 @@ from livehand.livehand_blender.rig.sliders import write_slider
 from livehand.livehand_blender.rigs.bake import bake
 from livehand.livehand_blender.rigs.follow import follow, is_following, stop_following
 from livehand.livehand_blender.rigs.source import SourceRig, read_skeleton
+from livehand.tools.builtin_hand import TEMPLATE
 
 MOST_M, MEAN_M = 0.005, 0.003  # between our fingertips and the source's
 
@@ -136,7 +137,7 @@ def evaluate(hand):
 
 def test_the_influence_blends_a_hand_without_an_arm_from_its_own_pose(moving):
     made, frames, _ = moving
-    bare = add_hand(bpy.context, load_hand_model(WITHOUT_ARM).for_side(made.side))
+    bare = add_hand(bpy.context, load_hand_model(TEMPLATE).for_side(made.side), str(TEMPLATE))
     bare.location, bare.rotation_euler = (0.3, -0.7, 0.2), (0.5, 1, 2)
     bpy.context.view_layer.update()
     start((made, frames, bare))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.bones import bone_name, forearm_name, rest_forearm
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.livehand_blender.rig.build import add_hand
@@ -21,6 +21,7 @@ from livehand.livehand_blender.rig.pose import (
     write_transl,
 )
 from livehand.livehand_blender.rig.sliders import write_slider
+from livehand.tools.builtin_hand import TEMPLATE
 
 TOLERANCE_M = 1e-5
 MODES = ("QUATERNION", "AXIS_ANGLE", "XYZ", "ZYX")
@@ -216,7 +217,7 @@ def test_a_lost_forearm_is_named(armed_hand, armed_model):
 
 
 def test_a_hand_without_an_arm_has_no_forearm_and_ignores_that_of_a_pose(model, arm_pose, evaluated_vertices):
-    hand = add_hand(bpy.context, load_hand_model(WITHOUT_ARM).for_side(model.side))
+    hand = add_hand(bpy.context, load_hand_model(TEMPLATE).for_side(model.side), str(TEMPLATE))
     assert len(hand.data.bones) == 1 + 2 * 16 + 15 + 5 + 5
     rigged, pose = RiggedHand.of(hand), arm_pose(5, model.side)
     assert rigged.forearm is None

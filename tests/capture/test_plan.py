@@ -9,7 +9,7 @@ from livehand.backend.capture.capture import index_document
 from livehand.backend.capture.plan import NEARLY_STRAIGHT_DEG, WRIST_LIMITS_DEG, CapturePlan, sample_forearms
 from livehand.backend.hand.lbs import posed_arrays, posed_vertices
 from livehand.backend.hand.model import UPRIGHT
-from livehand.backend.hand.model_file import load_hand_model
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.records.shot import HandPose
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,7 @@ SMALL = CapturePlan(poses=23, cameras=11, cameras_per_pose=4, size_px=(24, 32), 
 
 @pytest.fixture(scope="session")
 def hand(hand_without_arm):
-    """The hand without an arm; `armed` is the same hand with one."""
+    """A hand without an arm, as MANO's is; `armed` is the one that ships."""
     return hand_without_arm
 
 
@@ -134,7 +134,7 @@ def test_cameras_stand_all_around_and_see_the_hand(made, hand):
 
 @pytest.fixture(scope="module")
 def armed():
-    return load_hand_model("hand_with_arm")
+    return load_default_hand()
 
 
 def test_forearms_turn_within_human_limits_and_half_are_nearly_straight():
@@ -156,8 +156,11 @@ def test_a_flexed_wrist_takes_the_arm_to_the_palm_and_an_ulnar_one_to_the_little
 
 
 def test_the_same_plan_moves_a_hand_with_an_arm_alike(made, armed):
-    capture = SMALL.make(made.folder, armed, {})
-    for one, other in zip(capture.poses, made.poses, strict=True):
+    capture, stiff = (
+        SMALL.make(made.folder, model, {})
+        for model in (armed, replace(armed, arm_weights=np.zeros_like(armed.arm_weights)))
+    )
+    for one, other in zip(capture.poses, stiff.poses, strict=True):
         np.testing.assert_allclose(one.theta, other.theta, atol=1e-9)
         np.testing.assert_allclose(one.transl, other.transl, atol=1e-9)
         assert one.forearm.any()

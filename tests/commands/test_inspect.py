@@ -11,7 +11,6 @@ from livehand.backend.avatars.file import save_avatar
 from livehand.backend.capture.capture import Capture, CaptureView, save_capture_index
 from livehand.backend.commands.inspect import inspect
 from livehand.backend.field.field import FieldConfig
-from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.camera import Camera
 from livehand.backend.records.errors import LiveHandError
@@ -19,10 +18,11 @@ from livehand.backend.records.shot import HandPose
 from livehand.backend.surface.skin_version import SKIN_VERSION, skin_version
 from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
+from livehand.tools.builtin_hand import TEMPLATE
 
 
 def test_a_hand_model():
-    facts = inspect(builtin_hand_path(WITHOUT_ARM))
+    facts = inspect(TEMPLATE)
     assert (facts["kind"], facts["side"], facts["vertices"]) == ("hand model", "right", 1272)
     assert len(facts["sha256"]) == 64
     assert 150 < max(facts["extent_mm"]) < 260
@@ -92,7 +92,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_the_command_prints_facts_or_json(capsys):
-    path = str(builtin_hand_path(WITHOUT_ARM))
+    path = str(TEMPLATE)
     assert run_commands("livehand", "", COMMANDS, ["inspect", path]) == 0
     assert "vertices        1272" in capsys.readouterr().out
     assert run_commands("livehand", "", COMMANDS, ["inspect", path, "--json"]) == 0

@@ -22,7 +22,7 @@ from livehand.backend.evaluation.contact_sheet import (
     tile,
 )
 from livehand.backend.evaluation.distances import Distance
-from livehand.backend.evaluation.evaluate import encoded_on_black, evaluate_views, score_views, scored_views
+from livehand.backend.evaluation.evaluate import check_any, encoded_on_black, scored_views
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
@@ -35,6 +35,7 @@ from livehand.backend.records.shot import Shot
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.system.command import run_commands
 from livehand.livehand_blender.cli import COMMANDS
+from livehand.tests.builders import scores_of
 from PIL import Image
 
 pytestmark = pytest.mark.slow
@@ -64,7 +65,7 @@ def own_capture(painted_capture, renderer, hand, tmp_path_factory):
 
 
 def test_an_avatar_is_nearly_perfect_on_its_own_renders(renderer, own_capture):
-    scores = score_views(renderer, own_capture, own_capture.views)
+    scores = scores_of(renderer, own_capture, own_capture.views)
     assert len(scores) == 8
     for figures in (score.figures for score in scores):
         assert figures["psnr_full"] > 45
@@ -76,7 +77,7 @@ def test_an_avatar_is_nearly_perfect_on_its_own_renders(renderer, own_capture):
 
 def test_an_avatar_is_worse_on_other_images(renderer, painted_capture, own_capture):
     others, own = (
-        summary(score_views(renderer, capture, capture.of_split("test"))) for capture in (painted_capture, own_capture)
+        summary(scores_of(renderer, capture, capture.of_split("test"))) for capture in (painted_capture, own_capture)
     )
     assert others["images"] == own["images"] == 2
     assert others["psnr_hand"] < 20
@@ -101,7 +102,7 @@ def test_views_far_from_every_training_camera_can_be_skipped(renderer, own_captu
 
     assert (count(0.01), count(35.0), count(None)) == (6, 8, 8)
     untrained = replace(own_capture, views=own_capture.of_split("test"))
-    assert np.isnan(score_views(renderer, untrained, untrained.views)[0].train_view_angle_deg)
+    assert np.isnan(scores_of(renderer, untrained, untrained.views)[0].train_view_angle_deg)
     with pytest.raises(LiveHandError, match="needs training images"):
         list(scored_views(renderer, untrained, untrained.views, max_train_view_angle_deg=25.0))
 
@@ -114,7 +115,7 @@ def test_a_distance_has_its_own_columns(renderer, own_capture):
         return (image - truth).abs().max() + truth.mean()
 
     view = own_capture.of_split("test")[0]
-    (score,) = score_views(renderer, own_capture, [view], [Distance("mine", between)])
+    (score,) = scores_of(renderer, own_capture, [view], [Distance("mine", between)])
     assert 0 < score.figures["mine"] <= score.figures["mine_hand"]
     assert seen[0] == (1, 3, 32, 24)
 
@@ -125,13 +126,11 @@ def test_an_evaluation_during_training_leaves_the_networks_unchanged(renderer, h
     for networks_train in (True, False):
         avatar.field.train(networks_train)
         avatar.superres.train(networks_train)
-        scores, pairs = evaluate_views(avatar, hand, own_capture, views, "cpu")
+        scored = list(scored_views(Renderer(avatar, hand, "cpu"), own_capture, views))
         assert avatar.field.training is avatar.superres.training is networks_train
-    assert [score.file for score in scores] == [view.file for view in views]
-    assert summary(scores) == summary(score_views(renderer, own_capture, views))
-    assert comparison_sheet(pairs).shape == (32, 12 * 24, 3)
-    with pytest.raises(LiveHandError, match="must have views of the requested split"):
-        evaluate_views(avatar, hand, own_capture, [], "cpu")
+    assert [each.score.file for each in scored] == [view.file for view in views]
+    assert summary([each.score for each in scored]) == summary(scores_of(renderer, own_capture, views))
+    assert comparison_sheet([(each.truth, each.image) for each in scored]).shape == (32, 12 * 24, 3)
 
 
 @pytest.fixture(scope="module")
@@ -219,12 +218,12 @@ def test_views_without_the_hand_are_skipped_and_no_view_is_an_error(renderer, ow
     view = own_capture.views[0]
     empty = replace(view, file=str(tmp_path / "empty.png"))
     Image.new("RGBA", view.camera.size_px).save(tmp_path / "empty.png")
-    assert len(score_views(renderer, own_capture, [view, empty])) == 1
+    assert len(scores_of(renderer, own_capture, [view, empty])) == 1
     for views in ([empty], []):
         with pytest.raises(LiveHandError, match="must have views of the requested split"):
-            score_views(renderer, own_capture, views)
+            check_any(scores_of(renderer, own_capture, views), own_capture)
     with pytest.raises(LiveHandError, match="another hand"):
-        score_views(renderer, replace(own_capture, hand_sha256="0" * 64), [view])
+        scores_of(renderer, replace(own_capture, hand_sha256="0" * 64), [view])
 
 
 def test_frames_are_encoded_on_black():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from livehand.backend.evaluation.metrics import MAX_PSNR_DB, alpha_iou, difference_box, psnr_db, similarities, ssim
+from livehand.backend.evaluation.metrics import MAX_PSNR_DB, alpha_iou, difference_box, psnr_db, similarities
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 
@@ -39,6 +39,10 @@ def test_masked_psnr_counts_the_mask_only():
     mask[1] = True
     assert psnr_db(image, truth, mask) == pytest.approx(20.0, abs=1e-4)
     assert math.isnan(psnr_db(image, truth, torch.zeros(4, 4, dtype=torch.bool)))
+
+
+def ssim(image, truth):
+    return similarities(image, truth, torch.ones(image.shape[:2], dtype=torch.bool))[0].full
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -132,7 +136,6 @@ def test_ssim_on_the_hand_equals_the_slow_reference():
     assert found.full == pytest.approx(windows.mean(), abs=1e-9)
     assert found.hand == pytest.approx(windows[disc[5:-5, 5:-5]].mean(), abs=1e-9)
     assert found.hand < found.full
-    assert ssim(torch.as_tensor(image), torch.as_tensor(truth)) == found.full
     assert math.isnan(multi_scale.full)  # five scales need 161 px
     assert math.isnan(multi_scale.hand)
 

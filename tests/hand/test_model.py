@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
 from livehand.backend.hand.model_file import (
-    BUILTIN_HANDS,
     DEFAULT_HAND,
     REQUIRED_KEYS,
-    WITH_ARM,
-    WITHOUT_ARM,
-    builtin_hand_path,
-    builtin_name,
+    builtin_sha256,
+    is_builtin_hand,
+    load_default_hand,
     load_hand_model,
-    load_hand_of,
 )
 from livehand.backend.records.errors import LiveHandError
+from livehand.tools.builtin_hand import TEMPLATE
 
 
 @pytest.fixture(scope="module")
 def arrays():
-    with np.load(builtin_hand_path(WITHOUT_ARM)) as archive:
+    with np.load(TEMPLATE) as archive:
         return dict(archive)
 
 
@@ -37,7 +35,7 @@ def write(path, arrays, **changes):
 
 def test_the_built_in_hand(hand):
     assert (hand.name, hand.side) == ("hand_without_arm", "right")
-    assert hand.sha256 == hashlib.sha256(builtin_hand_path(WITHOUT_ARM).read_bytes()).hexdigest()
+    assert hand.sha256 == hashlib.sha256(TEMPLATE.read_bytes()).hexdigest()
     assert hand.v_template.shape == (1272, 3)
     assert hand.f.shape == (2540, 3)
     assert tuple(hand.parents) == PARENTS
@@ -212,7 +210,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_picture_of_a_hand_with_an_arm_is_framed_by_the_hand(side):
-    armed, bare = (load_hand_model(name).for_side(side) for name in (WITH_ARM, WITHOUT_ARM))
+    armed, bare = (load_hand_model(path).for_side(side) for path in (DEFAULT_HAND, TEMPLATE))
     framed = armed.v_template[armed.framed_vertices]
     assert bare.framed_vertices.all()
     assert np.abs(framed[:, 0] - armed.joints[0, 0]).max() == pytest.approx(
@@ -222,10 +220,10 @@ def test_a_picture_of_a_hand_with_an_arm_is_framed_by_the_hand(side):
     assert 0.02 < towards_elbow.max() < 0.035
 
 
-@pytest.mark.parametrize("name", BUILTIN_HANDS)
-def test_a_builtin_hand_is_found_by_its_hash_unless_a_file_is_given(name, arrays, tmp_path):
-    hand = load_hand_model(name)
-    assert builtin_name(hand.sha256) == name
-    assert load_hand_of(hand.sha256, None).name == name
-    assert load_hand_of(hand.sha256, write(tmp_path / "mine.npz", arrays)).name == "mine"
-    assert load_hand_of("0" * 64, None).name == DEFAULT_HAND
+def test_the_built_in_hand_is_found_by_its_name_unless_that_is_a_file(arrays, tmp_path, monkeypatch):
+    assert load_hand_model(DEFAULT_HAND).sha256 == load_default_hand().sha256 == builtin_sha256()
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "hand.npz", arrays)
+    (tmp_path / "hand.npz").rename(DEFAULT_HAND)
+    assert not is_builtin_hand(DEFAULT_HAND)
+    assert load_hand_model(DEFAULT_HAND).sha256 != builtin_sha256()

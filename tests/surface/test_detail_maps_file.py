@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.surface.detail_maps_file import (
     ATLAS_MM,
     COARSEST_MM,
@@ -11,6 +11,7 @@ from livehand.backend.surface.detail_maps_file import (
     load_skin_detail,
     write_skin_maps,
 )
+from livehand.tools.builtin_hand import TEMPLATE
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_every_vertex_has_a_joint_of_its_own_hand(hand, detail):
 
 
 def test_other_hands_have_no_known_detail():
-    assert load_skin_detail(load_hand_model(WITHOUT_ARM).sha256) is None
+    assert load_skin_detail(load_hand_model(TEMPLATE).sha256) is None
     assert load_skin_detail("0" * 64) is None
 
 

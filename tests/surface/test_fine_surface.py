@@ -8,12 +8,13 @@ import torch
 import trimesh
 from livehand.backend.hand.gestures import FingerAxes
 from livehand.backend.hand.lbs import skin_motion
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.records.shot import HandPose
 from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
 from livehand.backend.surface.fine_surface import HEIGHT_STEP_MM, LEVELS, VEIN_STEP, load_fine_surface, surface_arrays
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.backend.teacher.loop import subdivide
+from livehand.tools.builtin_hand import TEMPLATE
 from livehand.tools.builtin_hand.fine_offsets import fine_surface
 from scipy.spatial.transform import Rotation
 
@@ -25,7 +26,7 @@ def shipped(hand):
 
 def test_a_hand_of_others_has_none(hand):
     assert load_fine_surface("0" * 64) is None
-    assert load_fine_surface(load_hand_model(WITHOUT_ARM).sha256) is None
+    assert load_fine_surface(load_hand_model(TEMPLATE).sha256) is None
 
 
 def test_the_file_that_ships_is_the_generator_s(hand, shipped):

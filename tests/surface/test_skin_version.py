@@ -2,7 +2,7 @@
 
 import shutil
 
-from livehand.backend.hand.model_file import WITH_ARM, builtin_hand_path
+from livehand.backend.hand.model_file import builtin_hand_path
 from livehand.backend.surface import skin_version as module
 from livehand.backend.surface.detail_maps_file import COARSE_FILE, FINE_FILE
 from livehand.backend.surface.fine_surface import FILE
@@ -10,10 +10,10 @@ from livehand.backend.surface.skin_version import SKIN_VERSION, is_current_skin,
 
 
 def test_any_changed_file_is_another_version(tmp_path, monkeypatch):
-    hand = builtin_hand_path(WITH_ARM)
+    hand = builtin_hand_path()
     for name in (FILE, FINE_FILE, COARSE_FILE):
         shutil.copy(hand.with_name(name), tmp_path)
-    monkeypatch.setattr(module, "builtin_hand_path", lambda _: tmp_path / hand.name)
+    monkeypatch.setattr(module, "builtin_hand_path", lambda: tmp_path / hand.name)
     version = skin_version.__wrapped__
     assert version() == skin_version()
     for name in (FILE, FINE_FILE, COARSE_FILE):

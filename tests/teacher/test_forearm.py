@@ -14,7 +14,7 @@ from livehand.backend.teacher.frames import swap_distal, template_to_build
 from livehand.backend.teacher.rays import build_rays
 from livehand.backend.teacher.sdf import signed_distance
 from livehand.tools.builtin_hand.forearm_quads import forearm_quads
-from livehand.tools.builtin_hand.generate import build_hand, shipped_quads, shipped_quads_with_forearm
+from livehand.tools.builtin_hand.generate import build_hand, quads_with_forearm, template_quads
 from scipy.spatial.transform import Rotation
 
 BEND_MM = 25.0
@@ -43,7 +43,7 @@ def volume_ml(vertices, faces):
 
 @pytest.mark.slow
 def test_generator_gives_the_shipped_hand_with_an_arm():
-    built = build_hand(shipped_quads_with_forearm(), forearm=True)
+    built = build_hand(quads_with_forearm(), forearm=True)
     with np.load(builtin_hand_path("hand_with_arm")) as shipped:
         assert set(built) == set(shipped)
         for name in shipped:
@@ -165,7 +165,7 @@ def test_squeezing_for_the_atlas_keeps_the_hand_and_halves_the_end():
 
 
 def test_quads_grow_on_even_loops_only():
-    quads = shipped_quads()
+    quads = template_quads()
     with pytest.raises(LiveHandError, match="remesh"):
         forearm_quads(build_rays(), quads._replace(quads=quads.quads[1:]))
 

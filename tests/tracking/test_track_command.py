@@ -11,7 +11,7 @@ import pytest
 from livehand.backend.capture.capture import load_capture
 from livehand.backend.capture.check import check_capture
 from livehand.backend.commands import track
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_default_hand, load_hand_model
+from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.files.open_files import open_motion_file
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.tracking import sighted_take
@@ -89,7 +89,7 @@ def test_a_turning_hand_becomes_a_capture(film, shown, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     capture = load_capture(folder)
     assert result["images"] == len(capture.views) >= 20
-    check_capture(capture, load_hand_model(WITHOUT_ARM))
+    check_capture(capture, load_default_hand())
     assert len({pose.beta.tobytes() for pose in capture.poses}) == 1
     assert result["overlap"] > 0.8
     assert main(command) == 1

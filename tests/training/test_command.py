@@ -84,8 +84,8 @@ def test_the_command_fine_tunes_for_a_time(painted_capture, tmp_path, capsys):
     assert (settings["minutes"], settings["batch"], settings["ema_decay"]) == (0.005, 2, 0.5)
 
 
-@pytest.mark.parametrize(("given", "kept"), [([], "crop"), (["window"], "crop"), (["patch"], "patch")])
-def test_the_perceptual_region_has_an_earlier_name(painted_capture, tmp_path, given, kept):
+@pytest.mark.parametrize(("given", "kept"), [([], "crop"), (["patch"], "patch")])
+def test_the_avatar_says_which_region_the_perceptual_term_saw(painted_capture, tmp_path, given, kept):
     output = tmp_path / "a.safetensors"
     arguments = ["train", str(painted_capture.folder), "-o", str(output), "--steps", "1", "--perceptual", "0"]
     region = ["--perceptual-region", *given] if given else []

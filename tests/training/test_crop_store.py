@@ -55,7 +55,7 @@ def test_crops_are_kept_in_memory_or_in_a_file(tmp_path, budget):
     for index in (2, 0, 4, 1, 3, 2, 0):
         np.testing.assert_array_equal(store.get(index), crop(index))
     assert list(tmp_path.iterdir()) == []  # the file has no name, so it is never left behind
-    assert store.is_on_disk == (budget < 10_000)
+    assert isinstance(store._buffer.data, np.memmap) == (budget < 10_000)
 
 
 def test_all_are_decoded_in_advance_and_once(tmp_path):

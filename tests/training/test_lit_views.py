@@ -9,7 +9,6 @@ from livehand.backend.avatars.avatar import new_avatar
 from livehand.backend.capture.capture import Capture, save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
-from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.evaluation.summary import summary
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.light.light_samples import LightSamples
@@ -27,6 +26,7 @@ from livehand.backend.training.lit_views import LitTrainingViews, exposure_of, g
 from livehand.backend.training.loop import Training, train
 from livehand.backend.training.setup import TrainingSetup, sky_of
 from livehand.backend.training.step import render_view
+from livehand.tests.builders import scores_of
 
 SUNSET_RGB = np.array([2.0, 1.0, 0.5])
 
@@ -230,7 +230,7 @@ def test_training_from_nothing_learns_a_hand_in_lights_it_has_not_seen(
     taught_capture, hand, lit_config, compute, silent, tmp_path
 ):
     def hand_db(avatar):
-        scores = score_views(Renderer(avatar, hand, "cpu"), taught_capture, taught_capture.of_split("test"))
+        scores = scores_of(Renderer(avatar, hand, "cpu"), taught_capture, taught_capture.of_split("test"))
         return summary(scores)["psnr_hand"]
 
     config = TrainConfig(steps=40, warmup_steps=5, checkpoint_every=100, loss=LossConfig(perceptual=0.0))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.training.clock import Clock, Interval
@@ -18,6 +17,7 @@ from livehand.backend.training.preview import HeldOutPreview, _spread_order
 from livehand.backend.training.report import TrainingReport, preview_path
 from livehand.backend.training.schedule import Schedule
 from livehand.backend.training.step import StepResult
+from livehand.tests.builders import scores_of
 from PIL import Image
 
 CPU = torch.device("cpu")
@@ -96,7 +96,7 @@ def test_previews_come_by_the_clock_and_show_what_evaluation_measures(
         report.step(schedule.at(1), result, lambda: avatar)
         assert path.exists()
         report.step(schedule.at(2), result, pytest.fail)
-    scores = score_views(Renderer(avatar, hand, "cpu"), painted_capture, painted_capture.of_split("test"))
+    scores = scores_of(Renderer(avatar, hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     held_out = [line for line in lines(tmp_path) if "held_out/psnr_full" in line]
     assert [line["step"] for line in held_out] == [2]
     for name in ("psnr_full", "psnr_hand"):
@@ -142,7 +142,7 @@ def test_a_session_without_output_is_silent(painted_capture, hand, avatar, capsy
 def test_the_end_of_training_is_previewed_with_the_average(setup, compute, painted_capture, hand, tmp_path, capsys):
     output = tmp_path / "a.safetensors"
     result = train(setup, TrainConfig(steps=4, warmup_steps=1), output, compute, ReportConfig())
-    scores = score_views(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
+    scores = scores_of(Renderer(load_avatar(output), hand, "cpu"), painted_capture, painted_capture.of_split("test"))
     expected = np.mean([score.figures["psnr_full"] for score in scores])
     assert result.held_out["psnr_full"] == pytest.approx(expected, abs=0.01)  # the file's half precision
     assert 0 <= result.data_wait_share < 1

@@ -16,7 +16,7 @@ from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
 from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.errors import LiveHandError
-from livehand.backend.training import loop
+from livehand.backend.training import checkpoint, loop
 from livehand.backend.training.checkpoint import Progress, TrainState, checkpoint_path, load_checkpoint, save_checkpoint
 from livehand.backend.training.clock import Clock
 from livehand.backend.training.config import ReportConfig, TrainConfig
@@ -188,7 +188,7 @@ def test_a_checkpoint_that_cannot_be_written_is_reported(tmp_path):
         save_checkpoint(checkpoint_path(tmp_path / "file" / "a.safetensors"), state, Progress(), "run")
 
 
-def test_a_flipped_bit_of_a_checkpoint_is_found_and_an_older_one_without_checksum_is_read(tmp_path):
+def test_a_flipped_bit_of_a_checkpoint_is_found_and_so_is_a_missing_checksum(tmp_path):
     module = torch.nn.Linear(2, 2)
     state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
     path = checkpoint_path(tmp_path / "a.safetensors")
@@ -202,18 +202,25 @@ def test_a_flipped_bit_of_a_checkpoint_is_found_and_an_older_one_without_checksu
         metadata, tensors = archive.metadata(), {key: archive.get_tensor(key) for key in archive.keys()}
     metadata.pop("sha256")
     save_file(tensors, path, metadata=metadata)
-    assert load_checkpoint(path, state, "run") == Progress(7)
+    with pytest.raises(LiveHandError, match="checksum"):
+        load_checkpoint(path, state, "run")
+
+
+def write_checkpoint(path, tensors, progress):
+    """A checkpoint of the run `run` with a correct checksum, whatever it holds."""
+    metadata = {"progress": progress, "run": "run"}
+    save_file(tensors, path, metadata={**metadata, "sha256": checkpoint._checksum(metadata, tensors)})
 
 
 @pytest.mark.parametrize(
     "progress",
     ["[]", "5", '{"step": 7, "x": 1}', '{"step": null}', '{"step": -1}', '{"seconds": Infinity}', "[" * 5000],
 )
-def test_a_checkpoint_without_checksum_whose_progress_is_none_is_refused_in_words(tmp_path, progress):
+def test_a_checkpoint_whose_progress_is_none_is_refused_in_words(tmp_path, progress):
     module = torch.nn.Linear(2, 2)
     state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
     path = checkpoint_path(tmp_path / "a.safetensors")
-    save_file(state.tensors(), path, metadata={"progress": progress, "run": "run"})
+    write_checkpoint(path, state.tensors(), progress)
     with pytest.raises(LiveHandError, match="delete it to start again"):
         load_checkpoint(path, state, "run")
 
@@ -223,6 +230,6 @@ def test_a_checkpoint_of_other_sizes_is_refused_in_words(tmp_path):
     state = TrainState(module, torch.nn.Linear(2, 2), torch.optim.Adam(module.parameters()))
     path = checkpoint_path(tmp_path / "a.safetensors")
     tensors = {**state.tensors(), "part.bias": torch.zeros(1)}
-    save_file(tensors, path, metadata={"progress": '{"step": 7}', "run": "run"})
+    write_checkpoint(path, tensors, '{"step": 7}')
     with pytest.raises(LiveHandError, match=r"size mismatch(.|\n)*delete it to start again"):
         load_checkpoint(path, state, "run")

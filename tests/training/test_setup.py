@@ -56,7 +56,7 @@ def test_a_checkpoint_of_another_base_avatar_is_refused(setup, fine_tuning, comp
 
 
 def test_the_identity_is_that_of_earlier_checkpoints(setup):
-    """The crop was called a window, and the order of the settings counts."""
+    """The order of the settings counts."""
     identity = json.loads(run_identity(setup, TrainConfig(), "fp32", 6))
     settings, _, capture, view_count, precision, corrections, base = identity
     names = (
@@ -64,7 +64,7 @@ def test_the_identity_is_that_of_earlier_checkpoints(setup):
         "ema_decay max_skipped jitter_sets checkpoint_every checkpoint_minutes licence loss"
     )
     assert list(settings) == names.split()
-    assert settings["loss"]["perceptual_region"] == "window"
+    assert settings["loss"]["perceptual_region"] == "crop"
     assert (capture, view_count, precision, corrections, base) == ({"made_by": "test"}, 6, "fp32", {}, None)
     patch = run_identity(setup, TrainConfig(loss=LossConfig(perceptual_region="patch")), "fp32", 6)
     assert json.loads(patch)[0]["loss"]["perceptual_region"] == "patch"

@@ -1,12 +1,12 @@
-"""Generates `hand_without_arm.npz` and `hand_with_arm.npz` from the anatomical tables.
+"""Generates the template, `hand_without_arm.npz`, and the hand that ships, `hand_with_arm.npz`, from the tables.
 
     anatomy -> rays -> signed distance -> dense mesh -> [quads] -> template -> weights, shapes, joints, correctives,
     atlas
 
 The quads come from Blender's QuadriFlow, which the backend may not call and whose vertex count changes with small edits
-of the surface. So the hand ships as data, and the command line below starts from its quads. To remesh it,
+of the surface. So the template is kept as data, and the command line below starts from its quads. To remesh it,
 `tools/builtin_hand/quad_remesh.py` makes quads from `dense_surface()` and calls the same functions. A forearm's
-quads grow on the shipped ones (`forearm_quads.py`).
+quads grow on these (`forearm_quads.py`).
 
     python -m livehand.tools.builtin_hand.generate [--forearm] OUT.npz
 """
@@ -20,12 +20,13 @@ import numpy as np
 
 from ...backend.hand.atlas import unwrap_millimetres
 from ...backend.hand.model import JOINT_NAMES, PARENTS
-from ...backend.hand.model_file import ARM_KEY, WITHOUT_ARM, builtin_hand_path, load_hand_model
+from ...backend.hand.model_file import ARM_KEY, load_hand_model
 from ...backend.teacher.forearm import arm_weights, squeezed_for_atlas
 from ...backend.teacher.frames import build_to_template, template_to_build
 from ...backend.teacher.meshes import QuadMesh, outward, vertex_normals
 from ...backend.teacher.projection import project_to_surface
 from ...backend.teacher.rays import build_rays
+from . import TEMPLATE
 from .extraction import extract_mesh
 from .forearm_quads import forearm_quads
 from .joint_frames import JointFrames, joint_frames
@@ -63,15 +64,15 @@ def build_hand(quads: QuadMesh, forearm: bool = False) -> dict[str, np.ndarray]:
     }
 
 
-def shipped_quads() -> QuadMesh:
-    """The quads of the shipped hand without an arm, which are on the surface already."""
-    with np.load(builtin_hand_path(WITHOUT_ARM), allow_pickle=False) as arrays:
-        return QuadMesh(template_to_build(load_hand_model(WITHOUT_ARM).v_template), arrays["quads"])
+def template_quads() -> QuadMesh:
+    """Return the quads of the template, which are on the surface already."""
+    with np.load(TEMPLATE, allow_pickle=False) as arrays:
+        return QuadMesh(template_to_build(load_hand_model(TEMPLATE).v_template), arrays["quads"])
 
 
-def shipped_quads_with_forearm() -> QuadMesh:
-    """The quads of the shipped hand, and a forearm's that grow on them."""
-    return forearm_quads(build_rays(), shipped_quads())
+def quads_with_forearm() -> QuadMesh:
+    """Return the quads of the template, and a forearm's that grow on them."""
+    return forearm_quads(build_rays(), template_quads())
 
 
 def dense_surface() -> tuple[np.ndarray, np.ndarray]:
@@ -112,12 +113,12 @@ def _joint_arrays(frames: JointFrames) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    """Command line: write a built-in hand, made from the shipped quads."""
-    parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy and its shipped quads.")
+    """Write a hand, made from the template's quads (the command line)."""
+    parser = argparse.ArgumentParser(description="Rebuild the built-in hand from its anatomy and its template's quads.")
     parser.add_argument("out", type=Path, help="the .npz to write")
     parser.add_argument("--forearm", action="store_true", help="the hand with a forearm")
     args = parser.parse_args()
-    quads = shipped_quads_with_forearm() if args.forearm else shipped_quads()
+    quads = quads_with_forearm() if args.forearm else template_quads()
     write_hand(args.out, build_hand(quads, args.forearm))
 
 

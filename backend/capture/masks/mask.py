@@ -37,6 +37,8 @@ class MaskConfig:
     """Pixels farther outside the silhouette are background."""
     forearm_mm: float = 150.0
     """Length of the forearm that is considered."""
+    ends_at_wrist: bool = False
+    """An arm that the model has is no part of the mask, as if the mesh ended behind the wrist."""
     iterations: int = 5
     """Iterations of GrabCut."""
 

@@ -104,7 +104,11 @@ def _mask_view(
 ) -> MaskedView:
     assert view.mask is not None
     path = capture.folder / view.mask
-    regions = hand_regions(*posed_arrays(hand, capture.poses[view.pose_index]), hand.f, view.camera, config)
+    vertices, joints = posed_arrays(hand, capture.poses[view.pose_index])
+    faces = hand.f
+    if config.ends_at_wrist:
+        vertices, faces = _short_of_arm(vertices, hand)
+    regions = hand_regions(vertices, joints, faces, view.camera, config)
     if path.is_file() and not redo:
         mask = read_mask(path, view.camera.size_px)
     elif given is not None:
@@ -115,6 +119,13 @@ def _mask_view(
     is_hand = mask > 127
     union = (is_hand | regions.silhouette).sum()
     return MaskedView(view, float((is_hand & regions.silhouette).sum() / union) if union else 1.0)
+
+
+def _short_of_arm(vertices: np.ndarray, hand: HandModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the posed vertices of the hand itself, and its faces among them; a model without an arm stays whole."""
+    is_hand = hand.framed_vertices
+    index = np.cumsum(is_hand) - 1
+    return vertices[is_hand], index[hand.f[is_hand[hand.f].all(1)]]
 
 
 def _photograph(capture: Capture, view: CaptureView, in_all_lights: Callable[[int, int], np.ndarray]) -> np.ndarray:

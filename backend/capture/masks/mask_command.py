@@ -22,6 +22,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="use these masks, which have the images' names, and make none",
     )
     parser.add_argument("--redo", action="store_true", help="replace existing masks and alpha")
+    parser.add_argument("--no-arm", action="store_true", help="end masks at the wrist, also of a model that has an arm")
     parser.add_argument(
         "--erode-mm", type=float, default=4.0, help="pixels deeper inside the mesh are hand (default: %(default)s)"
     )
@@ -31,13 +32,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> dict:
-    from ...hand.model_file import load_hand_of
-    from ..capture import load_capture
+    from ...hand.model_file import DEFAULT_HAND, load_hand_model
     from .mask import MaskConfig
     from .mask_capture import mask_capture
 
-    hand = load_hand_of(load_capture(args.capture).hand_sha256, args.hand)
-    config = MaskConfig(erode_mm=args.erode_mm, dilate_mm=args.dilate_mm)
+    hand = load_hand_model(args.hand or DEFAULT_HAND)
+    config = MaskConfig(erode_mm=args.erode_mm, dilate_mm=args.dilate_mm, ends_at_wrist=args.no_arm)
     masked = mask_capture(args.capture, hand, config, args.given, args.redo)
     worst = sorted(masked, key=lambda view: view.overlap)[:_WORST]
     overlap = round(fmean(view.overlap for view in masked), 4) if masked else None

@@ -50,7 +50,7 @@ def _parse_shutter(text: str) -> float:
 
 def _run(args: argparse.Namespace) -> dict[str, Any]:
     from ...avatars.file import load_avatar
-    from ...hand.model_file import load_hand_of
+    from ...hand.model_file import DEFAULT_HAND, load_hand_model
     from ...motion.landmarks.take_fit import fit_take
     from ...render.renderer import Renderer
     from ...tracking.takes import track_frames
@@ -63,7 +63,7 @@ def _run(args: argparse.Namespace) -> dict[str, Any]:
     if args.output.suffix and args.output.suffix.lower() not in _VIDEO_SUFFIXES:
         raise LiveHandError(f"the output must be a folder or a video ({', '.join(_VIDEO_SUFFIXES)}), got {args.output}")
     avatars = [load_avatar(avatar_path(name)) for name in args.avatar]
-    model = load_hand_of(avatars[0].hand_sha256, args.hand)
+    model = load_hand_model(args.hand or DEFAULT_HAND)
     renderers = [Renderer(avatar, model, args.device) for avatar in avatars]
     video = open_video(args.video)
     found = track_frames(frames_of_film(video), HandTracker(load_networks()))

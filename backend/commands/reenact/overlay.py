@@ -13,6 +13,7 @@ _FADE_M = 0.015
 _GAINS = (0.1, 4.0)
 _LEAST_PIXELS = 12
 _SOLID = 0.95  # alpha
+_SMOOTH_S = 0.7
 
 
 def over(frame: Frame, ground: np.ndarray, gain: np.ndarray) -> np.ndarray:
@@ -57,9 +58,9 @@ def colour_gain(frame: Frame, picture: np.ndarray) -> np.ndarray | None:
     return np.clip(real / np.maximum(made, 1e-4), *_GAINS)
 
 
-def smooth_gains(times: np.ndarray, gains: np.ndarray, wanted: np.ndarray, width_s: float = 0.7) -> np.ndarray:
+def smooth_gains(times: np.ndarray, gains: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """[T, 3] gains at wanted times [T]: the mean of the logarithms of those measured [N, 3], weighted by nearness."""
-    distance = (np.asarray(wanted)[:, None] - np.asarray(times)[None]) / width_s
+    distance = (np.asarray(wanted)[:, None] - np.asarray(times)[None]) / _SMOOTH_S
     weights = np.exp(-0.5 * distance**2) + 1e-9
     return np.exp(weights @ np.log(gains) / weights.sum(1, keepdims=True))
 

@@ -14,8 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...hand.joint_limits import FREE
-
 _KNUCKLES = (1, 5, 13)  # nodes of index, middle and ring finger: with the wrist, they say where a hand points
 _UNUSUAL = 4.0  # deviations of an input; larger ones are clipped, for the network has not seen them
 _FILE = "mediapipe_lifting.npz"
@@ -40,13 +38,6 @@ class LiftedLandmarks(NamedTuple):
 Lifting = Callable[[np.ndarray, np.ndarray], LiftedLandmarks]
 """Lifts a right hand's landmarks at the skeleton's nodes: places [T, 21, 2] in the picture, (px - principal point) /
 focal length, and world landmarks [T, 21, 3] in the camera's axes (OpenCV's), of any scale."""
-
-
-def joints_as_seen(places: np.ndarray, _world: np.ndarray, deviation: float = 0.018) -> LiftedLandmarks:
-    """Of a tracker that means our joints and fingertips: as they are, with a deviation in shares of the hand's size."""
-    size = np.ptp(places, axis=1).max(-1)
-    unknown = np.zeros((len(places), len(FREE)))
-    return LiftedLandmarks(places, np.repeat(deviation * size[:, None], 21, 1), unknown, np.full_like(unknown, np.inf))
 
 
 def mediapipe_lifting(places: np.ndarray, world: np.ndarray) -> LiftedLandmarks:

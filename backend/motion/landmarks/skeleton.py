@@ -107,23 +107,19 @@ def landmarks_of(model: HandModel, pose: HandPose) -> np.ndarray:
     return np.concatenate([joints[:1], *fingers])[list(NODES_OF_LANDMARKS)]
 
 
-def node_jacobian(posed: PosedSkeleton, points: np.ndarray | None = None) -> np.ndarray:
-    """[T, 21, 3, 51] per rad of wrist rotation about the world's axes, per m of its position, per rad of each angle.
+def node_jacobian(posed: PosedSkeleton) -> np.ndarray:
+    """Return the nodes' slopes [T, 21, 3, 51], m.
 
-    Args:
-        posed: the skeleton.
-        points: [T, 21, 3] m, each fixed to the bone that ends in its node; None: the nodes.
+    They are per rad of the wrist's rotation about the world's axes, per m of its position, and per rad of each angle.
     """
     count = len(posed.nodes)
-    points = posed.nodes if points is None else points
     wrist, fingers = posed.nodes[:, :1], posed.nodes[:, 1:].reshape(count, 5, 4, 3)
-    ends = points[:, 1:].reshape(count, 5, 4, 3)
     jacobian = np.zeros((count, 21, 3, 51))
-    jacobian[..., :3] = np.cross(np.eye(3), (points - wrist)[:, :, None], axis=-1).swapaxes(-1, -2)
+    jacobian[..., :3] = np.cross(np.eye(3), (posed.nodes - wrist)[:, :, None], axis=-1).swapaxes(-1, -2)
     jacobian[..., 3:6] = np.eye(3)
     blocks = np.zeros((count, 5, 4, 3, 9))
     for joint in range(3):
-        arms = ends[:, :, joint + 1 :] - fingers[:, :, joint : joint + 1]
+        arms = fingers[:, :, joint + 1 :] - fingers[:, :, joint : joint + 1]
         slopes = np.cross(posed.axes[:, :, joint, None], arms[:, :, :, None], axis=-1)  # [T, 5, n, 3 axes, 3]
         blocks[:, :, joint + 1 :, :, 3 * joint : 3 * joint + 3] = slopes.swapaxes(-1, -2)
     for finger in range(5):

@@ -97,13 +97,13 @@ def _compared(
     args: argparse.Namespace, rows: list[Row], wanted: tuple[str, ...], budget: Budget, capture: Capture
 ) -> dict[str, Any]:
     from ...capture.check import check_capture
-    from ...hand.model_file import load_hand_of
+    from ...hand.model_file import DEFAULT_HAND, load_hand_model
     from ...records.errors import LiveHandError
     from .run import Comparison
 
     if args.output is None:
         raise LiveHandError("a comparison needs a folder for its results; give it with -o DIR, or ask with --list")
-    hand = load_hand_of(capture.hand_sha256, args.hand)
+    hand = load_hand_model(args.hand or DEFAULT_HAND)
     check_capture(capture, hand)
     machine, measures = _machine_and_measures(args)
     plan = _plan(args, rows, wanted, budget, machine)

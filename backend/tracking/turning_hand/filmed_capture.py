@@ -23,6 +23,7 @@ from ...capture.importers.staging import check_target
 from ...capture.masks.mask import MaskConfig, load_opencv
 from ...capture.masks.mask_capture import mask_capture
 from ...capture.split import split_of
+from ...geometry.tolerances import NEAR_M
 from ...hand.lbs import posed_vertices
 from ...hand.model import HandModel
 from ...motion.landmarks.take_file import FilmedTake
@@ -36,12 +37,12 @@ from ...records.side import Side
 from ..resting_camera import MOST_CHANGE, ground_change
 from ..video import VideoFrame
 from .frame_choice import blur_of, chosen_frames, held_out
-from .window import camera_of, image_of, window_around
+from .window import Window, camera_of, image_of, window_around, with_points
 
 Frames = Callable[[], Iterable[VideoFrame]]
 """Plays the film from its start."""
-MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0)
-"""The fit of a film is farther off than that of a rig."""
+MASKS = MaskConfig(erode_mm=6.0, dilate_mm=16.0, ends_at_wrist=True)
+"""The fit of a film is farther off than that of a rig, and knows no bend of the wrist."""
 _SAMPLES, _SAMPLE_WIDTH_PX = 16, 320  # in which it is seen whether the camera rests
 _COVERED = 0.5  # of the hand's size, around its landmarks, in which the arm may be too
 _LEAST_INSIDE = 0.95  # of the landmarks, in the picture
@@ -133,7 +134,7 @@ def write_filmed_capture(
         )
     chosen = seen.of(chosen_frames(seen.motion, seen.doubt, blurs))
     poses = tuple(chosen.motion.pose(index) for index in range(len(chosen.frames)))
-    windows = [window_around(camera.project(posed_vertices(right, pose))[0], camera.size_px) for pose in poses]
+    windows = [_window_of(posed_vertices(right, pose), right, camera) for pose in poses]
     views = _views([camera_of(camera, window) for window in windows])
     provenance = _provenance(source, take, side, chosen)
     with _whole_or_not_at_all(folder) as partial:
@@ -154,6 +155,16 @@ def _camera(take: FilmedTake) -> Camera:
     width, height = take.camera.size_px
     K = np.array([[take.camera.focal_px, 0, width / 2], [0, take.camera.focal_px, height / 2], [0, 0, 1.0]])
     return Camera(K, to_blender("opencv"), take.camera.size_px)
+
+
+def _window_of(vertices: np.ndarray, right: HandModel, camera: Camera) -> Window:
+    """Return the window around a hand and the straight arm that its model has.
+
+    Whether the film shows skin or a sleeve behind the wrist, and how it bends, is not known. The masks leave it out; so
+    that an avatar learns to be transparent there on its whole length, the image shows the place of all of it.
+    """
+    px, depth_m = camera.project(vertices)
+    return with_points(window_around(px[right.framed_vertices], camera.size_px), px[depth_m > NEAR_M])
 
 
 def _candidates(take: FilmedTake, side: Side, fit: TakeFit, right: HandModel) -> _Candidates:

@@ -11,52 +11,77 @@ from PIL import Image
 from ...records.camera import Camera
 
 LONGEST_PX = 512
-"""The longer side of an image; larger windows are made smaller."""
+"""The longer side of a hand in its image; larger ones are made smaller."""
 _MARGIN = 0.12  # of the hand's longer side, on each side
 _LEAST_PX = 8
+_FARTHEST = 1.0  # of the window's longer side, beyond it: an arm is as long as a hand
 
 
 class Window(NamedTuple):
-    """A rectangle of whole pixels: the upper left one, and the size (width, height)."""
+    """A rectangle of whole pixels, of which a part may lie beyond the picture.
+
+    Attributes:
+        x: of the upper left pixel.
+        y: of that pixel.
+        size_px: (width, height).
+        share: size of its image against its own, at most 1.
+    """
 
     x: int
     y: int
     size_px: tuple[int, int]
+    share: float = 1.0
 
     def of(self, picture: np.ndarray) -> np.ndarray:
-        """Its part of a picture [H, W, ...]."""
+        """Cut it out of a picture [H, W, ...]; beyond the picture, the picture's edge goes on."""
         width, height = self.size_px
-        return picture[self.y : self.y + height, self.x : self.x + width]
+        rows = (self.y + np.arange(height)).clip(0, picture.shape[0] - 1)
+        columns = (self.x + np.arange(width)).clip(0, picture.shape[1] - 1)
+        return picture[rows[:, None], columns]
+
+    def image_size_px(self) -> tuple[int, int]:
+        """Return the size of its image (width, height)."""
+        width, height = (max(1, round(side * self.share)) for side in self.size_px)
+        return width, height
 
 
 def window_around(points_px: np.ndarray, size_px: tuple[int, int]) -> Window:
-    """The window around a hand's points [N, 2], with a margin, inside a picture of a size (width, height)."""
+    """Return the window around a hand's points [N, 2], with a margin, inside a picture of a size (width, height)."""
     low, high = points_px.min(0), points_px.max(0)
     margin = _MARGIN * (high - low).max()
     limit = np.array(size_px)
     first = np.clip(np.floor(low - margin), 0, limit - _LEAST_PX).astype(int)
     last = np.clip(np.ceil(high + margin), first + _LEAST_PX, limit).astype(int)
-    width, height = (last - first).tolist()
-    return Window(int(first[0]), int(first[1]), (width, height))
+    return _window(first, last, min(1.0, LONGEST_PX / (last - first).max()))
 
 
-def shrunk_size(size_px: tuple[int, int]) -> tuple[int, int]:
-    """The size of a window's image (width, height): its own, or smaller."""
-    share = min(1.0, LONGEST_PX / max(size_px))
-    width, height = (max(1, round(side * share)) for side in size_px)
-    return width, height
+def with_points(window: Window, points_px: np.ndarray) -> Window:
+    """Enlarge a window until it holds points [N, 2] as well, also beyond the picture; its image keeps its scale."""
+    first, size = np.array([window.x, window.y]), np.array(window.size_px)
+    farthest = np.ceil(_FARTHEST * size.max())
+    low, high = np.floor(points_px.min(0)), np.ceil(points_px.max(0))
+    first, last = (
+        np.clip(low, first - farthest, first).astype(int),
+        np.clip(high, first + size, first + size + farthest).astype(int),
+    )
+    return _window(first, last, window.share)
+
+
+def _window(first: np.ndarray, last: np.ndarray, share: float) -> Window:
+    (x, y), (width, height) = first.tolist(), (last - first).tolist()
+    return Window(x, y, (width, height), share)
 
 
 def camera_of(camera: Camera, window: Window) -> Camera:
-    """The camera of a window's image."""
-    cropped, size_px = camera.cropped(window.x, window.y, window.size_px), shrunk_size(window.size_px)
+    """Return the camera of a window's image."""
+    cropped, size_px = camera.cropped(window.x, window.y, window.size_px), window.image_size_px()
     shares = [after / before for after, before in zip(size_px, window.size_px, strict=True)]
     return replace(cropped, K=np.diag([*shares, 1.0]) @ cropped.K, size_px=size_px)
 
 
 def image_of(picture: np.ndarray, window: Window) -> np.ndarray:
-    """uint8 [h, w, 3], a window's image."""
-    part, size_px = np.ascontiguousarray(window.of(picture)), shrunk_size(window.size_px)
+    """Return a window's image, uint8 [h, w, 3]."""
+    part, size_px = window.of(picture), window.image_size_px()
     if size_px == window.size_px:
         return part
     return np.asarray(Image.fromarray(part).resize(size_px, Image.Resampling.BOX))

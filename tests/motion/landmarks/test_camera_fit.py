@@ -12,12 +12,13 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import NaturalPoses, all_angles
 from livehand.backend.motion.landmarks.block_solver import solve_pentadiagonal
 from livehand.backend.motion.landmarks.camera_fit import CameraPoses, CameraProblem, FitWeights, Sighting2D, placed
-from livehand.backend.motion.landmarks.lifting import LiftedLandmarks, joints_as_seen
+from livehand.backend.motion.landmarks.lifting import LiftedLandmarks
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton, node_jacobian
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.errors import LiveHandError
+from livehand.tests.builders import joints_as_seen
 
 pytestmark = pytest.mark.slow
 

@@ -8,14 +8,10 @@ import torch
 from livehand.backend.geometry.rotation import axis_angle_to_matrix
 from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.camera_fit import at_nodes
-from livehand.backend.motion.landmarks.lifting import (
-    CanonicalView,
-    LiftingNetwork,
-    joints_as_seen,
-    mediapipe_lifting,
-)
+from livehand.backend.motion.landmarks.lifting import CanonicalView, LiftingNetwork, mediapipe_lifting
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.take_fit import FilmCamera
+from livehand.tests.builders import joints_as_seen
 from torch import nn
 
 WRIST, KNUCKLES = 0, [1, 5, 13]

@@ -11,11 +11,11 @@ from livehand.backend.hand.model_file import load_default_hand
 from livehand.backend.motion.landmarks.articulation import NaturalPoses, within_limits
 from livehand.backend.motion.landmarks.camera_fit import CameraProblem, FitWeights
 from livehand.backend.motion.landmarks.initial_pose import aligned_bones, aligned_palm
-from livehand.backend.motion.landmarks.lifting import joints_as_seen
 from livehand.backend.motion.landmarks.online_fit import OnlineFit
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, fit_take, sighted
 from livehand.backend.records.errors import LiveHandError
+from livehand.tests.builders import joints_as_seen
 
 HAND = load_default_hand()
 SKELETON = HandSkeleton.of(HAND)

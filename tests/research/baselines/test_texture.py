@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
-from livehand.backend.evaluation.evaluate import score_views
 from livehand.backend.evaluation.shot_renderer import ShotRenderer
 from livehand.backend.field.rays import ray_directions
 from livehand.backend.geometry.uvh import atlas_uv, interpolate
@@ -15,6 +14,7 @@ from livehand.backend.research.baselines.drawing import drawn_surface
 from livehand.backend.research.baselines.mesh_wrapping import MESH_TEXTURE, MESH_WRAPPING, PICTURE_FILE, flattest_pose
 from livehand.backend.research.baselines.texture import TextureSum, dilated, draw_textured, sampled, texels_of
 from livehand.backend.research.baselines.weights_file import FILE, load_method
+from livehand.tests.builders import scores_of
 from PIL import Image
 
 SIDE = 256
@@ -118,7 +118,7 @@ def test_both_rows_render_the_capture_and_are_no_avatars(painted_capture, hand, 
         torch.testing.assert_close(drawn, learnt.float().clamp(0, 1), atol=0.003, rtol=0)
         renderer = method.load(tmp_path / method.name, hand, cpu)
         assert isinstance(renderer, ShotRenderer)
-        scores[method.name] = score_views(renderer, painted_capture, painted_capture.of_split("test"))
+        scores[method.name] = scores_of(renderer, painted_capture, painted_capture.of_split("test"))
         with pytest.raises(LiveHandError, match="something else"):
             load_avatar(tmp_path / method.name / FILE)
     assert all(score.figures["psnr_full"] > 15 for scored in scores.values() for score in scored)

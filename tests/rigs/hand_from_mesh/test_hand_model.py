@@ -11,7 +11,7 @@ from livehand.backend.hand.atlas import unwrap
 from livehand.backend.hand.lbs import posed_vertices
 from livehand.backend.hand.measurements import fit_beta
 from livehand.backend.hand.model import JOINT_NAMES, PARENTS
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_hand_model
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
@@ -21,6 +21,7 @@ from livehand.backend.rigs.hand_from_mesh.regressor import joint_regressor
 from livehand.backend.rigs.hand_from_mesh.skinned_surface import SkinnedSurface
 from livehand.backend.rigs.hand_from_mesh.template_frame import world2template
 from livehand.backend.rigs.source_skeleton import JointMap, SourceSkeleton
+from livehand.tools.builtin_hand import TEMPLATE
 
 TURN = axis_angle_to_matrix(np.array([0.7, -1.9, 0.4]))
 PLACE = np.array([0.3, -2.0, 1.1])
@@ -30,7 +31,7 @@ FRAME_M = 1e-9  # the template's frame is that of the hand with an arm, whose jo
 @pytest.fixture(scope="module")
 def atlas_of():
     """The built-in hand's atlas for its own faces: unwrapping is tested elsewhere, and takes a second."""
-    hand = load_hand_model(WITHOUT_ARM)
+    hand = load_hand_model(TEMPLATE)
     return lambda vertices, faces: (hand.vt, hand.ft) if len(faces) == len(hand.f) else unwrap(vertices, faces)
 
 
@@ -41,7 +42,7 @@ def _quick_atlas(monkeypatch, atlas_of):
 
 def rig(side="right", scale=1.0):
     """The built-in hand, standing somewhere, in units of 1/scale m: surface, skeleton and map."""
-    hand = load_hand_model(WITHOUT_ARM).for_side(side)
+    hand = load_hand_model(TEMPLATE).for_side(side)
     vertices, joints = ((points @ TURN.T + PLACE) / scale for points in (hand.v_template, hand.joints))
     frames = np.tile(np.eye(3), (16, 1, 1))
     skeleton = SourceSkeleton(JOINT_NAMES, PARENTS, joints, joints + 0.01 / scale, frames)
@@ -51,7 +52,7 @@ def rig(side="right", scale=1.0):
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_built_in_hand_round_trip(side, tmp_path):
-    hand = load_hand_model(WITHOUT_ARM).for_side(side)
+    hand = load_hand_model(TEMPLATE).for_side(side)
     path = tmp_path / ("mine.npz" if side == "right" else "mine_left.npz")
     made = make_hand_model(*rig(side))
     save_hand_model(made, path, {"made_by": "a test"})
@@ -78,7 +79,7 @@ def test_the_world_is_carried_to_the_template():
     made = make_hand_model(*rig(scale=0.01), scale=0.01)
     carried = surface.vertices_m @ made.world2template[:3, :3].T + made.world2template[:3, 3]
     np.testing.assert_allclose(carried, made.arrays["v_template"], atol=1e-12)
-    np.testing.assert_allclose(made.arrays["v_template"], load_hand_model(WITHOUT_ARM).v_template, atol=FRAME_M)
+    np.testing.assert_allclose(made.arrays["v_template"], load_hand_model(TEMPLATE).v_template, atol=FRAME_M)
 
 
 @pytest.mark.slow

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import trimesh
-from livehand.backend.hand.model_file import WITHOUT_ARM, builtin_hand_path
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.teacher.frames import swap_distal, template_to_build
 from livehand.backend.teacher.meshes import outward, vertex_normals
 from livehand.backend.teacher.rays import build_rays
+from livehand.tools.builtin_hand import TEMPLATE
 from livehand.tools.builtin_hand.bone_cores import bone_cores
-from livehand.tools.builtin_hand.generate import QuadMesh, build_hand, dense_surface, shipped_quads, split_quads
+from livehand.tools.builtin_hand.generate import QuadMesh, build_hand, dense_surface, split_quads, template_quads
 from livehand.tools.builtin_hand.skinning_weights import dense_weights
 from scipy.spatial.transform import Rotation
 
@@ -18,12 +18,12 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def built():
-    return build_hand(shipped_quads())
+    return build_hand(template_quads())
 
 
 @pytest.fixture(scope="module")
 def shipped():
-    with np.load(builtin_hand_path(WITHOUT_ARM)) as archive:
+    with np.load(TEMPLATE) as archive:
         return dict(archive)
 
 

@@ -1,5 +1,9 @@
-"""A film of a hand of known poses that turns before a resting camera: flat skin before a wall."""
+"""A film of a hand of known poses that turns before a resting camera: flat skin before a wall.
 
+It shows the arm as well, whose wrist bends; the fit, as any, does not know of that.
+"""
+
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,15 +12,17 @@ import torch
 from livehand.backend.geometry.rasterise import rasterise
 from livehand.backend.geometry.rotation import axis_angle_to_matrix, matrix_to_axis_angle
 from livehand.backend.hand.lbs import posed_vertices
-from livehand.backend.hand.model_file import WITHOUT_ARM, load_hand_model
+from livehand.backend.hand.model_file import load_default_hand, load_hand_model
 from livehand.backend.motion.landmarks.skeleton import landmarks_of
 from livehand.backend.motion.landmarks.take_file import FilmedTake
 from livehand.backend.motion.landmarks.take_fit import FilmCamera, FilmedHand, TakeFit
 from livehand.backend.motion.motion import HandMotion, mirrored
 from livehand.backend.motion.spaces import rest_wrists
 from livehand.backend.records.camera import Camera
+from livehand.tools.builtin_hand import TEMPLATE
 
-HAND = load_hand_model(WITHOUT_ARM)
+HAND, HAND_ALONE = load_default_hand(), load_hand_model(TEMPLATE)
+BEND_RAD = 0.2
 SIZE_PX, FOCAL_PX, COUNT = (160, 120), 155.0, 40
 FACING = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # fingers up, palm to the camera
 
@@ -51,17 +57,23 @@ def _film(turn_deg=160.0, side="right", beta=None, draws=True):
     seen = FilmedHand(np.arange(COUNT), camera.project(points)[0], points - points.mean(1, keepdims=True))
     take = FilmedTake(FilmCamera(SIZE_PX, FOCAL_PX), np.arange(COUNT) / 30, 30.0, {side: seen})
     fit = TakeFit(motion, 0.0, np.ones(COUNT, bool), np.full(COUNT, 0.01), 0)
-    masks = [drawn(posed_vertices(model, pose), camera) for pose in poses] if draws else []
+    if not draws:
+        return SimpleNamespace(motion=motion, camera=camera, take=take, fit=fit, model=model)
+    turns = BEND_RAD * np.sin(np.linspace(0, 5, COUNT))[:, None] * [0.0, 1, 0.5]
+    bent = [replace(pose, forearm=turn) for pose, turn in zip(poses, turns, strict=True)]
+    masks = [drawn(HAND_ALONE, pose, camera) for pose in bent]
+    pictures = [photograph(drawn(HAND, pose, camera)) for pose in bent]
     return SimpleNamespace(
-        motion=motion, camera=camera, take=take, fit=fit, masks=masks, model=model, pictures=[*map(photograph, masks)]
+        motion=motion, camera=camera, take=take, fit=fit, model=model, masks=masks, pictures=pictures
     )
 
 
-def drawn(vertices, camera):
-    """Bool [H, W], the hand's silhouette."""
+def drawn(model, pose, camera):
+    """Bool [H, W], the silhouette of a posed hand."""
+    vertices = posed_vertices(model.for_side(pose.side), pose)
     positions_px, depth = (torch.as_tensor(values) for values in camera.project(vertices))
     mask = np.zeros(SIZE_PX[0] * SIZE_PX[1], bool)
-    mask[rasterise(positions_px, depth, torch.as_tensor(HAND.f), SIZE_PX).pixel.numpy()] = True
+    mask[rasterise(positions_px, depth, torch.as_tensor(model.f), SIZE_PX).pixel.numpy()] = True
     return mask.reshape(SIZE_PX[::-1])
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from livehand.backend.motion.landmarks.lifting import joints_as_seen
 from livehand.backend.motion.landmarks.skeleton import HandSkeleton
 from livehand.backend.tracking.turning_hand.take_shape import fit_with_shape, shape_of
+from livehand.tests.builders import joints_as_seen
 
 TRUE = np.random.default_rng(3).normal(0, 1, 10)
 

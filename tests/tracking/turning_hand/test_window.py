@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from livehand.backend.motion.spaces import to_blender
 from livehand.backend.records.camera import Camera
-from livehand.backend.tracking.turning_hand.window import LONGEST_PX, camera_of, image_of, window_around
+from livehand.backend.tracking.turning_hand.window import LONGEST_PX, camera_of, image_of, window_around, with_points
 
 POINTS_PX = np.array([[700.5, 200.0], [1100.0, 950.25], [900.0, 500.0]])
 CAMERA = Camera(np.array([[1500.0, 0, 960], [0, 1500, 540], [0, 0, 1]]), to_blender("opencv"), (1920, 1080))
@@ -50,6 +50,28 @@ def test_a_small_window_keeps_its_pixels():
     np.testing.assert_array_equal(
         image_of(picture, window), picture[24 : 24 + window.size_px[1], 34 : 34 + window.size_px[0]]
     )
+
+
+def test_more_points_enlarge_a_window_beyond_the_picture_and_keep_its_scale():
+    window = window_around(POINTS_PX, CAMERA.size_px)
+    x, y, (width, height) = window[:3]
+    larger = with_points(window, np.array([[900.0, 1300.5], [x + 5, y + 5]]))
+    assert larger == (x, y, (width, 1301 - y), window.share)
+    assert with_points(window, np.array([[x + 5.0, y + 5]])) == window
+    far = with_points(window, np.array([[-9e9, 9e9]]))
+    assert (far.x, far.y + far.size_px[1]) == (x - height, y + 2 * height)  # at most once its longer side
+    point = np.array([0.02, 0.5, -0.03])
+    at, at_larger = (camera_of(CAMERA, each).project(point)[0] for each in (window, larger))
+    np.testing.assert_allclose(at_larger, at, atol=1)
+
+
+def test_beyond_the_picture_its_edge_goes_on():
+    picture = np.arange(80, dtype=np.uint8).reshape(8, 10, 1).repeat(3, 2)
+    window = with_points(window_around(np.array([[0.0, 0], [10, 8]]), (10, 8)), np.array([[-2.0, 9.5]]))
+    assert window == (-2, 0, (12, 10), 1)
+    seen = image_of(picture, window)[..., 0]
+    assert seen[0].tolist() == [0, 0, *range(10)]
+    assert seen[:, 2].tolist() == [*range(0, 80, 10), 70, 70]
 
 
 @pytest.mark.parametrize("points", [[[500.0, 500], [501, 501]], [[-9.0, -9], [-8, -8]]])
