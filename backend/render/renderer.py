@@ -289,7 +289,8 @@ class Renderer:
     @cached_property
     def _hairs(self) -> Hairs:
         """Of either hand, where its skin is known."""
-        return hairs_on(self._levels_of("right").finest, self.hand.for_side("right"))
+        assert self._skin is not None
+        return hairs_on(self._skin, self._levels_of("right").finest)
 
     def _in_light(self, lit: LitHand, shot: Shot, on_stage: OnStage) -> Frame:
         """The hand in the shot's light, or in its capture's."""

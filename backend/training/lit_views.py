@@ -232,7 +232,7 @@ class LitTrainingViews(TrainingViews):
 
     @cached_property
     def _skin(self) -> KnownSkin | None:
-        return skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
+        return skin_of_capture(self.capture, self.device)
 
     @cached_property
     def _fine_template(self) -> FineTemplate | None:
