@@ -8,6 +8,8 @@ import pytest
 import torch
 from livehand.backend.avatars.avatar import AvatarConfig
 from livehand.backend.avatars.file import load_avatar
+from livehand.backend.capture.capture import SurfaceReference
+from livehand.backend.capture.person import Person
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
@@ -16,6 +18,8 @@ from livehand.backend.image.superres import SuperResConfig
 from livehand.backend.records.light import Lamp, Light, Sky
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.research.benchmark.motion import MovingHand
+from livehand.backend.surface.base_surface import surface_of_person
+from livehand.backend.surface.surface_file import surface_sha256, write_surface
 from livehand.backend.system.command import run_commands
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
@@ -80,8 +84,10 @@ def test_half_precision_looks_the_same(shot):
 def test_a_training_of_few_steps_gives_the_cpus_weights(painted_capture, lit_capture, is_lit, tmp_path, monkeypatch):
     monkeypatch.setattr("livehand.backend.training.views.choose_backend", lambda device: ReferenceBackend())
     config, reporting = TrainConfig(steps=3, warmup_steps=1), ReportConfig(preview_minutes=0.0)
-    person = {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.2, "folds": 1.0, "veins_mm": 0.2}}}
-    capture = replace(lit_capture, provenance=person) if is_lit else painted_capture
+    surface = surface_of_person(Person(melanin=0.2, folds=1.0, veins_mm=0.2), load_default_hand().sha256)
+    write_surface(tmp_path / "surface.npz", surface)
+    reference = SurfaceReference(str(tmp_path / "surface.npz"), surface_sha256(surface))
+    capture = replace(lit_capture, surface=reference) if is_lit else painted_capture
     task = TrainingSetup(capture, load_default_hand(), LIT if is_lit else BAKED)
     ours, expected = (
         train(task, config, tmp_path / f"{name}.safetensors", ComputeSetup(torch.device(name)), reporting).avatar

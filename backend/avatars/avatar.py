@@ -18,6 +18,7 @@ from ..field.sampler import SamplerConfig
 from ..field.xyz_field import XyzField
 from ..image.superres import SuperResConfig, build_superres
 from ..records.light import Sky
+from ..surface.stored_surface import StoredSurface
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class Avatar:
         metrics: measured on held-out views.
         thumbnail: [P, P, 4] uint8 (`render.thumbnail`); None in files of earlier versions.
         sky: the light of its capture, in which a relightable avatar is rendered where none is given.
+        surface: that its hand has, given and not learnt; None: the networks alone tell of its surface.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Avatar:
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     thumbnail: np.ndarray | None = None
     sky: Sky | None = None
+    surface: StoredSurface | None = None
 
 
 def build_field(config: FieldConfig) -> MlpField | PlaneField:

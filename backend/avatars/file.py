@@ -1,8 +1,9 @@
 """The file of an avatar (`.safetensors`, never a pickle).
 
-Its metadata has one entry, `livehand`, in JSON: format version, hand model, configuration, provenance, metrics, and a
-checksum over everything else, by which an altered file is refused. A relightable avatar is of format version 2 and
-may also hold the sky of its capture.
+Its metadata has one entry, `livehand`, in JSON: format version, hand model, configuration, provenance, metrics, the
+description of its surface, and a checksum over everything else, by which an altered file is refused. Versions 1, of
+avatars in the light of their capture, and 2, of relightable ones, are read, too. docs/dev/avatar_format.md documents
+the format for users.
 """
 
 from __future__ import annotations
@@ -23,43 +24,55 @@ from ..field.sampler import SamplerConfig
 from ..image.superres import SuperResConfig, build_superres
 from ..records.errors import LiveHandError
 from ..records.light import Sky
+from ..surface.stored_surface import StoredSurface
 from ..system.atomic_file import replacing
 from ..system.json_file import parse_json
 from ..system.regular_file import MIB, check_regular, is_file
 from .avatar import Avatar, AvatarConfig, build_field
+from .captured_surface import surface_of_provenance
 from .library import shipped_avatar_path
 from .metadata import HEADER_KEY, THUMBNAIL_KEY
+from .surface_tensors import read_surface_tensors, surface_tensors
+from .weights import stored_weights, whole_weights
 
-BAKED_VERSION, LIT_VERSION = 1, 2
-"""Of avatars in the light of their capture, and of relightable ones."""
+VERSION = 3
+"""Of the files that are written; those of versions 1 and 2 are read, too."""
+_SURFACE_KEY = "surface"
 _SKY_KEY = "sky"
 _HEADER_KEYS = {"name", "hand_name", "hand_sha256", "config", "provenance", "metrics"}
 _MOST_BYTES = 1024 * MIB
-_DTYPES = {"torch.float16", "torch.float32", "torch.uint8", "torch.int64"}
+_DTYPES = {f"torch.{name}" for name in ("float16", "float32", "uint8", "int8", "int16", "int64")}
 _LARGEST_SHELL_M, _MOST_SAMPLES = 0.1, 1024
 
 
 def save_avatar(avatar: Avatar, path: Path) -> None:
-    """Write the avatar with weights in half precision. Raises LiveHandError if the file cannot be written."""
-    tensors = {
-        prefix + key: value.detach().cpu().half().contiguous()
+    """Write the avatar, its weights in half precision and a relightable one's planes in a byte a value (`weights`).
+
+    Raises:
+        LiveHandError: the file cannot be written.
+    """
+    weights = {
+        prefix + key: value.detach().cpu()
         for prefix, network in _networks(avatar).items()
         for key, value in network.state_dict().items()
     }
+    tensors = stored_weights(weights, has_byte_planes=avatar.config.field.light == "linear")
     if avatar.thumbnail is not None:
         tensors[THUMBNAIL_KEY] = torch.from_numpy(avatar.thumbnail)
-    is_lit = avatar.config.field.light == "linear"
     header: dict[str, Any] = {
-        "format_version": LIT_VERSION if is_lit else BAKED_VERSION,
+        "format_version": VERSION,
         "name": avatar.name,
         "hand_name": avatar.hand_name,
         "hand_sha256": avatar.hand_sha256,
-        "config": _config_document(avatar.config),
+        "config": asdict(avatar.config),
         "provenance": avatar.provenance,
         "metrics": avatar.metrics,
     }
     if avatar.sky is not None:
         tensors[_SKY_KEY] = torch.as_tensor(avatar.sky.radiance, dtype=torch.float16)
+    if avatar.surface is not None:
+        header[_SURFACE_KEY], arrays = surface_tensors(avatar.surface)
+        tensors |= arrays
     header["checksum"] = _checksum(header, tensors)
     with replacing(path) as temporary:
         temporary.write_bytes(save(tensors, metadata={HEADER_KEY: json.dumps(header, sort_keys=True)}))
@@ -70,7 +83,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
 
     Raises:
         LiveHandError: the file is missing, not an avatar, truncated, altered, of a newer version, or has
-            weights that are not finite.
+            weights that are not finite, or a surface that is broken or of another hand.
     """
     path = Path(path) if path is not None else shipped_avatar_path()
     header, tensors = _read(path)
@@ -78,6 +91,8 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
     if missing:
         raise LiveHandError(f"{path} must have {', '.join(missing)} in its header, got none; train it again")
     config = _config_of(header["config"], path)
+    surface = _surface_of(header, tensors, path)
+    tensors = whole_weights(tensors, path)
     _check_networks(config, tensors, path)
     avatar = Avatar(
         name=header["name"],
@@ -90,6 +105,7 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
         metrics=header["metrics"],
         thumbnail=tensors.pop(THUMBNAIL_KEY).numpy() if THUMBNAIL_KEY in tensors else None,
         sky=_sky(tensors.pop(_SKY_KEY), path) if _SKY_KEY in tensors else None,
+        surface=surface,
     )
     try:
         for prefix, network in _networks(avatar).items():
@@ -106,6 +122,16 @@ def load_avatar(path: Path | str | None = None) -> Avatar:
 def read_header(path: Path) -> dict[str, Any]:
     """The header of an avatar's file, after checking the file as `load_avatar` does."""
     return _read(path)[0]
+
+
+def read_surface_of(path: Path) -> StoredSurface | None:
+    """The surface of an avatar's file, without its networks; None: it has none.
+
+    Raises:
+        LiveHandError: as `load_avatar`.
+    """
+    header, tensors = _read(path)
+    return _surface_of(header, tensors, path)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -126,10 +152,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     if foreign:
         raise LiveHandError(f"{path} must hold tensors of {', '.join(sorted(_DTYPES))}, got {', '.join(foreign)}")
     header = _parsed(metadata[HEADER_KEY])
-    if header and header.get("format_version") not in (BAKED_VERSION, LIT_VERSION):
+    if header and header.get("format_version") not in range(1, VERSION + 1):
         raise LiveHandError(
-            f"{path} must be of avatar format {BAKED_VERSION} or {LIT_VERSION}, got {header.get('format_version')}; "
-            "update LiveHand"
+            f"{path} must be of avatar format 1 to {VERSION}, got {header.get('format_version')}; update LiveHand"
         )
     if header.pop("checksum", None) != _checksum(header, tensors):
         raise LiveHandError(
@@ -158,14 +183,6 @@ def _checksum(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
 def _networks(avatar: Avatar) -> dict[str, nn.Module]:
     """The networks by the prefix of their tensors."""
     return {"field.": avatar.field, "superres.": avatar.superres}
-
-
-def _config_document(config: AvatarConfig) -> dict[str, Any]:
-    """The configuration as earlier versions wrote it, unless it has something that they do not know."""
-    document = asdict(config)
-    if config.field.light == "baked":
-        del document["field"]["light"]
-    return document
 
 
 def _config_of(values: dict[str, Any], path: Path) -> AvatarConfig:
@@ -209,6 +226,23 @@ def _check_networks(config: AvatarConfig, tensors: dict[str, Tensor], path: Path
             f"{path}: the weights must fit the configuration, got {len(different)} that do not, such as {key}: "
             f"{got.get(key)} for {wanted.get(key)}"
         )
+
+
+def _surface_of(header: dict[str, Any], tensors: dict[str, Tensor], path: Path) -> StoredSurface | None:
+    """The avatar's surface; its tensors are taken out."""
+    hand_sha256 = header.get("hand_sha256")
+    if not isinstance(hand_sha256, str):
+        raise LiveHandError(f"{path}: hand_sha256 must be text, got {str(hand_sha256)[:40]}; train it again")
+    if header["format_version"] < VERSION:
+        provenance = header.get("provenance")
+        return surface_of_provenance(provenance.get("capture") if isinstance(provenance, dict) else None, hand_sha256)
+    surface = read_surface_tensors(header.get(_SURFACE_KEY), tensors, str(path))
+    if surface is not None and surface.hand_sha256 != hand_sha256:
+        raise LiveHandError(
+            f"{path}: the surface must lie on the avatar's hand {hand_sha256[:12]}..., got one of hand "
+            f"{surface.hand_sha256[:12]}..."
+        )
+    return surface
 
 
 def _sky(radiance: Tensor, path: Path) -> Sky:

@@ -39,7 +39,7 @@ class AvatarMetadata:
         licence: of the avatar, or empty.
         figures: metrics on held-out views as lines of text; empty if it was not evaluated.
         made_from: the capture it was trained on as a line of text, or empty.
-        beta: [10] shape of the person it was trained on, or None if the file does not tell.
+        beta: [10] shape of the person whom it shows, or None if the file does not tell.
         thumbnail: [P, P, 4] uint8 sRGB with straight alpha, top row first; None if the file has none.
     """
 
@@ -71,7 +71,7 @@ def read_metadata(path: Path) -> AvatarMetadata:
             licence=str(provenance.get("licence", "")),
             figures=_figures(header["metrics"]),
             made_from=_made_from(provenance.get("capture", {})),
-            beta=_beta(provenance.get("capture", {})),
+            beta=_beta(header.get("surface"), provenance.get("capture", {})),
             thumbnail=thumbnail,
         )
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -122,8 +122,8 @@ def _made_from(capture: dict[str, Any]) -> str:
     return f"{made_by}: {poses} poses, {'x'.join(map(str, plan['size_px']))} px"
 
 
-def _beta(capture: dict[str, Any]) -> tuple[float, ...] | None:
-    person = (capture.get("plan") or {}).get("person") or {}
+def _beta(surface: dict[str, Any] | None, capture: dict[str, Any]) -> tuple[float, ...] | None:
+    person = (surface or capture.get("plan") or {}).get("person") or {}
     if person.get("beta") is None:
         return None
     beta = tuple(float(value) for value in person["beta"])

@@ -5,6 +5,7 @@ A capture is a folder with
   pose index, split and, if it has one, the file of its mask;
 - in version 2, the lights of the images too (`lights`), whose skies are files;
 - `poses.npz`: theta [P, 16, 3] rad, beta [P, 10], transl [P, 3] m, side, and if any is turned, forearm [P, 3] rad;
+- `surface.npz`, if the surface of the hand is known: `surface/surface_file.py` documents it;
 - images: sRGB-encoded RGBA with straight (not premultiplied) alpha; or scene-linear OpenEXR with premultiplied alpha;
   or images without alpha and for each a mask, a grey image of the same size that is white on the hand.
 
@@ -17,7 +18,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -75,9 +76,21 @@ class CaptureView:
         return self.file.lower().endswith(".exr")
 
 
+class SurfaceReference(NamedTuple):
+    """The file of the surface that a capture shows.
+
+    Attributes:
+        file: relative to the capture's folder.
+        sha256: of the surface (`surface_file.surface_sha256`).
+    """
+
+    file: str
+    sha256: str
+
+
 @dataclass(frozen=True)
 class Capture:
-    """The index, poses and lights of a capture folder; images are read on request."""
+    """The index, poses and lights of a capture folder; images and surface are read on request."""
 
     folder: Path
     hand_sha256: str
@@ -85,6 +98,7 @@ class Capture:
     poses: tuple[HandPose, ...]
     views: tuple[CaptureView, ...]
     lights: tuple[CaptureLight, ...] = ()
+    surface: SurfaceReference | None = None
 
     @property
     def is_lit(self) -> bool:
@@ -164,16 +178,16 @@ def load_capture(folder: Path | str) -> Capture:
     frames, hand_sha256 = document.get("frames"), document.get("hand_sha256")
     if not isinstance(frames, list) or not isinstance(hand_sha256, str):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of frames and the hand's hand_sha256")
-    provenance = document.get("provenance", {})
+    provenance, surface = document.get("provenance", {}), _surface_of(document, folder)
     if version == VERSION:
         views = read_all(folder, ((_read_view, entry, len(poses)) for entry in frames))
-        return Capture(folder, hand_sha256, provenance, poses, views)
+        return Capture(folder, hand_sha256, provenance, poses, views, surface=surface)
     entries = document.get("lights", [])
     if not isinstance(entries, list):
         raise LiveHandError(f"{folder / 'transforms.json'} must have a list of lights, got {str(entries)[:40]}")
     lights = read_all(folder, ((read_light, folder, f"lights[{index}]", entry) for index, entry in enumerate(entries)))
     views = read_all(folder, ((_read_lit_view, entry, len(poses), len(lights)) for entry in frames))
-    return Capture(folder, hand_sha256, provenance, poses, views, lights)
+    return Capture(folder, hand_sha256, provenance, poses, views, lights, surface)
 
 
 def save_capture_index(capture: Capture) -> None:
@@ -200,11 +214,23 @@ def index_document(capture: Capture) -> str:
         "version": LIT_VERSION if capture.is_lit else VERSION,
         "hand_sha256": capture.hand_sha256,
         "provenance": capture.provenance,
+        **({} if capture.surface is None else {"surface": capture.surface._asdict()}),
         "frames": [_view_entry(view) for view in capture.views],
     }
     if capture.is_lit:
         document["lights"] = [light_entry(index, light) for index, light in enumerate(capture.lights)]
     return json.dumps(document, indent=1) + "\n"
+
+
+def _surface_of(document: dict, folder: Path) -> SurfaceReference | None:
+    told = document.get("surface")
+    if told is None:
+        return None
+    if not isinstance(told, dict) or not all(isinstance(told.get(key), str) for key in SurfaceReference._fields):
+        raise LiveHandError(
+            f"{folder / 'transforms.json'}: surface must have a file and its sha256, got {str(told)[:80]}"
+        )
+    return SurfaceReference(told["file"], told["sha256"])
 
 
 def _view_entry(view: CaptureView) -> dict:

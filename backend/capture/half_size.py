@@ -44,7 +44,7 @@ def half_size(capture: Capture) -> Capture:
     views = tuple(replace(view, camera=_halved_camera(view.camera)) for view in capture.views)
     provenance = {**capture.provenance, "half_size": True}
     whole = {view.file: view for view in capture.views}
-    known = (capture.folder, capture.hand_sha256, provenance, capture.poses, views, capture.lights)
+    known = (capture.folder, capture.hand_sha256, provenance, capture.poses, views, capture.lights, capture.surface)
     return HalfSizeCapture(*known, full=capture, whole=whole)
 
 

@@ -80,30 +80,39 @@ def find_person(name_or_path: str) -> Person:
     path = Path(name_or_path)
     if not path.is_file():
         raise LiveHandError(f"the person must be one of {', '.join(PERSONS)} or a JSON file, got {name_or_path!r}")
-    return _person_of(read_json(path), path)
+    return person_of(read_json(path), str(path))
 
 
-def _person_of(document: object, path: Path) -> Person:
+def person_of(document: object, source: str) -> Person:
+    """The person of a JSON object with the attributes' names as keys; what it leaves out is as usual.
+
+    Args:
+        document: the object.
+        source: of it, for errors.
+
+    Raises:
+        LiveHandError: it has unknown keys, or numbers out of range.
+    """
     known = [field.name for field in fields(Person)]
     if not isinstance(document, dict) or not set(document) <= set(known):
-        raise LiveHandError(f"{path} must be a JSON object with keys of {', '.join(known)}")
-    numbers: dict[str, Any] = {name: _value(name, value, path) for name, value in document.items()}
+        raise LiveHandError(f"{source} must be a JSON object with keys of {', '.join(known)}")
+    numbers: dict[str, Any] = {name: _value(name, value, source) for name, value in document.items()}
     return Person(**numbers)
 
 
-def _value(name: str, value: object, path: Path) -> float | tuple[float, ...] | None:
+def _value(name: str, value: object, source: str) -> float | tuple[float, ...] | None:
     if name == "nail_polish" and value is None:
         return None
     if name not in _LENGTHS:
-        return _number(name, value, path)
-    if not (isinstance(value, list) and len(value) == _LENGTHS[name]):
-        raise LiveHandError(f"{path}: {name} must be a list of {_LENGTHS[name]} numbers, got {value!r}")
-    return tuple(_number(name, one, path) for one in value)
+        return _number(name, value, source)
+    if not (isinstance(value, list | tuple) and len(value) == _LENGTHS[name]):
+        raise LiveHandError(f"{source}: {name} must be a list of {_LENGTHS[name]} numbers, got {value!r}")
+    return tuple(_number(name, one, source) for one in value)
 
 
-def _number(name: str, value: object, path: Path) -> float:
+def _number(name: str, value: object, source: str) -> float:
     smallest, largest = _RANGES[name]
     if isinstance(value, int | float) and not isinstance(value, bool):
         if math.isfinite(value) and smallest <= value <= largest:
             return float(value)
-    raise LiveHandError(f"{path}: {name} must be a number between {smallest} and {largest}, got {value!r}")
+    raise LiveHandError(f"{source}: {name} must be a number between {smallest} and {largest}, got {value!r}")

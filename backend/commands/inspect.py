@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from ..system.command import Command
 from ..system.json_file import parse_json
 from ..system.npz_file import read_npz
 from ..system.regular_file import is_file, is_folder
+
+if TYPE_CHECKING:
+    from ..surface.stored_surface import StoredSurface
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,18 +78,21 @@ def _motion_facts(path: Path) -> dict:
 
 
 def _avatar_facts(path: Path) -> dict:
-    from ..avatars.file import read_header
+    from ..avatars.file import read_header, read_surface_of
 
     header = read_header(path)
     provenance = header.get("provenance")
     capture = provenance.get("capture") if isinstance(provenance, dict) else None
-    return {"kind": "avatar", **header, **_skin_facts(capture)}
+    surface = _surface_facts(read_surface_of(path))
+    return {"kind": "avatar", **header, "surface": surface, **_skin_facts(capture)}
 
 
 def _capture_facts(folder: Path) -> dict:
+    from ..avatars.captured_surface import surface_of_capture
     from ..capture.capture import load_capture
 
     capture = load_capture(folder)
+    surface = surface_of_capture(capture)
     sizes = Counter("x".join(map(str, view.camera.size_px)) for view in capture.views)
     return {
         "kind": "capture",
@@ -97,8 +103,22 @@ def _capture_facts(folder: Path) -> dict:
         "splits": dict(Counter(view.split for view in capture.views)),
         "sizes_px": dict(sizes),
         "provenance": capture.provenance,
+        "surface": _surface_facts(surface),
         **_skin_facts(capture.provenance),
     }
+
+
+def _surface_facts(surface: StoredSurface | None) -> dict[str, Any] | None:
+    """The person's numbers, the arrays that are the surface's own, and how sure it is of them; None: no surface."""
+    if surface is None:
+        return None
+    own = {name: f"{values.dtype} {list(values.shape)}" for name, values in surface.arrays.items()}
+    facts = {**surface.description(), "own_arrays": own}
+    if "confidence" in surface.arrays:
+        confidence = surface.arrays["confidence"]
+        facts["confidence_mean"] = round(float(confidence.mean()) / 255, 4)
+        facts["share_seen"] = round(float((confidence > 0).mean()), 4)
+    return facts
 
 
 def _skin_facts(capture: Any) -> dict[str, bool]:

@@ -1,25 +1,27 @@
-"""Whose skin an avatar shows: that of people whom `livehand capture` made is known, its fine surface and its detail."""
+"""The surface of an avatar, ready to pose: its shape, its detail and its hairs."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 
 from ..avatars.avatar import Avatar
+from ..avatars.captured_surface import surface_of_capture
+from ..capture.capture import Capture
 from ..compute.reference import ReferenceBackend
 from ..geometry.local_rotation import LocalFrames
 from ..geometry.mesh import PosedMesh
-from ..hand.model import MIRROR_AXIS_ANGLE, HandModel
+from ..hand.model import MIRROR_AXIS_ANGLE
 from ..records.shot import HandPose
+from ..surface.base_surface import whole_surface
 from ..surface.detail_maps import DetailMaps, SkinLook
-from ..surface.detail_maps_file import SkinBend, load_skin_detail
+from ..surface.detail_maps_file import SkinBend, skin_detail_of
 from ..surface.fine_mesh import FineMesh, FineTemplate, motion_of_mesh
-from ..surface.fine_surface import FineSurface, load_fine_surface
-from ..surface.hair_growth import Hairs, HairySkin, grown_hairs
+from ..surface.fine_surface import FineSurface, fine_surface_of
+from ..surface.hair_growth import HairGrowth, Hairs, HairySkin, grown_hairs
 from ..surface.hairs import hair_albedo
+from ..surface.stored_surface import StoredSurface
 
 _ON_POSE_M = 1e-4  # a mesh that is nowhere farther from that of its pose is moved by it alone
 
@@ -34,6 +36,7 @@ class KnownSkin:
         surface: on which it lies.
         veins_mm: height of veins.
         hair_albedo: of hairs, RGB.
+        hair_growth: where hairs grow, and how.
     """
 
     maps: DetailMaps
@@ -41,6 +44,7 @@ class KnownSkin:
     surface: FineSurface
     veins_mm: float
     hair_albedo: tuple[float, ...]
+    hair_growth: HairGrowth
 
     def posed(
         self,
@@ -71,38 +75,39 @@ class KnownSkin:
         return backend.fine_mesh(template, motion, height, flex, mesh.scale)
 
 
-def hairs_on(template: FineTemplate, hand: HandModel) -> Hairs:
-    """The hairs, which serve both sides; template and hand are the right one's."""
-    tensors = template.rest_vertices(), template.normals, template.faces, template.bones.of_face
-    vertices, normals, faces, bone = (values.cpu().numpy() for values in tensors)
-    return grown_hairs(HairySkin(vertices, normals, faces, bone, hand.joints))
+def hairs_on(skin: KnownSkin, template: FineTemplate) -> Hairs:
+    """Grow the hairs, which serve both sides; the template is the right one's."""
+    tensors = template.rest_vertices(), template.normals, template.faces
+    return grown_hairs(HairySkin(*(values.cpu().numpy() for values in tensors)), skin.hair_growth)
 
 
 def skin_of(avatar: Avatar, device: torch.device) -> KnownSkin | None:
-    """The skin that the avatar was trained on; None: its capture showed another than the built-in one."""
-    return skin_of_capture(avatar.provenance.get("capture"), avatar.hand_sha256, device)
+    """The avatar's surface; None: it has none.
+
+    Raises:
+        LiveHandError: its base is another version's.
+    """
+    return None if avatar.surface is None else _known_skin(avatar.surface, device)
 
 
-def skin_of_capture(provenance: Any, hand_sha256: str, device: torch.device) -> KnownSkin | None:
-    """The same, by a capture's provenance and hand."""
-    person = _person(provenance)
-    if person is None:
-        return None
-    detail, surface = load_skin_detail(hand_sha256), load_fine_surface(hand_sha256)
-    if detail is None or surface is None:
-        return None
-    maps = DetailMaps.of(detail, person, device)
-    return KnownSkin(maps, detail.bend, surface, person.veins_mm, hair_albedo(person.melanin))
+def skin_of_capture(capture: Capture, device: torch.device) -> KnownSkin | None:
+    """The surface that a capture shows; None: it tells of none.
+
+    Raises:
+        LiveHandError: its file is missing or broken.
+    """
+    surface = surface_of_capture(capture)
+    return None if surface is None else _known_skin(surface, device)
 
 
-def _person(capture: Any) -> SkinLook | None:
-    """The person in a capture of the built-in skin, by its provenance."""
-    if not isinstance(capture, dict) or capture.get("made_by") != "livehand capture" or "look_sha256" in capture:
-        return None
-    plan = capture.get("plan")
-    person = plan.get("person") if isinstance(plan, dict) else None
-    if not isinstance(person, dict) or person.get("nail_polish") is not None:
-        return None
-    numbers = [person.get(name) for name in SkinLook._fields]
-    known = [float(value) for value in numbers if isinstance(value, int | float) and math.isfinite(value)]
-    return SkinLook(*known) if len(known) == len(numbers) else None
+def _known_skin(surface: StoredSurface, device: torch.device) -> KnownSkin:
+    arrays, person = whole_surface(surface).arrays, surface.person
+    detail = skin_detail_of(arrays)
+    return KnownSkin(
+        maps=DetailMaps.of(detail, SkinLook(person.melanin, person.folds, person.veins_mm), device),
+        bend=detail.bend,
+        surface=fine_surface_of(arrays),
+        veins_mm=person.veins_mm,
+        hair_albedo=hair_albedo(person.melanin),
+        hair_growth=HairGrowth(arrays["hair/share"], surface.hair),
+    )

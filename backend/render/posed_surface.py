@@ -127,7 +127,7 @@ class SurfacePoser:
     @cached_property
     def hairs(self) -> Hairs:
         """Of either hand."""
-        return hairs_on(self.levels("right").finest, self.hand.for_side("right"))
+        return hairs_on(self.skin, self.levels("right").finest)
 
     @cached_property
     def _levels(self) -> dict[Side, LevelsOfDetail]:

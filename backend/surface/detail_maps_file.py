@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ..hand.model_file import DEFAULT_HAND, builtin_hand_path, builtin_sha256
+from .base_surface import COARSE_FILE, FINE_FILE, SURFACE_FILE, base_arrays, has_base
 
 ATLAS_MM = 270.0
 """Side of the atlas on the skin."""
@@ -24,8 +23,6 @@ FULL_FLEX_RAD = float(np.deg2rad(65))
 """What counts as a bend of 1."""
 FLATTENED, DEEPENED_FROM, DEEPENED_BY = 0.72, 0.75, 0.5
 """What bending a joint by 1 takes from the folds on its back, and what it makes of the creases below."""
-FINE_FILE, COARSE_FILE = f"skin_of_{DEFAULT_HAND}.npz", f"coarse_skin_of_{DEFAULT_HAND}.npz"
-"""Beside the hand's own."""
 # Skin far from any joint moves with a share of the mean bend of the four knuckles.
 _KNUCKLES, _PALM_SHARE, _MOST_FLEX = (1, 4, 7, 10), 0.6, 1.3
 
@@ -88,31 +85,29 @@ class SkinDetail:
     bend: SkinBend
 
 
-def write_skin_maps(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write maps as `load_skin_detail` reads them."""
-    np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
-
-
 def load_skin_detail(hand_sha256: str) -> SkinDetail | None:
-    """The detail of the skin of a built-in hand; None: this hand has none."""
-    if hand_sha256 != builtin_sha256():
-        return None
-    beside = builtin_hand_path().with_name
-    with (
-        np.load(beside(FINE_FILE)) as fine,
-        np.load(beside(COARSE_FILE)) as coarse,
-    ):
-        bend = SkinBend(fine["joint"].astype(int), fine["flexion"])
-        nail, roughness = coarse["nail"] * np.float32(NAIL_STEP), coarse["roughness"] * np.float32(ROUGHNESS_STEP)
-        unresolved = coarse["unresolved"] * np.float32(SLOPE_STEP)
-        return SkinDetail(_maps(fine), _maps(coarse), nail, roughness, unresolved, bend)
+    """The detail of the base surface of a built-in hand; None: this hand has none."""
+    arrays = base_arrays(SURFACE_FILE, FINE_FILE, COARSE_FILE) if has_base(hand_sha256) else None
+    return None if arrays is None else skin_detail_of(arrays)
 
 
-def _maps(steps: Mapping[str, np.ndarray]) -> SkinMaps:
+def skin_detail_of(arrays: Mapping[str, np.ndarray]) -> SkinDetail:
+    """The detail of a surface's arrays (`stored_surface.ARRAYS`)."""
+    return SkinDetail(
+        fine=_maps(arrays, "fine"),
+        coarse=_maps(arrays, "coarse"),
+        nail=arrays["nail"] * np.float32(NAIL_STEP),
+        roughness=arrays["roughness"] * np.float32(ROUGHNESS_STEP),
+        unresolved=arrays["unresolved"] * np.float32(SLOPE_STEP),
+        bend=SkinBend(arrays["bend/joint"].astype(int), arrays["flexion"]),
+    )
+
+
+def _maps(steps: Mapping[str, np.ndarray], level: str) -> SkinMaps:
     return SkinMaps(
-        relief_mm=steps["relief"] * np.float32(RELIEF_STEP_MM),
-        dorsal=steps["dorsal"] * np.float32(FOLD_STEP),
-        palmar=steps["palmar"] * np.float32(FOLD_STEP),
-        pigment_light=steps["pigment_light"] * np.float32(PIGMENT_STEP),
-        pigment_deep=steps["pigment_deep"] * np.float32(PIGMENT_STEP),
+        relief_mm=steps[f"{level}/relief"] * np.float32(RELIEF_STEP_MM),
+        dorsal=steps[f"{level}/dorsal"] * np.float32(FOLD_STEP),
+        palmar=steps[f"{level}/palmar"] * np.float32(FOLD_STEP),
+        pigment_light=steps[f"{level}/pigment_light"] * np.float32(PIGMENT_STEP),
+        pigment_deep=steps[f"{level}/pigment_deep"] * np.float32(PIGMENT_STEP),
     )

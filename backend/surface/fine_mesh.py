@@ -21,6 +21,7 @@ from ..geometry.mesh import PosedMesh, vertex_normals
 from ..geometry.rasterise import NearestFronts, nearest_fronts, rasterise
 from ..hand.lbs import SkinMotion, SkinTensors
 from ..hand.model import MIRROR_POINT, HandModel
+from ..records.errors import LiveHandError
 from .fine_surface import LEVELS, FineSurface
 from .part_edges import SPREAD, PartEdges, SurfaceBones, SurfaceFragments
 
@@ -104,7 +105,11 @@ class FineTemplate(NamedTuple):
 
     @classmethod
     def of(cls, surface: FineSurface, model: HandModel, device: torch.device | str = "cpu") -> FineTemplate:
-        """The template of a hand of either side; the surface is that of the right hand."""
+        """The template of a hand of either side; the surface is that of the right hand.
+
+        Raises:
+            LiveHandError: the surface is of a mesh of another size.
+        """
         skin, faces, corner_uv, levels = SkinTensors.of(model, device), model.f, model.vt[model.ft], []
         rest, weights, coarse_faces = skin.v_template, skin.lbs_weights, faces
         for _ in range(LEVELS):
@@ -112,6 +117,11 @@ class FineTemplate(NamedTuple):
             levels.append(FinerField.of(step).to(device))
             rest, weights = levels[-1](rest), levels[-1](weights)
             coarse_faces, faces, corner_uv = faces, step.faces, split_corners(corner_uv)
+        if len(surface.offset_m) != len(rest):
+            raise LiveHandError(
+                f"the surface must have the {len(rest)} vertices of '{model.name}', twice subdivided, got "
+                f"{len(surface.offset_m)}; give the surface of this hand"
+            )
         mirror = torch.as_tensor(MIRROR_POINT if model.side == "left" else np.ones(3)).to(rest)
         offset, indices = torch.as_tensor(surface.offset_m).to(rest) * mirror, torch.as_tensor(faces, device=device)
         return cls(

@@ -1,23 +1,19 @@
-"""The hairs on the built-in hand and arm: where they grow, how long, which way; made from numbers, after anatomy.
+"""The hairs on a hand and arm, grown from densities: how long they are, and which way they lie.
 
-Palm, tips and thumb have none; the backs of the proximal phalanges have tufts, those of the middle ones few, the back
-of the hand a thin growth towards the little finger, and the forearm the most, on its back (`REGIONS`). They point away
-from the body and towards the little finger, a little above the skin, and curve down to it.
+Regions differ in length, thickness and direction (`REGIONS`). Hairs point away from the body and towards the little
+finger, a little above the skin, and curve down to it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-WRIST, PROXIMAL, MIDDLE = 0, (1, 4, 7, 10), (2, 5, 8, 11)
-"""Bones that bear hairs, MANO's numbers; the first moves the palm and the forearm."""
 SEED = 18
-# Along the template's x, m, which ends at the elbow: where the forearm's hairs begin, and where they are the most.
-_ARM_FROM_M, _ARM_ALL_M = 0.085, 0.125
 _SPREAD_RAD, _BEND_RAD = 0.35, 0.6  # deviations of directions on the skin, and of how far a hair bends aside
-_DISTAL, _DORSAL, _ULNAR = (-1.0, 0, 0), (0, 1.0, 0), (0, 0, -1.0)  # template frame, right hand
+_DISTAL, _ULNAR = (-1.0, 0, 0), (0, 0, -1.0)  # template frame, right hand
 
 
 class HairRegion(NamedTuple):
@@ -76,55 +72,37 @@ class HairySkin(NamedTuple):
     Attributes:
         vertices, normals: [V, 3] template metres.
         faces: [M, 3].
-        bone: [M] that moves a face most.
-        joints: [16, 3] MANO's.
     """
 
     vertices: np.ndarray
     normals: np.ndarray
     faces: np.ndarray
-    bone: np.ndarray
-    joints: np.ndarray
 
 
-def grown_hairs(skin: HairySkin) -> Hairs:
-    """The hairs of a hand; the same each time."""
+class HairGrowth(NamedTuple):
+    """Where hairs grow, and how.
+
+    Attributes:
+        share: [M, H] of each region's densest growth, on each face.
+        regions: H of them, by name.
+    """
+
+    share: np.ndarray
+    regions: Mapping[str, HairRegion]
+
+
+def grown_hairs(skin: HairySkin, growth: HairGrowth) -> Hairs:
+    """Grow the hairs of a hand; they are the same each time."""
     random, corners = np.random.default_rng(SEED), skin.vertices[skin.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area_m2 = np.linalg.norm(normal, axis=-1) / 2
     parts = []
-    for name, per_m2 in _densities(skin, corners.mean(1)).items():
+    for region, share in zip(growth.regions.values(), growth.share.T, strict=True):
+        per_m2 = region.per_m2 * share.astype(np.float64)
         face = np.repeat(np.arange(len(area_m2)), random.poisson(per_m2 * area_m2))
-        parts.append(_hairs_on(skin, face, REGIONS[name], random))
+        parts.append(_hairs_on(skin, face, region, random))
     order = random.permutation(sum(len(part.corners) for part in parts))
     return Hairs(*(np.concatenate(columns)[order] for columns in zip(*parts, strict=True)))
-
-
-def _densities(skin: HairySkin, middle: np.ndarray) -> dict[str, np.ndarray]:
-    """Hairs per m^2 of each face, region by region."""
-    normal = skin.normals[skin.faces].mean(1)
-    dorsal = normal @ np.array(_DORSAL)
-    on_palm = skin.bone == WRIST
-    arm = _step(middle[:, 0], _ARM_FROM_M, _ARM_ALL_M)
-    back = _step(dorsal, 0.5, 0.9) * _step(-middle[:, 2], -0.015, 0.03) * (1 - arm)
-    found = {
-        "forearm": on_palm * arm * (0.15 + 0.85 * _step(dorsal, -0.3, 0.5)),
-        "back": on_palm * back * _step(middle[:, 0], 0.01, 0.03),
-        "proximal": sum(_on_phalanx(skin, bone, middle, normal) for bone in PROXIMAL),
-        "middle": sum(_on_phalanx(skin, bone, middle, normal) for bone in MIDDLE),
-    }
-    return {name: REGIONS[name].per_m2 * share for name, share in found.items()}
-
-
-def _on_phalanx(skin: HairySkin, bone: int, middle: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The share of the most hairs that grow on each face: on the back of a phalanx, between its joints."""
-    along = skin.joints[bone + 1] - skin.joints[bone]
-    length_m = np.linalg.norm(along)
-    along = along / length_m
-    dorsal = np.array(_DORSAL) - along * along[1]
-    place = (middle - skin.joints[bone]) @ along / length_m
-    between = _step(place, 0.2, 0.4) * _step(-place, -0.9, -0.7)
-    return (skin.bone == bone) * between * _step(normal @ (dorsal / np.linalg.norm(dorsal)), 0.55, 0.9)
 
 
 def _hairs_on(skin: HairySkin, face: np.ndarray, region: HairRegion, random: np.random.Generator) -> Hairs:
@@ -149,9 +127,3 @@ def _hairs_on(skin: HairySkin, face: np.ndarray, region: HairRegion, random: np.
     axes = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0], normal], -1)
     rise, bend = (np.linalg.solve(axes, way[..., None])[..., 0] for way in (rise, curve))
     return Hairs(corners, weights, rise, bend, region.radius_m * random.uniform(0.7, 1.2, count))
-
-
-def _step(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """From 0 at `low` to 1 at `high`, smoothly."""
-    share = np.clip((values - low) / (high - low), 0, 1)
-    return share * share * (3 - 2 * share)

@@ -170,7 +170,7 @@ class LitTrainingViews(TrainingViews):
 
     @cached_property
     def _surface(self) -> SurfacePoser | None:
-        skin = skin_of_capture(self.capture.provenance, self.hand.sha256, self.device)
+        skin = skin_of_capture(self.capture, self.device)
         return None if skin is None else SurfacePoser(skin, self.hand, self.device, self.backend)
 
     def _met_hand(self, index: int, mesh: PosedMesh, camera: CameraTensors) -> HandInView:

@@ -27,13 +27,14 @@ def refined_poses(
 ) -> Correction:
     """The correction of poses, shape and surface; at the end the refined capture is written to `folder`.
 
-    If the surface is refined, the avatar belongs to the refined hand model.
+    If the surface is refined, the avatar belongs to the refined hand model, on which no other surface lies.
     """
     refinement = Refinement(capture, hand, config, device)
 
     def finish(avatar: Avatar) -> Avatar:
         refined = save_refined_capture(capture, refinement, hand, folder)
-        return replace(avatar, hand_name=refined.name, hand_sha256=refined.sha256)
+        surface = avatar.surface if refined.sha256 == hand.sha256 else None
+        return replace(avatar, hand_name=refined.name, hand_sha256=refined.sha256, surface=surface)
 
     return Correction(
         name="refinement",
@@ -63,7 +64,8 @@ def save_refined_capture(capture: Capture, refinement: Refinement, hand: HandMod
     refined = _refined_hand(refinement, hand, folder)
     provenance = {**capture.provenance, "refined_by": "livehand train"}
     poses, sha256 = refinement.poses(), refined.sha256
-    save_by_reference(replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses), folder)
+    told = replace(capture, hand_sha256=sha256, provenance=provenance, poses=poses)
+    save_by_reference(told if sha256 == hand.sha256 else replace(told, surface=None), folder)
     return refined
 
 
@@ -74,7 +76,10 @@ def save_by_reference(capture: Capture, folder: Path) -> None:
         with replacing(folder / mask) as temporary:
             shutil.copyfile(capture.folder / mask, temporary)
     views = tuple(replace(view, file=_relative_path(folder, capture.folder / view.file)) for view in capture.views)
-    save_capture_index(replace(capture, folder=folder, views=views))
+    surface = capture.surface
+    if surface is not None:
+        surface = surface._replace(file=_relative_path(folder, capture.folder / surface.file))
+    save_capture_index(replace(capture, folder=folder, views=views, surface=surface))
 
 
 def _relative_path(folder: Path, image: Path) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from torch import nn
 
 from ..avatars.avatar import Avatar, AvatarConfig, new_avatar
+from ..avatars.captured_surface import surface_of_capture
 from ..avatars.file import load_avatar
 from ..capture.capture import Capture
 from ..compute.precision import Precision
@@ -97,10 +98,11 @@ def initial_avatar(name: str, setup: TrainingSetup, seed: int) -> Avatar:
     """The avatar before the first step.
 
     Raises:
-        LiveHandError: the avatar to fine-tune has another hand or configuration.
+        LiveHandError: the avatar to fine-tune has another hand or configuration, or the capture's surface is broken.
     """
     hand, config = setup.hand, setup.avatar_config
-    avatar = replace(new_avatar(name, hand.name, hand.sha256, config, seed), sky=sky_of(setup.capture))
+    given = {"sky": sky_of(setup.capture), "surface": surface_of_capture(setup.capture)}
+    avatar = replace(new_avatar(name, hand.name, hand.sha256, config, seed), **given)
     if setup.base is None:
         return avatar
     base = setup.base.avatar
@@ -148,6 +150,8 @@ def run_identity(setup: TrainingSetup, config: TrainConfig, precision: Precision
     """Everything that determines the result; a checkpoint is resumed only by a run with the same identity."""
     corrections = {correction.name: [correction.learning_rate, correction.settings] for correction in setup.corrections}
     base, capture = setup.base.sha256 if setup.base else None, setup.capture.provenance
+    if setup.capture.surface is not None:
+        capture = {**capture, "surface_sha256": setup.capture.surface.sha256}
     settings = asdict(config), asdict(setup.avatar_config)
     return json.dumps([*settings, capture, view_count, precision, corrections, base])
 

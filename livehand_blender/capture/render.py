@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Protocol
@@ -11,13 +11,22 @@ import bpy
 from tqdm import tqdm
 
 from ...backend.batch.frame_file import is_finished
-from ...backend.capture.capture import Capture, CaptureView, index_document, save_capture_index
+from ...backend.capture.capture import (
+    Capture,
+    CaptureView,
+    SurfaceReference,
+    index_document,
+    save_capture_index,
+)
 from ...backend.capture.person import Person
 from ...backend.capture.plan import CapturePlan
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
 from ...backend.records.errors import LiveHandError
 from ...backend.records.shot import HandPose
+from ...backend.surface.base_surface import surface_of_person, whole_surface
+from ...backend.surface.stored_surface import StoredSurface
+from ...backend.surface.surface_file import surface_sha256, write_surface
 from ...backend.system.atomic_file import replacing
 from ...backend.teacher.detailed_surface import detailed_surface
 from ..scene.file_paths import output_path
@@ -27,6 +36,9 @@ from .own_surface import OwnSurface
 from .scene import capture_scene, set_camera
 from .skin import SkinTone, baked_material
 from .surface import SkinSurface
+
+SURFACE_FILE = "surface.npz"
+"""Of the surface that a capture shows, in its folder."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +78,10 @@ def render_capture(
     """
     subject = hand or load_default_hand()
     model = _model_of(subject)
-    capture = plan.make(folder, model, provenance)
-    _begin_or_resume(capture)
+    capture, surface = plan.make(folder, model, provenance), _surface_of(subject, plan.person)
+    if surface is not None:
+        capture = replace(capture, surface=SurfaceReference(SURFACE_FILE, surface_sha256(surface)))
+    _begin_or_resume(capture, surface)
     missing = [view for view in capture.views if not is_complete(folder / view.file, view)]
     if capture.is_lit:
         images = {_image_key(view) for view in missing}
@@ -75,6 +89,12 @@ def render_capture(
     if missing:
         render_views(capture, missing, plan, subject, threads)
     return capture
+
+
+def _surface_of(subject: DressedHand | HandModel, person: Person) -> StoredSurface | None:
+    """The surface that the capture will show, with all of its arrays; None: materials of its own are not known."""
+    known = None if isinstance(subject, DressedHand) else surface_of_person(person, subject.sha256)
+    return None if known is None else whole_surface(known)
 
 
 def render_views(
@@ -147,13 +167,15 @@ def is_complete(path: Path, view: CaptureView) -> bool:
     return is_complete_picture(path, size_px) if view.is_linear else is_finished(path, size_px)
 
 
-def _begin_or_resume(capture: Capture) -> None:
-    """Write the index, or check that the existing one is of the same capture."""
+def _begin_or_resume(capture: Capture, surface: StoredSurface | None) -> None:
+    """Write surface and index, or check that the existing index is of the same capture."""
     index = capture.folder / "transforms.json"
     previous = index.read_text() if index.is_file() else None
     try:
         (capture.folder / "images").mkdir(parents=True, exist_ok=True)
         if previous is None:
+            if surface is not None:
+                write_surface(capture.folder / SURFACE_FILE, surface)
             save_capture_index(capture)
     except OSError as error:
         raise LiveHandError(f"the capture folder {capture.folder} must be writable ({error})") from error

@@ -11,7 +11,7 @@ import pytest
 import torch
 from livehand.backend.avatars import file as avatar_module
 from livehand.backend.avatars.avatar import PRESETS, Avatar, AvatarConfig, new_avatar
-from livehand.backend.avatars.file import BAKED_VERSION, LIT_VERSION, load_avatar, read_header, save_avatar
+from livehand.backend.avatars.file import VERSION, load_avatar, read_header, save_avatar
 from livehand.backend.avatars.library import SKINS, avatar_path, shipped_avatar_path, shipped_skin
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
@@ -61,7 +61,7 @@ def test_round_trip(tmp_path, config):
 
 def test_the_header_describes_the_avatar(avatar, path):
     header = read_header(path)
-    assert header["format_version"] == BAKED_VERSION
+    assert header["format_version"] == VERSION
     assert header["provenance"] == avatar.provenance
     assert header["metrics"] == avatar.metrics
     assert header["config"]["sampler"] == asdict(SMALL.sampler)
@@ -130,6 +130,17 @@ def rewritten(path, change):
     save_file(tensors, path, metadata={"livehand": json.dumps(header)})
 
 
+def signed_anew(path, change):
+    """The file with its JSON entry changed, and the checksum that this makes right."""
+
+    def change_and_sign(header):
+        change(header)
+        header.pop("checksum")
+        header["checksum"] = avatar_module._checksum(header, load_file(path))
+
+    rewritten(path, change_and_sign)
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [("name", "eve"), ("hand_sha256", "cd" * 32), ("provenance", {}), ("metrics", {"psnr_full": 99.0})],
@@ -147,8 +158,8 @@ def test_an_altered_configuration_is_refused(path):
 
 
 def test_a_newer_version_is_refused(path):
-    rewritten(path, lambda header: header.update(format_version=LIT_VERSION + 1))
-    with pytest.raises(LiveHandError, match=f"or {LIT_VERSION}, got {LIT_VERSION + 1}; update LiveHand"):
+    rewritten(path, lambda header: header.update(format_version=VERSION + 1))
+    with pytest.raises(LiveHandError, match=f"format 1 to {VERSION}, got {VERSION + 1}; update LiveHand"):
         load_avatar(path)
 
 
@@ -230,19 +241,74 @@ def test_a_relightable_avatar_keeps_the_sky_of_its_capture(tmp_path):
     back = load_avatar(tmp_path / "a.safetensors")
     assert back.config == LIT
     assert np.array_equal(back.sky.radiance, radiance)
-    assert read_header(tmp_path / "a.safetensors")["format_version"] == LIT_VERSION
 
 
-def test_a_baked_avatars_file_is_as_earlier_versions_wrote_it(path):
-    header = read_header(path)
-    assert header["format_version"] == BAKED_VERSION
-    assert "light" not in header["config"]["field"]
-    assert load_avatar(path).sky is None
+def test_files_of_earlier_versions_are_read(avatar, path):
+    """Version 1 was written without the field's light, which was baked in."""
+
+    def earlier(header):
+        header["format_version"] = 1
+        del header["config"]["field"]["light"]
+
+    signed_anew(path, earlier)
+    assert read_header(path)["format_version"] == 1
+    back = load_avatar(path)
+    assert (back.config, back.surface, back.sky) == (SMALL, None, None)
+    assert states(back).keys() == states(avatar).keys()
+
+
+def test_planes_of_a_relightable_avatar_are_bytes_of_a_scale_a_channel(tmp_path):
+    made = new_avatar("ada", "hand", "ab" * 32, LIT, seed=3)
+    with torch.no_grad():
+        made.field.planes[0].table[:, 1] = 0
+        made.field.planes[0].table[:, 0] *= 100
+    save_avatar(made, tmp_path / "a.safetensors")
+    stored, expected = load_file(tmp_path / "a.safetensors"), states(made)
+    tables = {key for key in expected if key.endswith(".table")}
+    assert {key for key, value in stored.items() if value.dtype == torch.int8} == {f"field.{key}" for key in tables}
+    back = load_avatar(tmp_path / "a.safetensors")
+    for key, value in states(back).items():
+        if key not in tables:
+            assert torch.equal(value, expected[key].half().float())
+            continue
+        largest = expected[key].abs().amax(0)
+        off = (value - expected[key]).abs().amax(0)
+        assert (off <= 1.001 * largest / 254).all()
+        assert (off[largest > 0] > 0.9 * largest[largest > 0] / 254).all()
+    assert (back.field.planes[0].table[:, 1] == 0).all()
+    save_avatar(back, tmp_path / "b.safetensors")
+    assert (tmp_path / "b.safetensors").read_bytes() == (tmp_path / "a.safetensors").read_bytes()
+
+
+def without_scale(tensors):
+    del tensors["field.planes.0.table.scale"]
+
+
+def of_other_channels(tensors):
+    tensors["field.planes.0.table.scale"] = torch.ones(3)
+
+
+def of_half(tensors):
+    tensors["field.planes.0.table.scale"] = tensors["field.planes.0.table.scale"].half()
+
+
+@pytest.mark.parametrize("break_it", [without_scale, of_other_channels, of_half])
+def test_planes_without_their_scale_are_refused(tmp_path, break_it):
+    path = tmp_path / "a.safetensors"
+    save_avatar(new_avatar("ada", "hand", "ab" * 32, LIT), path)
+    header, tensors = read_header(path), load_file(path)
+    break_it(tensors)
+    header["checksum"] = avatar_module._checksum(header, tensors)
+    save_file(tensors, path, metadata={"livehand": json.dumps(header)})
+    with pytest.raises(LiveHandError, match=r"field\.planes\.0\.table .* must have a scale of float32 for each"):
+        load_avatar(path)
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf])
-def test_weights_that_are_not_finite_are_refused(avatar, path, value):
+@pytest.mark.parametrize("config", [SMALL, LIT], ids=["baked", "relightable"])
+def test_weights_that_are_not_finite_are_refused(tmp_path, config, value):
     """With a right checksum; such an avatar would render empty frames."""
+    avatar, path = new_avatar("ada", "hand", "ab" * 32, config), tmp_path / "ada.safetensors"
     with torch.no_grad():
         next(avatar.field.parameters()).view(-1)[0] = value
     save_avatar(avatar, path)

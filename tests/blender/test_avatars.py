@@ -108,7 +108,7 @@ def test_facts_describe_the_avatar(my_folder):
 
 def of_person(avatar, beta):
     capture = {"made_by": "livehand capture", "plan": {"person": {"beta": beta}}}
-    return replace(avatar, provenance={**avatar.provenance, "capture": capture})
+    return replace(avatar, provenance={**avatar.provenance, "capture": capture}, surface=None)
 
 
 def test_a_hand_gets_the_shape_of_its_avatars_person(right_hand, tmp_path):

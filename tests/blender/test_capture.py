@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from livehand.backend.avatars.captured_surface import surface_of_capture
 from livehand.backend.capture.capture import load_capture
 from livehand.backend.capture.person import PERSONS, Person
 from livehand.backend.capture.plan import CapturePlan
@@ -22,13 +23,14 @@ from livehand.backend.hand.model_file import load_default_hand, load_hand_model
 from livehand.backend.records.camera import Camera, look_at
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
+from livehand.backend.surface.base_surface import base_arrays
 from livehand.backend.surface.skin_version import is_current_skin
 from livehand.backend.teacher.detailed_surface import detailed_surface
 from livehand.livehand_blender.capture import command
 from livehand.livehand_blender.capture import render as capture_render
 from livehand.livehand_blender.capture.bake import bake_skin
 from livehand.livehand_blender.capture.node_graph import NodeGraph, enable_nodes
-from livehand.livehand_blender.capture.render import is_complete, render_capture
+from livehand.livehand_blender.capture.render import DressedHand, is_complete, render_capture
 from livehand.livehand_blender.capture.scene import capture_scene, set_camera
 from livehand.livehand_blender.capture.skin import SkinChannels, SkinTone, shade
 from livehand.livehand_blender.capture.surface import SkinSurface, crossing
@@ -300,6 +302,20 @@ def test_a_tiny_capture_reads_back_and_shows_the_hand(tiny, right_hand):
         assert red > green > blue > 0.05
         assert image[..., :3][image[..., 3] == 0].max(initial=0) == 0
     assert not list(tiny.glob("images/*partial*"))
+
+
+def test_a_capture_has_the_surface_of_its_person(tiny, hand):
+    capture = load_capture(tiny)
+    surface = surface_of_capture(capture)
+    assert (surface.person, surface.hand_sha256, surface.base) == (TINY.person, hand.sha256, None)
+    assert surface.arrays.keys() == base_arrays().keys()
+
+
+def test_painted_nails_and_materials_of_ones_own_have_no_known_surface(tmp_path, no_renders, hand):
+    painted = replace(TINY, person=Person(nail_polish=(0.5, 0.0, 0.0)))
+    for name, plan, subject in (("painted", painted, hand), ("own", TINY, DressedHand(hand, None))):
+        capture = render_capture(tmp_path / name, plan, {"made_by": "test"}, hand=subject)
+        assert (capture.surface, (tmp_path / name / "surface.npz").exists()) == (None, False)
 
 
 def test_a_complete_capture_is_not_rendered_again(tiny, no_renders):

@@ -116,7 +116,7 @@ def my_hand(folder):
 
 def test_a_hand_of_ones_own_is_rendered_by_its_own_avatar(gestures, tmp_path):
     hand = my_hand(tmp_path)
-    avatar = replace(load_avatar(), provenance={})  # of nobody known: the built-in skin's detail is not another hand's
+    avatar = replace(load_avatar(), surface=None)  # that of the built-in hand is not another hand's
     save_avatar(avatar, tmp_path / "stranger.safetensors")
     save_avatar(replace(avatar, hand_sha256=load_hand_model(hand).sha256), tmp_path / "mine.safetensors")
     for folder, arguments in (

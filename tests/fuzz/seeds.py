@@ -7,7 +7,7 @@ import json
 import pickle
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from livehand.backend.capture.exr import read_exr, write_exr
 from livehand.backend.capture.importers.interhand import read_cameras, read_fits, read_images
 from livehand.backend.capture.importers.transforms import read_pose_table
 from livehand.backend.capture.importers.transforms_capture import import_transforms
+from livehand.backend.capture.person import Person
 from livehand.backend.capture.picture import read_mask, read_picture
 from livehand.backend.capture.split import FrameSplit, load_split, split_document
 from livehand.backend.commands.inspect import inspect
@@ -45,6 +46,8 @@ from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
 from livehand.backend.research.baselines.weights_file import load_network, save_method
 from livehand.backend.research.comparison.grid import load_pictures, save_pictures
+from livehand.backend.surface.base_surface import surface_of_person
+from livehand.backend.surface.surface_file import read_surface, write_surface
 from livehand.backend.system.command import parse_size_px
 from livehand.backend.system.json_file import read_json
 from livehand.backend.tracking import sighted_take, video
@@ -234,13 +237,34 @@ def _tensors(raw):
 
 
 def avatar_seeds():
-    config = AvatarConfig(
-        FieldConfig(width=8, density_width=4, planes=((4, 1, 2),), relief=4), SuperResConfig(width=4, depth=1)
-    )
-    avatar_files.save_avatar(new_avatar("a", HAND.name, HAND.sha256, config), Path("seed.safetensors"))
-    raw = Path("seed.safetensors").read_bytes()
-    yield Seed("avatar", "a.safetensors", raw, avatar_files.load_avatar, changed_header)
-    yield Seed("avatar, metadata", "a.safetensors", raw, read_metadata, changed_header)
+    """One with baked light, one with byte planes that shares the base surface, one that has arrays of its own."""
+    baked = FieldConfig(width=8, density_width=4, planes=((4, 1, 2),), relief=4)
+    config = AvatarConfig(baked, SuperResConfig(width=4, depth=1))
+    lit = AvatarConfig(replace(baked, light="linear"), SuperResConfig(kind="lit", width=4, depth=1))
+    shared = surface_of_person(Person(melanin=0.5), HAND.sha256)
+    for avatar_config, surface in ((config, None), (lit, shared), (lit, replace(shared, arrays=_own_arrays()))):
+        made = new_avatar("a", HAND.name, HAND.sha256, avatar_config)
+        avatar_files.save_avatar(replace(made, surface=surface), Path("seed.safetensors"))
+        raw = Path("seed.safetensors").read_bytes()
+        yield Seed("avatar", "a.safetensors", raw, read_avatar_and_surface, changed_header)
+        yield Seed("avatar, metadata", "a.safetensors", raw, read_metadata, changed_header)
+    for surface in (shared, replace(shared, arrays=_own_arrays())):
+        write_surface(Path("surface.npz"), surface)
+        yield Seed("surface", "surface.npz", Path("surface.npz").read_bytes(), read_surface, mutated_npz)
+
+
+def read_avatar_and_surface(path):
+    """As a renderer does, but for the base's arrays, which are the same in every file."""
+    avatar = avatar_files.load_avatar(path)
+    if avatar.surface is not None:
+        inspect(path)
+
+
+def _own_arrays():
+    rng = np.random.default_rng(0)
+    maps = {f"fine/{name}": rng.integers(-9, 9, (64, 64)).astype(np.int8) for name in ("relief", "dorsal")}
+    forms = {"form/joint": np.arange(3, dtype=np.int8), "form/range_deg": np.float32([[0, 9], [9, 20], [0, -9]])}
+    return {**maps, **forms, "confidence": rng.integers(0, 255, (8, 8)).astype(np.uint8)}
 
 
 def capture_seeds():

@@ -1,21 +1,29 @@
-"""Which avatars show a skin that is known, and where its surface lies."""
+"""The surface of an avatar, ready to pose; and that nothing but the avatar's surface decides whether it has one."""
 
+import ast
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from livehand.backend import render
 from livehand.backend.avatars.file import load_avatar
 from livehand.backend.avatars.library import avatar_path
+from livehand.backend.capture.person import Person
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.geometry.mesh import posed_mesh
 from livehand.backend.hand.lbs import posed_vertices, skin_motion
 from livehand.backend.hand.topology import topology_of
+from livehand.backend.records.errors import LiveHandError
 from livehand.backend.records.shot import HandPose
-from livehand.backend.render.known_skin import skin_of
+from livehand.backend.render.known_skin import hairs_on, skin_of
+from livehand.backend.surface.base_surface import base_arrays, surface_of_person
 from livehand.backend.surface.fine_mesh import FineTemplate, fine_mesh
 
 CPU = torch.device("cpu")
+# Goes with Rough Relighting, which asks for the light that is baked into an avatar.
+STILL_READS_PROVENANCE = {"rough_light.py"}
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +31,33 @@ def avatar():
     return load_avatar()
 
 
-def of_person(avatar, capture):
-    return skin_of(replace(avatar, provenance={"capture": capture}), CPU)
+def of_person(avatar, hand, **numbers):
+    return skin_of(replace(avatar, surface=surface_of_person(Person(**numbers), hand.sha256)), CPU)
+
+
+def reads_of_provenance(source):
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Attribute | ast.Constant)
+        and "provenance" in (getattr(node, "attr", None), getattr(node, "value", None))
+    ]
+
+
+def test_no_provenance_decides_rendering():
+    files = {path.name: path.read_text(encoding="utf-8") for path in Path(render.__file__).parent.glob("**/*.py")}
+    assert len(files) > 20
+    assert {name for name, source in files.items() if reads_of_provenance(source)} <= STILL_READS_PROVENANCE
+
+
+def test_a_read_of_provenance_is_found():
+    assert reads_of_provenance("x = avatar.provenance.get('capture')") == [1]
+    assert reads_of_provenance("x = getattr(avatar, 'provenance')") == [1]
+
+
+def test_known_is_what_has_a_surface(avatar):
+    assert skin_of(replace(avatar, provenance={}), CPU) is not None
+    assert skin_of(replace(avatar, surface=None), CPU) is None
 
 
 def test_the_avatars_that_ship_have_their_persons_detail():
@@ -32,44 +65,34 @@ def test_the_avatars_that_ship_have_their_persons_detail():
     assert not torch.equal(tables["light"], tables["deep"])
 
 
-@pytest.mark.parametrize(
-    "capture",
-    [
-        None,
-        {"made_by": "livehand import", "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2}}},
-        {"made_by": "livehand capture", "plan": {"tone": "light"}},
-        {
-            "made_by": "livehand capture",
-            "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2}},
-            "look_sha256": None,
-        },
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": "a", "folds": 1.0, "veins_mm": 0.2}}},
-        {"made_by": "livehand capture", "plan": {"person": {"melanin": float("nan"), "folds": 1.0, "veins_mm": 0.2}}},
-        {
-            "made_by": "livehand capture",
-            "plan": {"person": {"melanin": 0.0, "folds": 1.0, "veins_mm": 0.2, "nail_polish": [1, 0, 0]}},
-        },
-    ],
-)
-def test_another_skin_has_none(avatar, capture):
-    assert of_person(avatar, capture) is None
-
-
-def test_an_avatar_of_another_hand_has_none(avatar):
-    assert skin_of(replace(avatar, hand_sha256="0" * 64), CPU) is None
-
-
-def test_deeper_folds_are_steeper(avatar):
-    young, old = (
-        of_person(
-            avatar,
-            {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.0, "folds": folds, "veins_mm": 0.0}}},
-        ).maps
-        for folds in (0.7, 1.4)
-    )
+def test_deeper_folds_are_steeper(avatar, hand):
+    young, old = (of_person(avatar, hand, folds=folds, veins_mm=0.0).maps for folds in (0.7, 1.4))
     slopes = [maps.table[:, 2:6].float().abs().mean().item() for maps in (young, old)]
     assert slopes[1] == pytest.approx(2 * slopes[0], rel=0.1)
     assert np.isfinite(slopes).all()
+
+
+def test_maps_offsets_and_hairs_are_those_of_the_avatars_file(avatar, hand):
+    """An avatar's own arrays are rendered, and not the base's."""
+    base = base_arrays()
+    own = {
+        "offset": base["offset"] + np.int16(100),
+        "nail": np.full_like(base["nail"], 100),
+        "hair/share": np.where(np.arange(4) == 1, base["hair/share"], np.float32(0)),
+    }
+    skin, known = skin_of(replace(avatar, surface=replace(avatar.surface, arrays=own)), CPU), skin_of(avatar, CPU)
+    assert (skin.surface.offset_m - known.surface.offset_m) == pytest.approx(1e-4, abs=1e-6)
+    assert (skin.maps.table[:, 9] == 100).all()
+    assert torch.equal(skin.maps.table[:, :2], known.maps.table[:, :2])
+    template = FineTemplate.of(known.surface, hand)
+    of_back, of_all = (len(hairs_on(one, template).corners) for one in (skin, known))
+    assert 0 < of_back < 0.3 * of_all
+
+
+def test_a_surface_that_does_not_fit_the_mesh_is_refused(avatar, hand):
+    surface = skin_of(avatar, CPU).surface
+    with pytest.raises(LiveHandError, match=r"the surface must have the 30674 vertices of .* got 30673"):
+        FineTemplate.of(replace(surface, offset_m=surface.offset_m[:-1]), hand)
 
 
 def test_the_surface_follows_the_pose_and_else_the_mesh(avatar, hand):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.avatar import AvatarConfig, new_avatar
+from livehand.backend.capture.person import Person
 from livehand.backend.compute.reference import ReferenceBackend
 from livehand.backend.field.field import FieldConfig
 from livehand.backend.field.sampler import SamplerConfig
@@ -21,6 +22,7 @@ from livehand.backend.records.shot import HandPose, Shot
 from livehand.backend.render.primary_hits import HitSurface
 from livehand.backend.render.renderer import Renderer
 from livehand.backend.render.surface_maps import surface_maps
+from livehand.backend.surface.base_surface import surface_of_person
 
 pytestmark = pytest.mark.slow
 
@@ -49,8 +51,8 @@ LIGHT = Light((KEY, FILL), SKY)
 @pytest.fixture(scope="module")
 def renderer(hand):
     avatar = new_avatar("untrained", hand.name, hand.sha256, SMALL)
-    person = {"made_by": "livehand capture", "plan": {"person": {"melanin": 0.2, "folds": 1.2, "veins_mm": 0.3}}}
-    avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)), provenance={"capture": person})
+    surface = surface_of_person(Person(melanin=0.2, folds=1.2, veins_mm=0.3), hand.sha256)
+    avatar = replace(avatar, sky=Sky(np.full((4, 8, 3), 0.25)), surface=surface)
     return Renderer(avatar, hand, "cpu")
 
 

@@ -9,7 +9,6 @@ from livehand.backend.surface.detail_maps_file import (
     FULL_FLEX_RAD,
     WIDEST_MM,
     load_skin_detail,
-    write_skin_maps,
 )
 from livehand.tools.builtin_hand import TEMPLATE
 
@@ -80,10 +79,3 @@ def test_every_vertex_has_a_joint_of_its_own_hand(hand, detail):
 def test_other_hands_have_no_known_detail():
     assert load_skin_detail(load_hand_model(TEMPLATE).sha256) is None
     assert load_skin_detail("0" * 64) is None
-
-
-def test_files_are_read_as_written(tmp_path):
-    path = tmp_path / "skin.npz"
-    write_skin_maps(path, {"relief": np.full((4, 4), 3, np.int8)})
-    with np.load(path) as arrays:
-        assert (arrays["relief"] == 3).all()

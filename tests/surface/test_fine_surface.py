@@ -45,7 +45,7 @@ def test_the_file_that_ships_is_the_generator_s(hand, shipped):
 
 def test_the_file_s_steps_are_small(hand, shipped):
     again = surface_arrays(shipped)
-    np.testing.assert_allclose(again["height"][0] * HEIGHT_STEP_MM, shipped.raised.forms[0].height_mm, atol=1e-6)
+    np.testing.assert_allclose(again["form/height"][0] * HEIGHT_STEP_MM, shipped.raised.forms[0].height_mm, atol=1e-6)
     np.testing.assert_allclose(again["vein"] * VEIN_STEP, shipped.raised.vein, atol=1e-6)
     assert np.abs(again["offset"]).max() < np.iinfo(np.int16).max
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from livehand.backend.render.known_skin import hairs_on
+from livehand.backend.surface.base_surface import HAIR_FILE, base_arrays
 from livehand.backend.surface.fine_mesh import FineTemplate
 from livehand.backend.surface.fine_surface import load_fine_surface
-from livehand.backend.surface.hair_growth import MIDDLE, PROXIMAL, REGIONS, WRIST
+from livehand.backend.surface.hair_growth import REGIONS, HairGrowth, HairySkin, grown_hairs
+from livehand.tools.builtin_hand.hair_shares import MIDDLE, PROXIMAL, WRIST, hair_shares
 
 
 @pytest.fixture(scope="module")
@@ -14,9 +15,33 @@ def template(hand):
 
 
 @pytest.fixture(scope="module")
-def grown(hand, template):
+def growth():
+    return HairGrowth(base_arrays(HAIR_FILE)["hair/share"], REGIONS)
+
+
+def hairs_on(template, growth):
+    tensors = template.rest_vertices(), template.normals, template.faces
+    return grown_hairs(HairySkin(*(values.numpy() for values in tensors)), growth)
+
+
+def test_the_file_that_ships_is_the_generator_s(hand, template, growth):
+    np.testing.assert_array_equal(hair_shares(template, hand), growth.share)
+
+
+def test_regions_grow_as_dense_as_they_are_told(template, growth):
+    half = {name: region._replace(per_m2=region.per_m2 / 2) for name, region in REGIONS.items()}
+    none = {name: region._replace(per_m2=0.0) for name, region in REGIONS.items()}
+    whole, halved, bare = (
+        len(hairs_on(template, growth._replace(regions=regions)).corners) for regions in (REGIONS, half, none)
+    )
+    assert halved == pytest.approx(whole / 2, rel=0.06)
+    assert bare == 0
+
+
+@pytest.fixture(scope="module")
+def grown(template, growth):
     """Hairs, and of each: bone, root, normal, rise and bend, m."""
-    hairs = hairs_on(template, hand)
+    hairs = hairs_on(template, growth)
     places, normals = (values.numpy()[hairs.corners] for values in (template.rest_vertices(), template.normals))
     normal = (normals * hairs.weights[..., None]).sum(1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -78,10 +103,10 @@ def test_weights_are_inside_faces_and_evenly_spread(grown):
     np.testing.assert_allclose(weights.mean(0), 1 / 3, atol=0.02)
 
 
-def test_the_first_of_them_are_a_fair_sample_and_always_the_same(grown, hand, template):
+def test_the_first_of_them_are_a_fair_sample_and_always_the_same(grown, growth, template):
     hairs, bone, _, _, _, _ = grown
     quarter = hairs.first(0.25)
     assert len(quarter.corners) == round(0.25 * len(hairs.corners))
     assert (bone[: len(quarter.corners)] == WRIST).mean() == pytest.approx((bone == WRIST).mean(), abs=0.04)
-    for first, again in zip(quarter, hairs_on(template, hand), strict=True):
+    for first, again in zip(quarter, hairs_on(template, growth), strict=True):
         np.testing.assert_array_equal(first, again[: len(first)])

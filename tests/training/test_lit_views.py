@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.avatar import new_avatar
-from livehand.backend.capture.capture import Capture, save_capture_index
+from livehand.backend.capture.capture import Capture, SurfaceReference, save_capture_index
 from livehand.backend.capture.exr import write_exr
 from livehand.backend.capture.lights import CaptureLight
 from livehand.backend.evaluation.summary import summary
@@ -21,6 +21,8 @@ from livehand.backend.records.shot import Shot
 from livehand.backend.render import gbuffer
 from livehand.backend.render.posed_surface import SurfacePixels
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.surface.base_surface import surface_of_person
+from livehand.backend.surface.surface_file import surface_sha256, write_surface
 from livehand.backend.training.config import LossConfig, TrainConfig
 from livehand.backend.training.lit_views import LitTrainingViews, exposure_of, group_weights, mixed
 from livehand.backend.training.loop import Training, train
@@ -108,9 +110,10 @@ def test_an_image_whose_light_is_not_known_is_refused(lit_capture, hand, small, 
 
 @pytest.fixture
 def known_skin_views(lit_capture, hand, small, cpu):
-    """Of a capture that says whose skin it shows."""
-    person = {"melanin": 0.2, "folds": 1.0, "veins_mm": 0.2}
-    known = replace(lit_capture, provenance={"made_by": "livehand capture", "plan": {"person": person}})
+    """Of a capture that has the surface of its hand."""
+    surface = surface_of_person(Person(melanin=0.2, folds=1.0, veins_mm=0.2), hand.sha256)
+    write_surface(lit_capture.folder / "surface.npz", surface)
+    known = replace(lit_capture, surface=SurfaceReference("surface.npz", surface_sha256(surface)))
     return LitTrainingViews(known, known.of_split("train"), hand, small.sampler, cpu, 0)
 
 

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 import torch
 from livehand.backend.avatars.file import load_avatar
+from livehand.backend.capture.capture import SurfaceReference
+from livehand.backend.capture.person import Person
 from livehand.backend.records.errors import LiveHandError
 from livehand.backend.render.renderer import Renderer
+from livehand.backend.surface.base_surface import surface_of_person
+from livehand.backend.surface.surface_file import surface_sha256, write_surface
 from livehand.backend.training.clock import Clock, Interval
 from livehand.backend.training.config import ReportConfig, TrainConfig
 from livehand.backend.training.loop import train
@@ -150,12 +154,16 @@ def test_the_end_of_training_is_previewed_with_the_average(setup, compute, paint
 
 
 def test_previews_show_the_skin_of_the_capture(setup, compute, tmp_path, monkeypatch):
-    """A renderer finds it by the avatar's provenance: without, previews are of the coarse mesh, by 10 dB worse."""
-    seen = []
-    monkeypatch.setattr(HeldOutPreview, "render", lambda _self, avatar: seen.append(avatar.provenance["capture"]))
+    """Without the avatar's surface, previews are of the coarse mesh, by 10 dB worse."""
+    surface, seen = surface_of_person(Person(melanin=0.3), setup.hand.sha256), []
+    write_surface(tmp_path / "surface.npz", surface)
+    reference = SurfaceReference(str(tmp_path / "surface.npz"), surface_sha256(surface))
+    shown = replace(setup, capture=replace(setup.capture, surface=reference))
+    monkeypatch.setattr(HeldOutPreview, "render", lambda _self, avatar: seen.append(avatar.surface))
     often = ReportConfig(preview_minutes=1e-9, log_every=1)
-    train(setup, TrainConfig(steps=2, warmup_steps=1), tmp_path / "a.safetensors", compute, often)
-    assert seen == [setup.capture.provenance] * 3
+    train(shown, TrainConfig(steps=2, warmup_steps=1), tmp_path / "a.safetensors", compute, often)
+    assert seen == [surface] * 3
+    assert load_avatar(tmp_path / "a.safetensors").surface == surface
 
 
 def test_previews_do_not_change_the_result(setup, compute, tmp_path, lines, weights_of):

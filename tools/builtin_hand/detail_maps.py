@@ -18,11 +18,10 @@ import numpy as np
 from ...backend.capture.person import PERSONS, Person
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
+from ...backend.surface.base_surface import COARSE_FILE, FINE_FILE
 from ...backend.surface.detail_maps_file import (
     ATLAS_MM,
-    COARSE_FILE,
     COARSEST_MM,
-    FINE_FILE,
     FOLD_STEP,
     NAIL_STEP,
     PIGMENT_STEP,
@@ -30,8 +29,8 @@ from ...backend.surface.detail_maps_file import (
     ROUGHNESS_STEP,
     SLOPE_STEP,
     WIDEST_MM,
-    write_skin_maps,
 )
+from ...backend.system.npz_file import npz_bytes
 from ...backend.teacher.dependencies import needs
 from ...backend.teacher.detailed_surface import DetailedSurface, detailed_surface
 from ...livehand_blender.capture.bake import bake_mask, bake_skin
@@ -87,7 +86,7 @@ def skin_detail_arrays(
     coarsest, widest = COARSEST_MM / texel_mm, WIDEST_MM / texel_mm
     maps = _maps(light, deep)
     surface = detailed_surface(model, levels=0)
-    bend = {"joint": surface.masks["jid"].astype(np.int8), "flexion": surface.flex_axis.astype(np.float32)}
+    bend = {"joint": surface.masks["jid"].astype(np.int8)}
     fine = {name: fine_part(values, is_skin, coarsest) for name, values in maps.items()}
     coarse = {name: coarse_part(values, is_skin, coarsest, widest) for name, values in maps.items()}
     nail = _steps(nail_part(light["nailrim"][..., 0], is_skin), NAIL_STEP)
@@ -160,8 +159,8 @@ def main() -> None:
     surface = detailed_surface(model)
     fine, coarse = skin_detail_arrays(model, _baked(model, surface, _LIGHT), _baked(model, surface, _DEEP))
     coarse["unresolved"] = _steps(unresolved_slopes(model, surface, 2 * len(coarse["nail"])), SLOPE_STEP)
-    write_skin_maps(folder / FINE_FILE, fine)
-    write_skin_maps(folder / COARSE_FILE, coarse)
+    (folder / FINE_FILE).write_bytes(npz_bytes(fine))
+    (folder / COARSE_FILE).write_bytes(npz_bytes(coarse))
 
 
 if __name__ == "__main__":

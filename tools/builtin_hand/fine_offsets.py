@@ -9,12 +9,12 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from ...backend.hand.model import HandModel
 from ...backend.hand.model_file import load_default_hand
-from ...backend.surface.fine_surface import FILE, LEVELS, FineSurface, surface_arrays
+from ...backend.surface.base_surface import SURFACE_FILE, file_arrays
+from ...backend.surface.fine_surface import LEVELS, FineSurface, surface_arrays
 from ...backend.surface.raised_skin import RaisedSkin
+from ...backend.system.npz_file import npz_bytes
 from ...backend.teacher.detailed_surface import DetailedSurface, detailed_surface
 from ...backend.teacher.loop import neighbour_mean, subdivide
 
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="where to write it")
     folder, model = parser.parse_args().folder, load_default_hand()
     arrays = surface_arrays(fine_surface(model, detailed_surface(model)))
-    np.savez_compressed(folder / FILE, **arrays)  # pyright: ignore[reportArgumentType]
+    (folder / SURFACE_FILE).write_bytes(npz_bytes(file_arrays(SURFACE_FILE, arrays)))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""Made the files of the avatars that ship."""
