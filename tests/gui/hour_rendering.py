@@ -14,7 +14,7 @@ FILM_FRAMES = 48
 AVATAR_S = 80  # the first use compiles kernels
 MIN_COVERAGE = 0.03  # of each half of a frame by a hand
 # From the corner of the tab; the second once the first is gone, and the tab says that the hands are dark.
-RENDER_BUTTON, STUDIO_BUTTON = (130, 74), (130, 325)
+RENDER_BUTTON, STUDIO_BUTTON = (130, 74), (130, 299)
 
 
 def aim_the_camera(report):
