@@ -114,15 +114,10 @@ def render_the_film(report):
     changes = [np.abs(one - other) for one, other in itertools.pairwise(alphas)]
     moved = [[np.mean([half.mean() > 1e-4 for half in np.array_split(change, 2, 1)]) for change in changes]]
     report.check(np.mean(moved) > 0.9, "a hand stands still in the film")
-    shown = [str(files[index]) for index in range(3, FILM_FRAMES, 8)]
-    sheet = [*rows_of(shown), "-append", "-background", "#303030", "-flatten", "-resize", "900x", "-quality", "88"]
-    subprocess.run(["convert", *sheet, str(OUT / "17_film.jpg")], check=True)
-
-
-def rows_of(files):
-    """ImageMagick's arguments for two rows of the frames' middle parts."""
-    middle = ["-gravity", "center", "-crop", "700x440+0+0", "+repage", "+append"]
-    return ["(", *files[:3], *middle, ")", "(", *files[3:], *middle, ")"]
+    shown = [str(files[index]) for index in range(3, FILM_FRAMES - 8, 8)]
+    row = [*shown, "-gravity", "center", "-crop", "600x540+0+0", "+repage", "+append"]
+    look = ["-background", "#303030", "-flatten", "-resize", "1100x", "-quality", "88"]
+    subprocess.run(["convert", *row, *look, str(OUT / "17_film.jpg")], check=True)
 
 
 def both_halves(mask):
