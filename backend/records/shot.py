@@ -49,11 +49,11 @@ class HandPose:
 
     @classmethod
     def rest(cls, side: Side = "right") -> HandPose:
-        """The template's pose and shape, at the origin."""
+        """Return the template's pose and shape, at the origin."""
         return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
 
     def mirrored(self) -> HandPose:
-        """The same pose of the other hand, mirrored at the plane x = 0 of the hand's own space."""
+        """Mirror the pose for the other hand, at the plane x = 0 of the hand's own space."""
         side: Side = "left" if self.side == "right" else "right"
         return replace(
             self,
@@ -101,5 +101,5 @@ class Shot:
             raise LiveHandError(f"the hand's hair must be a share from 0 to 1, got {self.hair}")
 
     def with_camera(self, camera: Camera) -> Shot:
-        """The same hand from another view."""
+        """Show the same hand from another view."""
         return replace(self, camera=camera)
