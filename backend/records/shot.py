@@ -52,11 +52,11 @@ class HandPose:
 
     @classmethod
     def rest(cls, side: Side = "right") -> HandPose:
-        """The template's pose and shape, at the origin."""
+        """Return the template's pose and shape, at the origin."""
         return cls(np.zeros((16, 3)), np.zeros(10), np.zeros(3), side)
 
     def mirrored(self) -> HandPose:
-        """The same pose of the other hand, mirrored at the plane x = 0 of the hand's own space."""
+        """Mirror the pose for the other hand, at the plane x = 0 of the hand's own space."""
         side: Side = "left" if self.side == "right" else "right"
         return replace(
             self,
@@ -106,5 +106,5 @@ class Shot:
             raise LiveHandError(f"a shot's quality must be 'preview' or 'final', got {self.quality!r}")
 
     def with_camera(self, camera: Camera) -> Shot:
-        """The same hand from another view."""
+        """Show the same hand from another view."""
         return replace(self, camera=camera)
